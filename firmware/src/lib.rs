@@ -1,0 +1,3 @@
+//! The loadtwin estimator on a microcontroller.
+#![no_std]
+#![forbid(unsafe_code)]

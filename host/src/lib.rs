@@ -1,0 +1,2 @@
+//! Design-time mathematics, recordings, replay, reports and CAN on the host.
+#![forbid(unsafe_code)]

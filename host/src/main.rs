@@ -1,0 +1,4 @@
+//! The `loadtwin` command.
+#![forbid(unsafe_code)]
+
+fn main() {}

@@ -1,0 +1,1 @@
+//! Tests that need more than one crate or a rig; see `tests/run`.
