@@ -2,3 +2,9 @@
 //! microcontroller and on the host.
 #![no_std]
 #![forbid(unsafe_code)]
+
+pub mod estimate;
+pub mod fault;
+pub mod measurement;
+pub mod phase;
+pub mod raw;

@@ -1,0 +1,57 @@
+//! What the estimator says after each sample.
+
+use heapless::Vec;
+
+use crate::fault::Fault;
+use crate::raw::{MAX_CHANNELS, MAX_ENCODERS};
+
+/// Loads that one machine can have.
+pub const MAX_LOADS: usize = 6;
+
+/// Sensors, analogue and encoders together, that one machine can have.
+pub const MAX_SENSORS: usize = MAX_CHANNELS + MAX_ENCODERS;
+
+/// The estimate after one sample.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Estimate {
+    /// Tick of the sample it was made from.
+    pub tick: u32,
+    /// The loads in the order of the image.
+    pub loads: Vec<LoadEstimate, MAX_LOADS>,
+    /// Analogue channels in the order of the image, then encoders.
+    pub sensors: Vec<SensorEstimate, MAX_SENSORS>,
+    /// Angle of the carrier (or shaft) at the sample [rad], in [-pi, pi).
+    pub angle_rad: f32,
+    /// Whether the angle is homed on an index pulse.
+    pub homed: bool,
+    /// Samples lost just before this one.
+    pub lost: u32,
+}
+
+/// One load and how far to trust it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LoadEstimate {
+    /// Estimate [N m, N].
+    pub value: f32,
+    /// Standard deviation of the estimate [N m, N].
+    pub std: f32,
+    /// Samples since a sensor that responds to a load was last used.
+    pub age: u16,
+    /// Why the estimate is not valid; `Fault::None` when it is.
+    pub fault: Fault,
+}
+
+/// One sensor against the model.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SensorEstimate {
+    /// Reading in the sensor's unit; 0 where there was none.
+    pub measured: f32,
+    /// Reading minus prediction before the update; 0 where there was no reading.
+    pub innovation: f32,
+    /// Variance of the innovation [unit^2].
+    pub innovation_variance: f32,
+    /// Normalised innovation squared, `innovation^2 / variance`.
+    pub nis: f32,
+    /// Why the reading was not used; `Fault::None` when it was.
+    pub fault: Fault,
+}

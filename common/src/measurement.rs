@@ -1,0 +1,375 @@
+//! From raw words to readings: zero, gain, unwrapping, homing.
+
+use crate::fault::Fault;
+use crate::phase::{Phase, PhaseStep};
+use crate::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
+use serde::{Deserialize, Serialize};
+
+/// How the words of one analogue channel become a reading.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Converter {
+    /// Word at reading 0.
+    pub zero: i32,
+    /// Reading per count, finite and not 0.
+    pub gain: f32,
+    /// Words at or below this are saturated.
+    pub lowest: i32,
+    /// Words at or above this are saturated.
+    pub highest: i32,
+    /// Equal words in a row after which the channel counts as stuck; 0: never.
+    pub stuck_after: u16,
+}
+
+/// How the counts of one encoder become an angle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Counter {
+    /// Carrier angle of one count.
+    pub step: PhaseStep,
+    /// Width of the hardware counter [bit], 1 to 32.
+    pub bits: u8,
+}
+
+/// The once-per-revolution pulse.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct IndexPulse {
+    /// Which encoder's count the pulse latches.
+    pub encoder: u8,
+    /// Carrier angle at the pulse.
+    pub angle: Phase,
+    /// Largest deviation from the expected angle that is not a fault [rad], > 0.
+    pub tolerance_rad: f32,
+}
+
+/// A value, or why there is none.
+pub type Reading<T> = Result<T, Fault>;
+
+/// One sample in the units of the model.
+#[derive(Clone, Copy, Debug)]
+pub struct Measurement {
+    /// Tick of the sample.
+    pub tick: u32,
+    /// Samples lost just before this one.
+    pub lost: u32,
+    /// `(word - zero) gain` of each analogue channel.
+    pub values: [Reading<f32>; MAX_CHANNELS],
+    /// Carrier angle by each encoder.
+    pub angles: [Reading<Phase>; MAX_ENCODERS],
+    /// Angle by which all encoders were turned by the index pulse of this sample.
+    pub rehomed: Option<Phase>,
+    /// Whether the angles are homed.
+    pub homed: bool,
+    /// Whether the last index pulse came where none was expected.
+    pub slipped: bool,
+}
+
+/// What is remembered from sample to sample to convert the next one.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Unwrap {
+    last_tick: Option<u32>,
+    words: [LastWord; MAX_CHANNELS],
+    counts: [Option<u32>; MAX_ENCODERS],
+    angles: [Phase; MAX_ENCODERS],
+    homed: bool,
+    suspect: Option<Phase>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct LastWord {
+    word: i32,
+    repeats: u16,
+}
+
+impl Converter {
+    /// `(word - zero) gain`, or why the word is of no use.
+    fn read(&self, word: i32, repeats: u16) -> Reading<f32> {
+        if word >= self.highest {
+            Err(Fault::SaturatedHigh)
+        } else if word <= self.lowest {
+            Err(Fault::SaturatedLow)
+        } else if self.stuck_after != 0 && repeats >= self.stuck_after {
+            Err(Fault::Stuck)
+        } else {
+            Ok(word.wrapping_sub(self.zero) as f32 * self.gain)
+        }
+    }
+}
+
+impl Counter {
+    /// Counts from `last` to `now`, the short way round the counter.
+    fn difference(&self, now: u32, last: u32) -> i32 {
+        let unused = 32 - u32::from(self.bits.clamp(1, 32));
+        (now.wrapping_sub(last) << unused) as i32 >> unused
+    }
+}
+
+impl Unwrap {
+    /// Converts one sample.
+    ///
+    /// An encoder that was not delivered keeps its last angle inside; the
+    /// next count is unwrapped against the last one that was.
+    pub fn convert(
+        &mut self,
+        raw: &RawSample,
+        converters: &[Converter],
+        counters: &[Counter],
+        index: Option<&IndexPulse>,
+    ) -> Measurement {
+        let lost = match self.last_tick {
+            Some(last) => raw.tick.wrapping_sub(last).saturating_sub(1),
+            None => 0,
+        };
+        self.last_tick = Some(raw.tick);
+
+        let mut values = [Err(Fault::Missing); MAX_CHANNELS];
+        for (i, ((converter, last), value)) in converters
+            .iter()
+            .zip(&mut self.words)
+            .zip(&mut values)
+            .enumerate()
+        {
+            if raw.has_word(i) {
+                let word = raw.words.get(i).copied().unwrap_or(0);
+                last.repeats = if word == last.word {
+                    last.repeats.saturating_add(1)
+                } else {
+                    0
+                };
+                last.word = word;
+                *value = converter.read(word, last.repeats);
+            }
+        }
+
+        let mut angles = [Err(Fault::Missing); MAX_ENCODERS];
+        for (k, (((counter, last), phase), angle)) in counters
+            .iter()
+            .zip(&mut self.counts)
+            .zip(&mut self.angles)
+            .zip(&mut angles)
+            .enumerate()
+        {
+            if raw.has_encoder(k) {
+                let count = raw.encoders.get(k).copied().unwrap_or(0);
+                let moved = last.map_or(0, |last| counter.difference(count, last));
+                *phase = phase.advanced(moved, counter.step);
+                *last = Some(count);
+                *angle = Ok(*phase);
+            }
+        }
+
+        let rehomed = index.and_then(|index| self.home(raw, index, counters));
+        if let Some(by) = rehomed {
+            for angle in angles.iter_mut().flatten() {
+                *angle = angle.turned_by(by);
+            }
+        }
+        Measurement {
+            tick: raw.tick,
+            lost,
+            values,
+            angles,
+            rehomed,
+            homed: self.homed,
+            slipped: self.suspect.is_some(),
+        }
+    }
+
+    /// Turns all angles so that the index pulse, if one came, stands at its angle.
+    ///
+    /// A pulse within the tolerance changes nothing: it would only add the
+    /// jitter of its latch. One outside it is either false or says that counts
+    /// were lost. A false pulse is not repeated: only a second one with the
+    /// same deviation turns the angles.
+    fn home(&mut self, raw: &RawSample, index: &IndexPulse, counters: &[Counter]) -> Option<Phase> {
+        let latched = raw.index?;
+        let k = usize::from(index.encoder);
+        let (counter, count) = (counters.get(k)?, (*self.counts.get(k)?)?);
+        let since = counter.difference(count, latched);
+        let at_pulse = self
+            .angles
+            .get(k)?
+            .advanced(since.wrapping_neg(), counter.step);
+        let by = index.angle.since(at_pulse);
+        let near = |phase: Phase| libm::fabsf(phase.to_rad()) <= index.tolerance_rad;
+        if self.homed {
+            if near(by) {
+                self.suspect = None;
+                return None;
+            }
+            if !self.suspect.is_some_and(|suspect| near(by.since(suspect))) {
+                self.suspect = Some(by);
+                return None;
+            }
+        }
+        for angle in &mut self.angles {
+            *angle = angle.turned_by(by);
+        }
+        self.homed = true;
+        self.suspect = None;
+        Some(by)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CONVERTER: Converter = Converter {
+        zero: 100,
+        gain: 0.5,
+        lowest: -8_388_608,
+        highest: 8_388_607,
+        stuck_after: 3,
+    };
+    // 4 counts a turn on a 16-bit counter.
+    const COUNTER: Counter = Counter {
+        step: PhaseStep(1 << 62),
+        bits: 16,
+    };
+    const INDEX: IndexPulse = IndexPulse {
+        encoder: 0,
+        angle: Phase(1 << 63),
+        tolerance_rad: 0.1,
+    };
+
+    fn sample(tick: u32, word: i32, count: u32) -> RawSample {
+        let mut raw = RawSample {
+            tick,
+            ..RawSample::default()
+        };
+        raw.set_word(0, word);
+        raw.set_encoder(0, count);
+        raw
+    }
+
+    fn convert(unwrap: &mut Unwrap, raw: &RawSample) -> Measurement {
+        unwrap.convert(raw, &[CONVERTER], &[COUNTER], Some(&INDEX))
+    }
+
+    #[test]
+    fn a_word_becomes_a_reading() {
+        let m = convert(&mut Unwrap::default(), &sample(0, 104, 0));
+        assert_eq!(m.values[0], Ok(2.0));
+        assert_eq!(m.values[1], Err(Fault::Missing));
+    }
+
+    #[test]
+    fn the_ends_of_the_converter_are_saturation() {
+        let mut unwrap = Unwrap::default();
+        assert_eq!(
+            convert(&mut unwrap, &sample(0, 8_388_607, 0)).values[0],
+            Err(Fault::SaturatedHigh)
+        );
+        assert_eq!(
+            convert(&mut unwrap, &sample(1, -8_388_608, 0)).values[0],
+            Err(Fault::SaturatedLow)
+        );
+    }
+
+    #[test]
+    fn a_word_that_repeats_is_stuck_until_it_moves() {
+        let mut unwrap = Unwrap::default();
+        for tick in 0..3 {
+            assert_eq!(
+                convert(&mut unwrap, &sample(tick, 7, 0)).values[0],
+                Ok(-46.5)
+            );
+        }
+        assert_eq!(
+            convert(&mut unwrap, &sample(3, 7, 0)).values[0],
+            Err(Fault::Stuck)
+        );
+        assert_eq!(convert(&mut unwrap, &sample(4, 8, 0)).values[0], Ok(-46.0));
+    }
+
+    #[test]
+    fn counts_unwrap_both_ways_over_the_end_of_the_counter() {
+        let mut unwrap = Unwrap::default();
+        convert(&mut unwrap, &sample(0, 1, 65_535));
+        assert_eq!(
+            convert(&mut unwrap, &sample(1, 2, 0)).angles[0],
+            Ok(Phase(1 << 62))
+        );
+        assert_eq!(
+            convert(&mut unwrap, &sample(2, 3, 65_534)).angles[0],
+            Ok(Phase((-1_i64 << 62) as u64))
+        );
+    }
+
+    /// Homes on count 11 and stands one quarter turn later.
+    fn homed() -> Unwrap {
+        let mut unwrap = Unwrap::default();
+        assert!(!convert(&mut unwrap, &sample(0, 1, 10)).homed);
+        let m = convert(
+            &mut unwrap,
+            &RawSample {
+                index: Some(11),
+                ..sample(1, 2, 12)
+            },
+        );
+        assert_eq!(m.angles[0], Ok(Phase(3 << 62)));
+        assert!(m.homed && m.rehomed.is_some());
+        unwrap
+    }
+
+    #[test]
+    fn a_pulse_where_it_is_expected_changes_nothing() {
+        let m = convert(
+            &mut homed(),
+            &RawSample {
+                index: Some(15),
+                ..sample(2, 3, 16)
+            },
+        );
+        assert_eq!((m.rehomed, m.slipped), (None, false));
+    }
+
+    #[test]
+    fn a_false_pulse_is_reported_and_forgotten() {
+        let mut unwrap = homed();
+        let m = convert(
+            &mut unwrap,
+            &RawSample {
+                index: Some(13),
+                ..sample(2, 3, 13)
+            },
+        );
+        assert_eq!((m.rehomed, m.slipped), (None, true));
+        let m = convert(
+            &mut unwrap,
+            &RawSample {
+                index: Some(15),
+                ..sample(3, 4, 16)
+            },
+        );
+        assert_eq!((m.rehomed, m.slipped), (None, false));
+    }
+
+    #[test]
+    fn a_lost_count_is_mended_by_the_second_late_pulse() {
+        let mut unwrap = homed();
+        let m = convert(
+            &mut unwrap,
+            &RawSample {
+                index: Some(14),
+                ..sample(2, 3, 15)
+            },
+        );
+        assert_eq!((m.rehomed, m.slipped), (None, true));
+        let m = convert(
+            &mut unwrap,
+            &RawSample {
+                index: Some(18),
+                ..sample(3, 4, 19)
+            },
+        );
+        assert_eq!((m.rehomed, m.slipped), (Some(Phase(1 << 62)), false));
+        assert_eq!(m.angles[0], Ok(Phase(3 << 62)));
+    }
+
+    #[test]
+    fn lost_samples_are_counted() {
+        let mut unwrap = Unwrap::default();
+        assert_eq!(convert(&mut unwrap, &sample(u32::MAX, 1, 0)).lost, 0);
+        assert_eq!(convert(&mut unwrap, &sample(3, 2, 0)).lost, 3);
+    }
+}
