@@ -1,2 +1,4 @@
 //! Design-time mathematics, recordings, replay, reports and CAN on the host.
 #![forbid(unsafe_code)]
+
+pub mod strain;

@@ -1,0 +1,18 @@
+//! Strain as the trade writes it: bridges, rosettes, zero and shunt calibration.
+//!
+//! Inside the program strain is in m/m and a bridge's output is a ratio in V/V. People write
+//! µm/m and mV/V: multiply by [`MICROSTRAIN`] and [`MV_PER_V`] on the way in, divide on the way out.
+
+mod bridge;
+mod calibration;
+mod rosette;
+
+pub use bridge::{BridgeKind, Calibration, StrainBridge, TensionReads};
+pub use calibration::{CalibrationError, ShuntReading, Simulates, calibrate};
+pub use rosette::{PlaneStrain, PrincipalStrains, Rosette};
+
+/// One µm/m in m/m.
+pub const MICROSTRAIN: f64 = 1e-6;
+
+/// One mV/V in V/V.
+pub const MV_PER_V: f64 = 1e-3;
