@@ -3,8 +3,15 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod error;
 pub mod estimate;
 pub mod fault;
+pub mod gaussian;
+pub mod innovation;
+pub mod kalman;
 pub mod measurement;
 pub mod phase;
 pub mod raw;
+pub mod transition;
+
+pub use error::Error;

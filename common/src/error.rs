@@ -1,0 +1,34 @@
+//! Why a configuration was refused.
+
+use core::fmt;
+
+/// Why a configuration was refused; carries the parameter's name.
+///
+/// Steps of a filter built from a valid configuration do not return it for a
+/// configuration reason; what a step meets is told by its
+/// [`Outcome`](crate::innovation::Outcome).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Error {
+    /// The parameter must be greater than zero (for a matrix: positive definite).
+    NotPositive(&'static str),
+    /// The parameter, or a number computed from it, is NaN or infinite.
+    NotFinite(&'static str),
+    /// The parameter lies outside the range that its documentation gives.
+    OutOfRange(&'static str),
+    /// The matrix must be equal to its transpose.
+    NotSymmetric(&'static str),
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotPositive(name) => write!(f, "{name} must be positive"),
+            Self::NotFinite(name) => write!(f, "{name} must be finite"),
+            Self::OutOfRange(name) => write!(f, "{name} is out of range"),
+            Self::NotSymmetric(name) => write!(f, "{name} must be symmetric"),
+        }
+    }
+}
+
+impl core::error::Error for Error {}
