@@ -18,6 +18,8 @@ pub enum Error {
     OutOfRange(&'static str),
     /// The matrix must be equal to its transpose.
     NotSymmetric(&'static str),
+    /// The bytes are not what they should encode.
+    Malformed(&'static str),
 }
 
 impl fmt::Display for Error {
@@ -27,6 +29,7 @@ impl fmt::Display for Error {
             Self::NotFinite(name) => write!(f, "{name} must be finite"),
             Self::OutOfRange(name) => write!(f, "{name} is out of range"),
             Self::NotSymmetric(name) => write!(f, "{name} must be symmetric"),
+            Self::Malformed(name) => write!(f, "{name} is malformed"),
         }
     }
 }

@@ -7,11 +7,15 @@ pub mod error;
 pub mod estimate;
 pub mod fault;
 pub mod gaussian;
+pub mod gearbox;
+pub mod image;
 pub mod innovation;
 pub mod kalman;
+pub mod line;
 pub mod measurement;
 pub mod phase;
 pub mod raw;
+pub mod table;
 pub mod transition;
 
 pub use error::Error;

@@ -1,0 +1,563 @@
+//! The gearbox: a torsional drivetrain whose gauges answer to the torque
+//! through a periodic map over the carrier angle.
+//!
+//! States: carrier angle `theta` [rad], twists of the shafts, speeds of the
+//! inertias, biases, and last the two loads; all but `theta` in the image's scale.
+//!
+//! `x+ = F x + B u + w`, `y_i = o_i + m_i(theta) (c_i x) + b_i + v_i`
+//!
+//! `F` is exact for the linear part; `c_i x` is what channel i senses (the torque
+//! of a shaft, a load, a speed), `m_i` its sensitivity over the carrier angle.
+//!
+//! Source: Bosmans et al. 2023, section 4.1, eq. (1), (6)-(14).
+
+use heapless::Vec;
+use nalgebra::{RowSVector, SMatrix, SVector};
+use serde::{Deserialize, Serialize};
+
+use crate::Error;
+use crate::estimate::{Estimate, LoadEstimate, MAX_SENSORS, SensorEstimate};
+use crate::fault::Fault;
+use crate::gaussian::Gaussian;
+use crate::image::{LoadSignal, MAX_STATES, StateVec};
+use crate::innovation::{Gate, Innovation, Outcome};
+use crate::kalman;
+use crate::measurement::{Converter, Counter, IndexPulse, Measurement, Unwrap};
+use crate::phase::{Phase, wrap_rad};
+use crate::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
+use crate::table::PeriodicTable;
+use crate::transition::{ProcessNoise, RandomWalk, Transition};
+
+/// Loads of a gearbox: main shaft and high-speed shaft. A drivetrain with one
+/// load carries the second as a constant 0.
+pub const LOADS: usize = 2;
+
+/// Most rows of `F` above the loads.
+const MAX_ROWS: usize = (MAX_STATES - LOADS) * MAX_STATES;
+
+/// Most entries of the lower triangle of the process noise.
+const MAX_NOISE: usize = (MAX_STATES - LOADS) * (MAX_STATES - LOADS + 1) / 2;
+
+/// Samples after which a gap is a new start.
+const LONGEST_GAP: u32 = 100;
+
+/// Refusals in a row after which a reading is believed again: a load step may
+/// contradict the model for a few samples, a fault of the channel does so longer.
+const PATIENCE: u16 = 25;
+
+/// The numbers of a gearbox in a model image.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GearboxModel<'a> {
+    /// Unit of each state [SI]: the filter's state times this is SI.
+    pub scale: StateVec<f32>,
+    /// `[A B]`, the rows of the transition above the loads, row by row.
+    pub transition: Vec<f32, MAX_ROWS>,
+    /// Lower triangle of Q above the loads, row by row.
+    pub process_noise: Vec<f32, MAX_NOISE>,
+    /// Variance of each load's step in one sample.
+    pub load_noise: [f32; LOADS],
+    /// State at start; the angle is taken from the first encoder.
+    pub initial_state: StateVec<f32>,
+    /// Its standard deviation.
+    pub initial_std: StateVec<f32>,
+    /// NIS above which a reading is left out, >= 1.
+    pub gate_nis: f32,
+    /// The loads, 1 or 2.
+    pub loads: Vec<LoadSignal, LOADS>,
+    /// Analogue channels in the order of the raw words.
+    #[serde(borrow)]
+    pub channels: Vec<Channel<'a>, MAX_CHANNELS>,
+    /// Encoders in the order of the raw counters.
+    pub encoders: Vec<Encoder, MAX_ENCODERS>,
+    /// The pulse that homes the carrier angle.
+    pub index: Option<IndexPulse>,
+}
+
+/// An analogue channel in the image.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Channel<'a> {
+    /// Raw word to reading, in `unit`s.
+    pub converter: Converter,
+    /// Size of the reading's unit [SI], > 0: strain is read in micrometres a metre.
+    pub unit: f32,
+    /// Row `c` in the filter's scale, or the column `B` of a measured drive torque.
+    pub row: StateVec<f32>,
+    /// What the channel does.
+    #[serde(borrow)]
+    pub role: Role<'a>,
+}
+
+/// What an analogue channel does in the filter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Role<'a> {
+    /// A measurement.
+    Measure {
+        /// Reading at zero load.
+        offset: f32,
+        /// Sensitivity over the carrier angle.
+        #[serde(borrow)]
+        map: PeriodicTable<'a>,
+        /// Mean of the map over a turn, used until the angle is homed.
+        map_mean: f32,
+        /// Standard deviation of the map over a turn.
+        map_deviation: f32,
+        /// Variance of the reading over bins of the carrier angle; eq. (16).
+        variance: PeriodicTable<'a>,
+        /// State that is added to the reading.
+        bias_state: Option<u8>,
+    },
+    /// A measured torque that drives the train: a known input.
+    Drive,
+}
+
+/// An encoder in the image.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Encoder {
+    /// Count to carrier angle.
+    pub counter: Counter,
+    /// Row of the angle [rad].
+    pub row: StateVec<f32>,
+    /// Variance of the angle [rad^2], > 0.
+    pub variance: f32,
+}
+
+/// The estimator of a gearbox, fixed after start.
+#[derive(Clone, Debug)]
+pub struct Gearbox<'a, const NX: usize> {
+    model: GearboxModel<'a>,
+    converters: Vec<Converter, MAX_CHANNELS>,
+    counters: Vec<Counter, MAX_ENCODERS>,
+    channel_rows: Vec<RowSVector<f32, NX>, MAX_CHANNELS>,
+    encoder_rows: Vec<RowSVector<f32, NX>, MAX_ENCODERS>,
+    transition: Transition<NX, LOADS, RandomWalk>,
+    process_noise: ProcessNoise<NX>,
+    initial: Gaussian<NX>,
+    gate: Gate,
+}
+
+/// What changes from sample to sample.
+#[derive(Clone, Debug)]
+pub struct GearboxState<const NX: usize> {
+    unwrap: Unwrap,
+    belief: Gaussian<NX>,
+    gates: [Gate; MAX_SENSORS],
+    drive: [f32; MAX_CHANNELS],
+    age: u16,
+    homed_by_pulse: bool,
+    started: bool,
+}
+
+impl<'a, const NX: usize> Gearbox<'a, NX> {
+    /// Checks a model and lays it out for the step.
+    ///
+    /// # Errors
+    /// The name of the first field that is not finite, not positive where it
+    /// must be, or of the wrong length for `NX` states.
+    pub fn try_build(model: GearboxModel<'a>) -> Result<Self, Error> {
+        const { assert!(NX > LOADS && NX <= MAX_STATES, "states of a gearbox") };
+        let top = NX - LOADS;
+        finite(&model.scale, NX, "scale")?;
+        positive(model.scale.iter().copied(), "scale")?;
+        finite(&model.transition, top * NX, "transition")?;
+        finite(&model.process_noise, top * (top + 1) / 2, "process_noise")?;
+        finite(&model.load_noise, LOADS, "load_noise")?;
+        finite(&model.initial_state, NX, "initial_state")?;
+        finite(&model.initial_std, NX, "initial_std")?;
+        if model.loads.is_empty() {
+            return Err(Error::OutOfRange("loads"));
+        }
+        for load in &model.loads {
+            positive([load.full_scale, load.valid_std], "load")?;
+        }
+        let mut channel_rows = Vec::new();
+        let mut converters = Vec::new();
+        for channel in &model.channels {
+            channel.validate::<NX>()?;
+            let _ = converters.push(channel.converter);
+            let _ = channel_rows.push(RowSVector::from_row_slice(&channel.row));
+        }
+        let mut encoder_rows = Vec::new();
+        let mut counters = Vec::new();
+        for encoder in &model.encoders {
+            finite(&encoder.row, NX, "encoder row")?;
+            positive([encoder.variance], "encoder variance")?;
+            if !(1..=32).contains(&encoder.counter.bits) {
+                return Err(Error::OutOfRange("encoder bits"));
+            }
+            let _ = counters.push(encoder.counter);
+            let _ = encoder_rows.push(RowSVector::from_row_slice(&encoder.row));
+        }
+        if let Some(index) = &model.index {
+            positive([index.tolerance_rad], "index tolerance")?;
+        }
+        let initial_std = SVector::<f32, NX>::from_row_slice(&model.initial_std);
+        Ok(Self {
+            transition: Transition::try_new(&augmented(&model.transition), RandomWalk)?,
+            process_noise: ProcessNoise::try_new(&noise(&model.process_noise, model.load_noise))?,
+            initial: Gaussian::independent(
+                SVector::from_row_slice(&model.initial_state),
+                &initial_std.component_mul(&initial_std),
+            )?,
+            gate: Gate::try_new(model.gate_nis, PATIENCE)?,
+            converters,
+            counters,
+            channel_rows,
+            encoder_rows,
+            model,
+        })
+    }
+
+    /// The state before the first sample.
+    pub fn start(&self) -> GearboxState<NX> {
+        GearboxState {
+            unwrap: Unwrap::default(),
+            belief: self.initial,
+            gates: [self.gate; MAX_SENSORS],
+            drive: [0.0; MAX_CHANNELS],
+            age: u16::MAX,
+            homed_by_pulse: false,
+            started: false,
+        }
+    }
+
+    /// One sample: convert, predict, update with each usable reading.
+    pub fn step(&self, state: &mut GearboxState<NX>, raw: &RawSample) -> Estimate {
+        let index = self.model.index.as_ref();
+        let m = state
+            .unwrap
+            .convert(raw, &self.converters, &self.counters, index);
+        if !state.started || m.lost > LONGEST_GAP {
+            self.restart(state, &m);
+        } else {
+            for _ in 0..=m.lost {
+                self.predict(state);
+            }
+        }
+        if let Some(by) = m.rehomed {
+            turn(&mut state.belief, by);
+        }
+        state.age = state.age.saturating_add(1);
+
+        let mut estimate = Estimate {
+            tick: m.tick,
+            lost: m.lost,
+            ..Estimate::default()
+        };
+        let mut angles = [SensorEstimate::default(); MAX_ENCODERS];
+        for (k, slot) in angles
+            .iter_mut()
+            .enumerate()
+            .take(self.model.encoders.len())
+        {
+            *slot = self.update_angle(state, k, &m);
+        }
+        if self.model.encoders.is_empty() && raw.index.is_some() {
+            self.home_by_pulse(state);
+        }
+        let homed = m.homed || state.homed_by_pulse || index.is_none();
+        let angle = Phase::from_rad(state.belief.state[0]);
+        for (i, channel) in self.model.channels.iter().enumerate() {
+            let sensor = self.update_channel(state, i, channel, &m, homed, angle);
+            let _ = estimate.sensors.push(sensor);
+        }
+        for sensor in angles.iter().take(self.model.encoders.len()) {
+            let _ = estimate.sensors.push(*sensor);
+        }
+        estimate.angle_rad = wrap_rad(state.belief.state[0]);
+        estimate.homed = homed;
+        for (j, signal) in self.model.loads.iter().enumerate() {
+            let _ = estimate
+                .loads
+                .push(self.load(state, j, signal, homed, m.slipped));
+        }
+        estimate
+    }
+
+    fn restart(&self, state: &mut GearboxState<NX>, m: &Measurement) {
+        state.belief = self.initial;
+        state.gates = [self.gate; MAX_SENSORS];
+        state.age = u16::MAX;
+        state.started = true;
+        if let Some(Ok(angle)) = m.angles.first() {
+            state.belief.state[0] = angle.to_rad();
+        }
+    }
+
+    fn predict(&self, state: &mut GearboxState<NX>) {
+        kalman::predict(&mut state.belief, &self.transition, &self.process_noise);
+        for ((channel, row), drive) in self
+            .model
+            .channels
+            .iter()
+            .zip(&self.channel_rows)
+            .zip(&state.drive)
+        {
+            if matches!(channel.role, Role::Drive) {
+                state.belief.state += row.transpose() * *drive;
+            }
+        }
+        state.belief.state[0] = wrap_rad(state.belief.state[0]);
+    }
+
+    fn update_angle(
+        &self,
+        state: &mut GearboxState<NX>,
+        k: usize,
+        m: &Measurement,
+    ) -> SensorEstimate {
+        let (Some(encoder), Some(row)) = (self.model.encoders.get(k), self.encoder_rows.get(k))
+        else {
+            return SensorEstimate::default();
+        };
+        let angle = match m.angles.get(k) {
+            Some(Ok(angle)) => angle.to_rad(),
+            _ => {
+                return SensorEstimate {
+                    fault: Fault::Missing,
+                    ..SensorEstimate::default()
+                };
+            }
+        };
+        let innovation = wrap_rad(angle - dot(row, &state.belief.state));
+        let gate = &mut state.gates[MAX_CHANNELS + k % MAX_ENCODERS];
+        let update = kalman::update(&mut state.belief, row, innovation, encoder.variance, gate);
+        judged(angle, &update, 1.0, Fault::Slipped)
+    }
+
+    /// Without an encoder the pulse itself is the measurement of the angle; it
+    /// came somewhere in the last sample period.
+    fn home_by_pulse(&self, state: &mut GearboxState<NX>) {
+        let Some(index) = &self.model.index else {
+            return;
+        };
+        let pulse = index.angle.to_rad();
+        if state.homed_by_pulse {
+            let mut row = RowSVector::<f32, NX>::zeros();
+            row[0] = 1.0;
+            let innovation = wrap_rad(pulse - state.belief.state[0]);
+            let variance = index.tolerance_rad * index.tolerance_rad;
+            kalman::update(
+                &mut state.belief,
+                &row,
+                innovation,
+                variance,
+                &mut Gate::open(),
+            );
+        } else {
+            state.belief.state[0] = pulse;
+            state.homed_by_pulse = true;
+        }
+    }
+
+    /// One analogue channel: a reading for the filter, or the drive torque for the next step.
+    fn update_channel(
+        &self,
+        state: &mut GearboxState<NX>,
+        i: usize,
+        channel: &Channel<'a>,
+        m: &Measurement,
+        homed: bool,
+        angle: Phase,
+    ) -> SensorEstimate {
+        let (Some(row), Some(reading)) = (self.channel_rows.get(i), m.values.get(i)) else {
+            return SensorEstimate::default();
+        };
+        let value = match *reading {
+            Ok(value) => value,
+            Err(fault) => {
+                return SensorEstimate {
+                    fault,
+                    ..SensorEstimate::default()
+                };
+            }
+        };
+        let Role::Measure {
+            offset,
+            map,
+            map_mean,
+            map_deviation,
+            variance,
+            bias_state,
+        } = &channel.role
+        else {
+            if let Some(drive) = state.drive.get_mut(i) {
+                *drive = value;
+            }
+            return SensorEstimate {
+                measured: value * channel.unit,
+                ..SensorEstimate::default()
+            };
+        };
+        // s = c x: what the channel senses, in the unit of the reading at sensitivity 1.
+        let sensed = dot(row, &state.belief.state);
+        let mut r = variance.bin(angle);
+        let (sensitivity, slope) = if homed {
+            map.at(angle)
+        } else {
+            let unknown = map_deviation * sensed;
+            r += unknown * unknown;
+            (*map_mean, 0.0)
+        };
+        let mut gradient = row * sensitivity;
+        gradient[0] += sensed * slope;
+        let mut predicted = offset + sensitivity * sensed;
+        if let Some(b) = bias_state.map(usize::from)
+            && let (Some(g), Some(x)) = (gradient.get_mut(b), state.belief.state.get(b))
+        {
+            *g += 1.0;
+            predicted += x;
+        }
+        let gate = &mut state.gates[i % MAX_CHANNELS];
+        let update = kalman::update(&mut state.belief, &gradient, value - predicted, r, gate);
+        if update.used() {
+            state.age = 0;
+        }
+        judged(value, &update, channel.unit, Fault::Erratic)
+    }
+
+    fn load(
+        &self,
+        state: &GearboxState<NX>,
+        j: usize,
+        signal: &LoadSignal,
+        homed: bool,
+        slipped: bool,
+    ) -> LoadEstimate {
+        let d = NX - LOADS + j % LOADS;
+        let scale = self.model.scale.get(d).copied().unwrap_or(1.0);
+        let value = state.belief.state[d] * scale;
+        let std = libm::sqrtf(state.belief.load_variances::<LOADS>()[j % LOADS]) * scale;
+        // Written so that a NaN is not valid.
+        let fault = if !(std <= signal.valid_std && value.is_finite()) {
+            Fault::NotValid
+        } else if slipped {
+            Fault::Slipped
+        } else if !homed {
+            Fault::NotHomed
+        } else {
+            Fault::None
+        };
+        LoadEstimate {
+            value,
+            std,
+            age: state.age,
+            fault,
+        }
+    }
+}
+
+impl Channel<'_> {
+    fn validate<const NX: usize>(&self) -> Result<(), Error> {
+        finite(&self.row, NX, "channel row")?;
+        positive([self.unit], "channel unit")?;
+        if !(self.converter.gain.is_finite() && self.converter.gain != 0.0) {
+            return Err(Error::OutOfRange("channel gain"));
+        }
+        let Role::Measure {
+            offset,
+            map,
+            map_mean,
+            map_deviation,
+            variance,
+            bias_state,
+        } = &self.role
+        else {
+            return Ok(());
+        };
+        finite(&[*offset, *map_mean, *map_deviation], 3, "channel map")?;
+        map.validate("channel map")?;
+        variance.validate("channel variance")?;
+        positive(
+            (0..variance.len()).map(|bin| variance.entry(bin)),
+            "channel variance",
+        )?;
+        // The angle is no bias, the loads are none either.
+        if bias_state.is_some_and(|b| !(1..NX - LOADS).contains(&usize::from(b))) {
+            return Err(Error::OutOfRange("bias state"));
+        }
+        Ok(())
+    }
+}
+
+/// Turns the carrier angle of a belief.
+fn turn<const NX: usize>(belief: &mut Gaussian<NX>, by: Phase) {
+    belief.state[0] = wrap_rad(belief.state[0] + by.to_rad());
+}
+
+/// `row x`, summed from the first state to the last.
+fn dot<const NX: usize>(row: &RowSVector<f32, NX>, x: &SVector<f32, NX>) -> f32 {
+    let mut sum = 0.0;
+    for i in 0..NX {
+        sum += row[i] * x[i];
+    }
+    sum
+}
+
+/// What an update says of a sensor, in the sensor's SI unit.
+fn judged(measured: f32, update: &Innovation, unit: f32, refused: Fault) -> SensorEstimate {
+    SensorEstimate {
+        measured: measured * unit,
+        innovation: update.value * unit,
+        innovation_variance: update.variance * (unit * unit),
+        nis: update.nis,
+        fault: match update.outcome {
+            Outcome::Used => Fault::None,
+            Outcome::Gated => refused,
+            Outcome::Invalid => Fault::NotValid,
+        },
+    }
+}
+
+/// `[A B; 0 0]` from its upper rows.
+fn augmented<const NX: usize>(rows: &[f32]) -> SMatrix<f32, NX, NX> {
+    let mut matrix = SMatrix::zeros();
+    for (i, row) in rows.chunks_exact(NX).take(NX - LOADS).enumerate() {
+        for (j, value) in row.iter().enumerate() {
+            matrix[(i, j)] = *value;
+        }
+    }
+    for d in NX - LOADS..NX {
+        matrix[(d, d)] = 1.0;
+    }
+    matrix
+}
+
+/// `[Q 0; 0 Qd]` from the lower triangle of Q and the diagonal of Qd.
+fn noise<const NX: usize>(triangle: &[f32], loads: [f32; LOADS]) -> SMatrix<f32, NX, NX> {
+    let mut matrix = SMatrix::zeros();
+    let mut entries = triangle.iter();
+    for i in 0..NX - LOADS {
+        for j in 0..=i {
+            let value = entries.next().copied().unwrap_or(0.0);
+            matrix[(i, j)] = value;
+            matrix[(j, i)] = value;
+        }
+    }
+    for (d, value) in (NX - LOADS..NX).zip(loads) {
+        matrix[(d, d)] = value;
+    }
+    matrix
+}
+
+/// Checks that there are `len` values and that all are finite.
+fn finite(values: &[f32], len: usize, name: &'static str) -> Result<(), Error> {
+    if values.len() != len {
+        Err(Error::OutOfRange(name))
+    } else if values.iter().all(|value| value.is_finite()) {
+        Ok(())
+    } else {
+        Err(Error::NotFinite(name))
+    }
+}
+
+/// Checks that all values are finite and above zero.
+fn positive(values: impl IntoIterator<Item = f32>, name: &'static str) -> Result<(), Error> {
+    if values
+        .into_iter()
+        .all(|value| value > 0.0 && value.is_finite())
+    {
+        Ok(())
+    } else {
+        Err(Error::NotPositive(name))
+    }
+}

@@ -1,0 +1,84 @@
+//! The model image: everything the estimator needs to know of a machine.
+//!
+//! Made by `loadtwin build`, read by the firmware and by the host. It is
+//! postcard; its tables are borrowed from the bytes, so that they stay in flash.
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+use crate::Error;
+use crate::gearbox::GearboxModel;
+
+/// Version of the layout of [`Image`]; another one is refused.
+pub const VERSION: u16 = 1;
+
+/// Longest name of a machine or a load in an image [bytes].
+pub const MAX_NAME: usize = 24;
+
+/// A model image.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Image<'a> {
+    /// Version of this layout.
+    pub version: u16,
+    /// The machine's name.
+    #[serde(borrow)]
+    pub machine: &'a str,
+    /// Sample rate [Hz], > 0.
+    pub rate_hz: f32,
+    /// First identifier of the frames on the bus.
+    pub can_base: u16,
+    /// The machine.
+    #[serde(borrow)]
+    pub model: Model<'a>,
+}
+
+/// The kinds of machine.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Model<'a> {
+    /// A torsional drivetrain with strain gauges.
+    #[serde(borrow)]
+    Gearbox(GearboxModel<'a>),
+}
+
+/// A load as the outside knows it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LoadSignal {
+    /// Its name.
+    pub name: heapless::String<MAX_NAME>,
+    /// The load at the end of the scale on the bus [N m, N], > 0.
+    pub full_scale: f32,
+    /// A standard deviation above this makes the estimate not valid [N m, N], > 0.
+    pub valid_std: f32,
+}
+
+impl<'a> Image<'a> {
+    /// Reads an image from the payload of its container.
+    ///
+    /// # Errors
+    /// `Error::Malformed` when the bytes are not a whole image of this version.
+    /// The ranges of its numbers are checked where the estimator is built.
+    pub fn from_bytes(bytes: &'a [u8]) -> Result<Self, Error> {
+        let (version, _) =
+            postcard::take_from_bytes::<u16>(bytes).map_err(|_| Error::Malformed("image"))?;
+        if version != VERSION {
+            return Err(Error::Malformed("image version"));
+        }
+        match postcard::take_from_bytes(bytes) {
+            Ok((image, [])) => Ok(image),
+            _ => Err(Error::Malformed("image")),
+        }
+    }
+
+    /// The loads in the order of the estimates.
+    pub fn loads(&self) -> &[LoadSignal] {
+        match &self.model {
+            Model::Gearbox(model) => &model.loads,
+        }
+    }
+}
+
+/// Small vectors of an image: states, noise, initial values.
+pub type StateVec<T> = Vec<T, MAX_STATES>;
+
+/// Most states that a model can have.
+pub const MAX_STATES: usize = 16;
