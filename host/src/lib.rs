@@ -1,4 +1,5 @@
 //! Design-time mathematics, recordings, replay, reports and CAN on the host.
 #![forbid(unsafe_code)]
 
+pub mod metrics;
 pub mod strain;

@@ -1,0 +1,11 @@
+//! Figures of merit of an estimate, gathered sample by sample in constant memory.
+
+mod autocorrelation;
+mod error;
+mod histogram;
+mod nis;
+
+pub use autocorrelation::{Autocorrelation, LAGS};
+pub use error::{ErrorFigures, LoadError, Segment};
+pub use histogram::Histogram;
+pub use nis::{NisConsistency, chi_squared_bounds, chi_squared_quantile};
