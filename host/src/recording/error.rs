@@ -1,0 +1,258 @@
+//! What can be wrong with a recording, in one line each.
+use std::fmt;
+use std::io;
+use std::path::PathBuf;
+
+/// Names the file, the place in it, what was found there and what is allowed.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {problem}", file.display())]
+pub struct RecordingError {
+    /// The recording, as it was named by the caller.
+    pub file: PathBuf,
+    /// What is wrong with it.
+    #[source]
+    pub problem: Problem,
+}
+
+/// A sample of a recording: its row and, in a text file, its line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Row {
+    /// Number of the sample, from 1.
+    pub row: u64,
+    /// Line of a text file, from 1, header and comments counted.
+    pub line: Option<u64>,
+}
+
+impl fmt::Display for Row {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "row {}", self.row)?;
+        match self.line {
+            Some(line) => write!(f, " (line {line})"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// What is wrong with a recording.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Problem {
+    /// The operating system refused.
+    #[error("cannot be read: {0}")]
+    Io(#[from] io::Error),
+    /// Not one byte, or only comments.
+    #[error("is empty; allowed: a header and at least 2 rows")]
+    Empty,
+    /// A header and nothing to estimate from.
+    #[error("has {found} rows; allowed: at least 2")]
+    TooShort {
+        /// Rows there.
+        found: u64,
+    },
+    /// Neither Parquet nor MDF4 by its first bytes, and not text either.
+    #[error("line {line} is not text, found `{found}`; allowed: CSV in UTF-8, Parquet, MDF4")]
+    NotText {
+        /// Line, from 1.
+        line: u64,
+        /// How the line begins.
+        found: String,
+    },
+    /// A text file without line ends.
+    #[error("line {line} is longer than {limit} bytes; allowed: CSV in UTF-8, Parquet, MDF4")]
+    LineTooLong {
+        /// Line, from 1.
+        line: u64,
+        /// Longest line allowed.
+        limit: usize,
+    },
+    /// A first line of numbers.
+    #[error(
+        "line {line} is not a header, found the number `{found}`; allowed: `name [unit]` for each \
+         column, or `columns` under [recording] in the machine description"
+    )]
+    NoHeader {
+        /// Line, from 1.
+        line: u64,
+        /// Its first cell.
+        found: String,
+    },
+    /// Two columns of one name.
+    #[error("column `{name}` is there twice; allowed: one column of each name")]
+    Duplicate {
+        /// The name.
+        name: String,
+    },
+    /// A column that the caller cannot do without.
+    #[error("column `{name}` is missing; found: {found}{}", .nearest.as_ref().map(|n| format!("; did you mean `{n}`?")).unwrap_or_default())]
+    Missing {
+        /// The name.
+        name: String,
+        /// The columns there.
+        found: String,
+        /// The column there with the most similar name.
+        nearest: Option<String>,
+    },
+    /// A column without a unit.
+    #[error("column `{column}` has no unit; allowed: {allowed}")]
+    NoUnit {
+        /// The column.
+        column: String,
+        /// Units of the quantity wanted.
+        allowed: String,
+    },
+    /// A unit of another quantity, or one that is not known.
+    #[error("column `{column}` has the unit `{found}`; allowed: {allowed}")]
+    WrongUnit {
+        /// The column.
+        column: String,
+        /// Unit found.
+        found: String,
+        /// Units of the quantity wanted.
+        allowed: String,
+    },
+    /// A column of text, dates or lists.
+    #[error("column `{column}` holds {found}; allowed: numbers")]
+    NotNumeric {
+        /// The column.
+        column: String,
+        /// Type found.
+        found: String,
+    },
+    /// A row of another length than the header's.
+    #[error(
+        "{row} has {found} columns; allowed: {allowed}{}",
+        if *.last { " (it is the last row: the file seems to be cut off)" } else { "" }
+    )]
+    RowLength {
+        /// Where.
+        row: Row,
+        /// Columns found.
+        found: usize,
+        /// Columns of the header.
+        allowed: usize,
+        /// Whether the file ends there.
+        last: bool,
+    },
+    /// A cell that is no usable number.
+    #[error("{row}, column `{column}`: found `{found}`; allowed: {allowed}")]
+    Cell {
+        /// Where.
+        row: Row,
+        /// The column.
+        column: String,
+        /// What the cell holds.
+        found: String,
+        /// What it may hold.
+        allowed: &'static str,
+    },
+    /// Time that stands still or runs backwards.
+    #[error("{row}: time goes from {before} s to {found} s; allowed: only forwards")]
+    Backwards {
+        /// Where.
+        row: Row,
+        /// Time of the row before.
+        before: f64,
+        /// Time of this row.
+        found: f64,
+    },
+    /// Samples are missing.
+    #[error(
+        "{row}: gap of {gap_s:.6} s after t = {before} s; allowed: {allowed_s:.6} s at the sample \
+         period of {period_s:.6} s (`largest_gap` under [recording] allows more)"
+    )]
+    Gap {
+        /// Row after the gap.
+        row: Row,
+        /// Time of the row before.
+        before: f64,
+        /// From one row to the next, s.
+        gap_s: f64,
+        /// Longest step allowed, s.
+        allowed_s: f64,
+        /// Nominal step, s.
+        period_s: f64,
+    },
+    /// Recorded at another rate than the machine description says.
+    #[error("is sampled every {found_s:.6} s; allowed: {allowed_s:.6} s within 2 %")]
+    Period {
+        /// Median step of the recording.
+        found_s: f64,
+        /// Step expected.
+        allowed_s: f64,
+    },
+    /// The wanted channels do not share one time channel.
+    #[error(
+        "column `{column}` is not in the channel group of `{other}`; allowed: all wanted channels \
+         in one group with one time channel"
+    )]
+    OtherGroup {
+        /// The channel.
+        column: String,
+        /// A channel of the group chosen.
+        other: String,
+    },
+    /// The layout asked for cannot be.
+    #[error("cannot be read with [recording] {field} = {found}; allowed: {allowed}")]
+    Layout {
+        /// Field of the layout.
+        field: &'static str,
+        /// Its value.
+        found: String,
+        /// What it may be.
+        allowed: &'static str,
+    },
+    /// A Parquet or MDF4 file that is damaged or cut off.
+    #[error("is not a whole {format} file: {found}")]
+    Damaged {
+        /// Name of the format.
+        format: &'static str,
+        /// What its decoder says, one line.
+        found: String,
+    },
+}
+
+/// Foreign text, fit for one line of a message: without control characters,
+/// at most 40 characters.
+pub(super) fn shown(bytes: &[u8]) -> String {
+    const LIMIT: usize = 40;
+    let head = &bytes[..bytes.len().min(4 * LIMIT)];
+    let mut text = String::new();
+    let mut taken = 0;
+    for chunk in head.utf8_chunks() {
+        for c in chunk.valid().chars() {
+            if taken == LIMIT {
+                return text + "…";
+            }
+            taken += 1;
+            if c.is_control() {
+                text.extend(c.escape_default());
+            } else {
+                text.push(c);
+            }
+        }
+        for byte in chunk.invalid() {
+            if taken == LIMIT {
+                return text + "…";
+            }
+            taken += 1;
+            text.extend(byte.escape_ascii().map(char::from));
+        }
+    }
+    if head.len() < bytes.len() {
+        text.push('…');
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn foreign_text_stays_on_one_line() {
+        assert_eq!(shown("µm/m".as_bytes()), "µm/m");
+        assert_eq!(shown(b"a\nb\x1b\xff"), "a\\nb\\u{1b}\\xff");
+        assert_eq!(shown(&[b'x'; 1000]), "x".repeat(40) + "…");
+        assert!(shown(&[0; 1000]).len() < 400);
+    }
+}

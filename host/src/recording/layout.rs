@@ -1,0 +1,132 @@
+//! How a recording is laid out, as the machine description says it.
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::unit::Unit;
+
+/// Layout of a recording, the table `[recording]` of a machine description.
+///
+/// The defaults read what `loadtwin` writes: comma-separated, `#` comments, a
+/// header `t [s],ta1 [µm/m],...`. Only the text format needs the first five
+/// fields; the other two hold for Parquet and MDF4 as well.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct CsvLayout {
+    /// Separator of the columns: one ASCII character, `,` unless given.
+    pub delimiter: char,
+    /// A line that begins with this is a comment: `#` unless given.
+    pub comment: String,
+    /// Lines to leave out at the top of the file, comments included. Where
+    /// `columns` is given, the file's own header lines belong to them.
+    pub skip_lines: u32,
+    /// Names and units of the columns, each `name [unit]`, for files without
+    /// such a header. The time is `t`. An empty name leaves a column out.
+    pub columns: Vec<String>,
+    /// Numbers have a decimal comma: `1,5`. Needs another `delimiter`.
+    pub decimal_comma: bool,
+    /// What a `NaN` written in a channel means. An empty cell (in Parquet a
+    /// null) is always a missing sample.
+    pub written_nan: WrittenNan,
+    /// Samples in a row that may be absent from the file: 0 unless given. They
+    /// are put in as rows without values, and the estimator flags them; a
+    /// longer gap is an error.
+    pub largest_gap: u32,
+}
+
+impl Default for CsvLayout {
+    fn default() -> Self {
+        Self {
+            delimiter: ',',
+            comment: "#".into(),
+            skip_lines: 0,
+            columns: Vec::new(),
+            decimal_comma: false,
+            written_nan: WrittenNan::Refuse,
+            largest_gap: 0,
+        }
+    }
+}
+
+/// What a `NaN` in a channel of a recording means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum WrittenNan {
+    /// An error of the recording, named with its row and column.
+    Refuse,
+    /// A missing sample, as an empty cell is.
+    Missing,
+}
+
+/// A column that the caller wants, and the unit it wants the values in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Wanted<'a> {
+    /// Name of the column.
+    pub name: &'a str,
+    /// Unit of the values handed out; the recording may use any unit of the
+    /// same quantity.
+    pub unit: Unit,
+    /// Whether a recording without it is refused.
+    pub required: bool,
+}
+
+/// A column as the recording has it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Column {
+    /// Name, without the unit.
+    pub name: String,
+    /// Unit as written; none where the recording gives none. Only the units of
+    /// wanted columns need be known to [`Unit`].
+    pub unit: Option<String>,
+}
+
+impl Column {
+    /// Splits a header `name [unit]`.
+    pub(super) fn from_header(text: &str) -> Self {
+        let text = text.trim();
+        let split = text
+            .strip_suffix(']')
+            .and_then(|rest| rest.rsplit_once('['))
+            .filter(|(name, _)| !name.trim().is_empty());
+        match split {
+            Some((name, unit)) => Self {
+                name: name.trim().into(),
+                unit: Some(unit.trim().into()),
+            },
+            None => Self {
+                name: text.into(),
+                unit: None,
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn header_of_a_column() {
+        let column = |name: &str, unit: Option<&str>| Column {
+            name: name.into(),
+            unit: unit.map(Into::into),
+        };
+        for (text, expected) in [
+            ("t [s]", column("t", Some("s"))),
+            (" ta1[µm/m] ", column("ta1", Some("µm/m"))),
+            ("bare", column("bare", None)),
+            ("m [1] [Nm]", column("m [1]", Some("Nm"))),
+            ("[s]", column("[s]", None)),
+            ("x [", column("x [", None)),
+        ] {
+            assert_eq!(Column::from_header(text), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn unknown_field_is_refused() {
+        let error = toml::from_str::<CsvLayout>("delimeter = ';'").unwrap_err();
+        assert!(error.to_string().contains("delimeter"), "{error}");
+        let layout: CsvLayout = toml::from_str("delimiter = ';'\nlargest_gap = 2").unwrap();
+        assert_eq!((layout.delimiter, layout.largest_gap), (';', 2));
+    }
+}
