@@ -69,6 +69,13 @@ impl Phase {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PhaseStep(pub u64);
 
+impl PhaseStep {
+    /// The phase after one step from 0.
+    pub fn into_phase(self) -> Phase {
+        Phase(self.0)
+    }
+}
+
 /// Wraps an angle into [-pi, pi).
 ///
 /// `a - 2 pi floor(a / 2 pi + 1/2)`; a non-finite angle stays non-finite.

@@ -1,6 +1,10 @@
 //! Design-time mathematics, recordings, replay, reports and CAN on the host.
 #![forbid(unsafe_code)]
 
+pub mod build;
+pub mod exponential;
+pub mod gearbox;
+pub mod machine;
 pub mod metrics;
 pub mod recording;
 pub mod strain;

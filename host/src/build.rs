@@ -1,0 +1,138 @@
+//! `loadtwin build`: machine description to model image.
+
+use thiserror::Error;
+
+use crate::gearbox;
+use crate::machine::{Channel, Encoder, Machine, MachineError, SensorSet};
+
+/// The channels and encoders of a machine that an estimator uses, in the
+/// order of the raw words and counters.
+#[derive(Clone, Debug)]
+pub struct Sensors {
+    /// Analogue channels.
+    pub channels: Vec<Channel>,
+    /// Counting encoders.
+    pub encoders: Vec<Encoder>,
+}
+
+/// Why no image can be made.
+#[derive(Debug, Error)]
+pub enum BuildError {
+    /// A file that the description names cannot be used.
+    #[error(transparent)]
+    Machine(#[from] MachineError),
+    /// There is no such set of sensors.
+    #[error("no sensor set {found:?}; allowed: {allowed}")]
+    NoSuchSet {
+        /// What was asked for.
+        found: String,
+        /// What there is.
+        allowed: String,
+    },
+    /// More than an image holds.
+    #[error("{0} is larger than an image can hold")]
+    TooLarge(&'static str),
+    /// The model's numbers are refused by the estimator.
+    #[error("the model is refused: {0}")]
+    Model(loadtwin_common::Error),
+    /// There are more sensors than one sample can carry.
+    #[error(
+        "{found} {what} without a sensor set; allowed: at most {most}, or a [[sensor_set]] that chooses"
+    )]
+    TooMany {
+        /// Channels or encoders.
+        what: &'static str,
+        /// How many.
+        found: usize,
+        /// How many are allowed.
+        most: usize,
+    },
+}
+
+impl Sensors {
+    /// The sensors of the set called `name`, of the first set where there is
+    /// no name, or all where there are no sets.
+    ///
+    /// # Errors
+    /// When there is no such set, or there are more sensors than a sample can carry.
+    pub fn choose(machine: &Machine, name: Option<&str>) -> Result<Self, BuildError> {
+        let set = match name {
+            None => machine.sensor_sets.first(),
+            Some(name) => Some(
+                machine
+                    .sensor_sets
+                    .iter()
+                    .find(|set| set.name == name)
+                    .ok_or_else(|| {
+                        let names: Vec<&str> = machine
+                            .sensor_sets
+                            .iter()
+                            .map(|set| set.name.as_str())
+                            .collect();
+                        let allowed = if names.is_empty() {
+                            "none is described".into()
+                        } else {
+                            names.join(", ")
+                        };
+                        BuildError::NoSuchSet {
+                            found: name.into(),
+                            allowed,
+                        }
+                    })?,
+            ),
+        };
+        let sensors = set.map_or_else(
+            || Self {
+                channels: machine.channels.clone(),
+                encoders: machine.encoders.clone(),
+            },
+            |set| Self::of_set(machine, set),
+        );
+        let too_many = |what, found, most| {
+            if found > most {
+                Err(BuildError::TooMany { what, found, most })
+            } else {
+                Ok(())
+            }
+        };
+        too_many(
+            "channels",
+            sensors.channels.len(),
+            loadtwin_common::raw::MAX_CHANNELS,
+        )?;
+        too_many(
+            "encoders",
+            sensors.encoders.len(),
+            loadtwin_common::raw::MAX_ENCODERS,
+        )?;
+        Ok(sensors)
+    }
+
+    fn of_set(machine: &Machine, set: &SensorSet) -> Self {
+        let channel = |name: &String| machine.channels.iter().find(|c| c.name == *name).cloned();
+        let encoder = |name: &String| machine.encoders.iter().find(|e| e.name == *name).cloned();
+        Self {
+            channels: set.channels.iter().filter_map(channel).collect(),
+            encoders: match &set.encoders {
+                Some(names) => names.iter().filter_map(encoder).collect(),
+                None => machine.encoders.clone(),
+            },
+        }
+    }
+}
+
+/// The image's payload for `machine` with `sensors`.
+///
+/// # Errors
+/// When a file that the description names cannot be used, or the model does
+/// not fit an image.
+pub fn image(machine: &Machine, sensors: &Sensors) -> Result<Vec<u8>, BuildError> {
+    let drivetrain =
+        machine
+            .drivetrain
+            .as_ref()
+            .ok_or(BuildError::Model(loadtwin_common::Error::Malformed(
+                "machine without drivetrain",
+            )))?;
+    gearbox::image(machine, drivetrain, sensors)
+}

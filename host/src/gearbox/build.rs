@@ -1,0 +1,394 @@
+//! From the machine description to the model of the image.
+
+use faer::Mat;
+use heapless::Vec as FixedVec;
+use loadtwin_common::gearbox::{Channel, Encoder, GearboxModel, LOADS, Role};
+use loadtwin_common::image::{Image, LoadSignal, Model, VERSION};
+use loadtwin_common::measurement::{Converter, Counter, IndexPulse};
+use loadtwin_common::phase::{Phase, PhaseStep};
+use loadtwin_common::table::PeriodicTable;
+
+use super::process_noise::process_noise;
+use super::torsion::Torsion;
+use crate::build::{BuildError, Sensors};
+use crate::machine::{self, Drivetrain, MAP_ENTRIES, Machine, Senses, resampled};
+
+/// Load at the end of the scale on the bus, in nominal loads.
+const FULL_SCALE: f64 = 4.0;
+
+/// Standard deviation at which an estimate is no longer valid, in nominal loads.
+const VALID_STD: f64 = 0.3;
+
+/// Random walk of a load whose description gives none, in nominal loads per sqrt(s).
+const DEFAULT_WALK: f64 = 0.3;
+
+/// Standard deviation of a count that is only quantised [counts], `1 / sqrt(12)`.
+const QUANTISATION: f64 = 0.288_675;
+
+/// Size of an encoder's unknown zero [rad].
+const ZERO_SCALE: f64 = 1e-3;
+
+/// The image's payload for `machine` with `sensors`, as postcard bytes.
+///
+/// # Errors
+/// When a map cannot be read or the model does not fit an image.
+pub fn image(
+    machine: &Machine,
+    drivetrain: &Drivetrain,
+    sensors: &Sensors,
+) -> Result<Vec<u8>, BuildError> {
+    let plan = Plan::new(machine, drivetrain, sensors);
+    let tables: Vec<Tables> = sensors
+        .channels
+        .iter()
+        .map(|c| Tables::new(machine, c, &plan))
+        .collect::<Result<_, _>>()?;
+    let channels = sensors
+        .channels
+        .iter()
+        .zip(&tables)
+        .map(|(channel, tables)| plan.channel(channel, tables))
+        .collect::<Result<_, _>>()?;
+    let rate_hz = machine.rate_hz;
+    let image = Image {
+        version: VERSION,
+        machine: &machine.name,
+        rate_hz: rate_hz as f32,
+        can_base: machine.can_base,
+        model: Model::Gearbox(plan.model(machine, drivetrain, sensors, channels)?),
+    };
+    postcard::to_stdvec(&image).map_err(|_| BuildError::TooLarge("the image"))
+}
+
+/// Where each state stands and how large it is.
+struct Plan {
+    torsion: Torsion,
+    dt_s: f64,
+    /// SI size of the unit of each state: mechanics, zeros of encoders, loads.
+    scale: Vec<f64>,
+    mechanical: usize,
+    zeros: usize,
+    loads: usize,
+    nominal: Vec<f64>,
+    nominal_speed: f64,
+    /// Nominal torque at the main shaft.
+    nominal_torque: f64,
+}
+
+impl Plan {
+    fn new(machine: &Machine, drivetrain: &Drivetrain, sensors: &Sensors) -> Self {
+        let torsion = Torsion::new(drivetrain);
+        let n = drivetrain.inertias.len();
+        let nominal: Vec<f64> = drivetrain.loads.iter().map(|l| l.nominal_nm).collect();
+        let nominal_torque = (drivetrain.loads.iter())
+            .map(|l| l.nominal_nm * torsion.ratio(&l.inertia).abs())
+            .fold(0.0, f64::max);
+        let mut scale = vec![1.0];
+        scale.extend(torsion.referred_stiffness().map(|k| nominal_torque / k));
+        scale.extend(std::iter::repeat_n(drivetrain.nominal_speed_rad_s, n));
+        let mechanical = scale.len();
+        let zeros = sensors.encoders.len().saturating_sub(1);
+        scale.extend(std::iter::repeat_n(ZERO_SCALE, zeros));
+        scale.extend(&nominal);
+        scale.resize(mechanical + zeros + LOADS, 1.0);
+        Self {
+            torsion,
+            dt_s: 1.0 / machine.rate_hz,
+            scale,
+            mechanical,
+            zeros,
+            loads: nominal.len(),
+            nominal,
+            nominal_speed: drivetrain.nominal_speed_rad_s,
+            nominal_torque,
+        }
+    }
+
+    fn states(&self) -> usize {
+        self.scale.len()
+    }
+
+    fn first_load(&self) -> usize {
+        self.mechanical + self.zeros
+    }
+
+    /// A row over mechanics and loads, in the scale of the filter.
+    fn scaled_row(&self, row: &[f64]) -> Vec<f64> {
+        let mut scaled = vec![0.0; self.states()];
+        for (i, value) in row.iter().enumerate() {
+            let state = if i < self.mechanical {
+                i
+            } else {
+                self.first_load() + i - self.mechanical
+            };
+            scaled[state] = value * self.scale[state];
+        }
+        scaled
+    }
+
+    /// Nominal size of what a channel senses.
+    fn nominal_sensed(&self, drivetrain_channel: &Senses) -> f64 {
+        match drivetrain_channel {
+            Senses::Shaft(_) => {
+                // Torque of the shaft under nominal loads, from the row over the twists.
+                let row = self.torsion.sensed_row(drivetrain_channel);
+                (1..self.mechanical.div_ceil(2))
+                    .map(|i| (row[i] * self.scale[i]).abs())
+                    .fold(0.0, f64::max)
+            }
+            Senses::Load(_) => {
+                let row = self.torsion.sensed_row(drivetrain_channel);
+                row[self.mechanical..]
+                    .iter()
+                    .zip(&self.nominal)
+                    .map(|(c, d)| c * d)
+                    .sum()
+            }
+            Senses::Speed(name) => self.nominal_speed * self.torsion.ratio(name).abs(),
+            Senses::Drive(name) => self.nominal_torque / self.torsion.ratio(name).abs(),
+        }
+    }
+
+    fn channel<'a>(
+        &self,
+        channel: &machine::Channel,
+        tables: &'a Tables,
+    ) -> Result<Channel<'a>, BuildError> {
+        let converter = Converter {
+            zero: channel.adc.zero,
+            gain: (channel.lsb() / tables.unit) as f32,
+            lowest: (-(1_i64 << (channel.adc.bits - 1))) as i32,
+            highest: ((1_i64 << (channel.adc.bits - 1)) - 1) as i32,
+            stuck_after: channel.adc.stuck_after,
+        };
+        let (row, role) = if let Senses::Drive(name) = &channel.senses {
+            let transition = self.torsion.discretised(self.dt_s);
+            let column = self.mechanical + self.loads + self.torsion.inertia(name);
+            let mut row = vec![0.0; self.states()];
+            for i in 0..self.mechanical {
+                // The reading is in `unit`s of drive torque over its sensitivity.
+                row[i] = transition[(i, column)] / self.scale[i] * tables.unit / tables.mean;
+            }
+            (row, Role::Drive)
+        } else {
+            let row = self.scaled_row(&self.torsion.sensed_row(&channel.senses));
+            let role = Role::Measure {
+                offset: (channel.offset / tables.unit) as f32,
+                map: PeriodicTable::try_new(&tables.map, "map").map_err(BuildError::Model)?,
+                map_mean: (tables.mean * tables.sensed / tables.unit) as f32,
+                map_deviation: (tables.deviation * tables.sensed / tables.unit) as f32,
+                variance: PeriodicTable::try_new(&tables.variance, "variance")
+                    .map_err(BuildError::Model)?,
+                bias_state: None,
+            };
+            (row.iter().map(|c| c / tables.sensed).collect(), role)
+        };
+        Ok(Channel {
+            converter,
+            unit: tables.unit as f32,
+            row: fixed(&row)?,
+            role,
+        })
+    }
+
+    fn encoder(&self, k: usize, encoder: &machine::Encoder) -> Result<Encoder, BuildError> {
+        let counts = encoder.counts_per_turn * self.torsion.ratio(&encoder.inertia);
+        let mut row = self.scaled_row(&self.torsion.angle_row(&encoder.inertia));
+        if k > 0 {
+            row[self.mechanical + k - 1] = ZERO_SCALE;
+        }
+        let noise =
+            encoder.noise_std_counts.unwrap_or(QUANTISATION) * std::f64::consts::TAU / counts;
+        Ok(Encoder {
+            counter: Counter {
+                step: phase_step(1.0 / counts),
+                bits: encoder.bits as u8,
+            },
+            row: fixed(&row)?,
+            variance: (noise * noise) as f32,
+        })
+    }
+
+    fn model<'a>(
+        &self,
+        machine: &Machine,
+        drivetrain: &Drivetrain,
+        sensors: &Sensors,
+        channels: FixedVec<Channel<'a>, 8>,
+    ) -> Result<GearboxModel<'a>, BuildError> {
+        let (n, top) = (self.states(), self.first_load());
+        let f = self.torsion.discretised(self.dt_s);
+        let mut transition = Vec::with_capacity(top * n);
+        for i in 0..top {
+            for j in 0..n {
+                let entry = if i >= self.mechanical {
+                    f64::from(u8::from(i == j))
+                } else if j < self.mechanical {
+                    f[(i, j)]
+                } else if (top..top + self.loads).contains(&j) {
+                    f[(i, self.mechanical + j - top)]
+                } else {
+                    0.0
+                };
+                transition.push(entry * self.scale[j] / self.scale[i]);
+            }
+        }
+        let q = process_noise(
+            drivetrain,
+            self.dt_s,
+            machine.tuning.parameter_std,
+            &self.scale,
+        );
+        let mut noise = Vec::new();
+        for i in 0..top {
+            for j in 0..=i {
+                noise.push(self.noise_entry(&q, i, j));
+            }
+        }
+        let mut load_noise = [1e-18_f32; LOADS];
+        for (slot, load) in load_noise.iter_mut().zip(&drivetrain.loads) {
+            let walk = load
+                .walk_nm_per_sqrt_s
+                .unwrap_or(DEFAULT_WALK * load.nominal_nm);
+            *slot = (walk * walk * self.dt_s / (load.nominal_nm * load.nominal_nm)) as f32;
+        }
+        let loads = drivetrain
+            .loads
+            .iter()
+            .map(|load| {
+                Ok(LoadSignal {
+                    name: load
+                        .name
+                        .as_str()
+                        .try_into()
+                        .map_err(|_| BuildError::TooLarge("a load's name"))?,
+                    full_scale: (FULL_SCALE * load.nominal_nm) as f32,
+                    valid_std: (VALID_STD * load.nominal_nm) as f32,
+                })
+            })
+            .collect::<Result<_, BuildError>>()?;
+        let index = machine.index.as_ref().and_then(|index| {
+            let encoder = sensors
+                .encoders
+                .iter()
+                .position(|e| e.name == index.encoder);
+            // Without encoder the pulse itself is the measurement of the angle.
+            (encoder.is_some() || sensors.encoders.is_empty()).then(|| IndexPulse {
+                encoder: encoder.unwrap_or(0) as u8,
+                angle: phase(index.angle_rad),
+                tolerance_rad: index.tolerance_rad as f32,
+            })
+        });
+        Ok(GearboxModel {
+            scale: fixed(&self.scale)?,
+            transition: fixed(&transition)?,
+            process_noise: fixed(&noise)?,
+            load_noise,
+            initial_state: fixed(&vec![0.0; n])?,
+            initial_std: fixed(&self.initial_std())?,
+            gate_nis: machine.tuning.gate_nis as f32,
+            loads,
+            channels,
+            encoders: sensors
+                .encoders
+                .iter()
+                .enumerate()
+                .map(|(k, encoder)| self.encoder(k, encoder))
+                .collect::<Result<_, _>>()?,
+            index,
+        })
+    }
+
+    fn noise_entry(&self, q: &Mat<f64>, i: usize, j: usize) -> f64 {
+        if i < self.mechanical {
+            q[(i, j)] / (self.scale[i] * self.scale[j])
+        } else if i == j {
+            // A zero does not move; the filter only must not freeze.
+            1e-12
+        } else {
+            0.0
+        }
+    }
+
+    /// Twists and loads up to nominal, any speed, zeros as large as all twists.
+    fn initial_std(&self) -> Vec<f64> {
+        let n = self.mechanical / 2;
+        let twists: f64 = self.scale[1..n].iter().sum();
+        let mut std = vec![1.0; self.states()];
+        std[0] = twists + 1e-3;
+        std[n..self.mechanical].fill(2.0);
+        std[self.mechanical..self.first_load()].fill(2.0 * (twists + 1e-3) / ZERO_SCALE);
+        std[self.first_load() + self.loads..].fill(1e-9);
+        std
+    }
+}
+
+/// The tables of one channel, as they lie in the image.
+struct Tables {
+    unit: f64,
+    sensed: f64,
+    mean: f64,
+    deviation: f64,
+    map: Vec<u8>,
+    variance: Vec<u8>,
+}
+
+impl Tables {
+    fn new(machine: &Machine, channel: &machine::Channel, plan: &Plan) -> Result<Self, BuildError> {
+        let map = powered(&channel.sensitivity_over_angle(machine)?);
+        let noise = channel.noise_over_angle(machine)?;
+        let sensed = plan.nominal_sensed(&channel.senses);
+        let peak = map.iter().fold(0.0_f64, |peak, m| peak.max(m.abs()));
+        // Readings are of the order of 100 at the nominal load.
+        let unit = 10.0_f64.powf((peak * sensed).log10().floor() - 2.0);
+        let mean = map.iter().sum::<f64>() / map.len() as f64;
+        let deviation =
+            (map.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / map.len() as f64).sqrt();
+        let bins = noise.len().next_power_of_two();
+        let variance = (0..bins).map(|i| (noise[i * noise.len() / bins] / unit).powi(2));
+        Ok(Self {
+            unit,
+            sensed,
+            mean,
+            deviation,
+            variance: little_endian(variance),
+            map: little_endian(map.iter().map(|m| m * sensed / unit)),
+        })
+    }
+}
+
+/// A map in 1 or in [`MAP_ENTRIES`] steps.
+fn powered(values: &[f64]) -> Vec<f64> {
+    if values.len() == 1 {
+        values.to_vec()
+    } else {
+        resampled(values, MAP_ENTRIES)
+    }
+}
+
+fn little_endian(values: impl Iterator<Item = f64>) -> Vec<u8> {
+    values
+        .flat_map(|value| (value as f32).to_le_bytes())
+        .collect()
+}
+
+fn fixed<const N: usize>(values: &[f64]) -> Result<FixedVec<f32, N>, BuildError> {
+    values
+        .iter()
+        .map(|value| *value as f32)
+        .try_fold(FixedVec::new(), |mut fixed, value| {
+            fixed.push(value).map(|()| fixed).ok()
+        })
+        .ok_or(BuildError::TooLarge("the number of states"))
+}
+
+fn phase(rad: f64) -> Phase {
+    let turns = rad / std::f64::consts::TAU;
+    phase_step(turns - turns.floor()).into_phase()
+}
+
+/// The step of `turns` of the carrier.
+fn phase_step(turns: f64) -> PhaseStep {
+    // Beyond the range of i64 the two's complement wraps as the phase does.
+    PhaseStep((turns * 18_446_744_073_709_551_616.0) as i128 as u64)
+}

@@ -1,0 +1,9 @@
+//! Design-time model of the gearbox and other torsional drivetrains.
+
+mod build;
+mod process_noise;
+mod torsion;
+
+pub use build::image;
+pub use process_noise::process_noise;
+pub use torsion::Torsion;

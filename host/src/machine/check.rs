@@ -1,0 +1,394 @@
+//! Ranges and references of a machine description.
+
+use std::collections::HashSet;
+use std::fmt::Display;
+
+use crate::recording::{Quantity, Unit};
+
+use super::error::Violation;
+use super::{Drivetrain, Machine, Senses};
+
+type Checked = Result<(), Violation>;
+
+/// Channels and encoders of one sensor set.
+const MAX_CHANNELS: usize = loadtwin_common::raw::MAX_CHANNELS;
+const MAX_ENCODERS: usize = loadtwin_common::raw::MAX_ENCODERS;
+
+impl Machine {
+    /// Checks every range and every name that refers to another part.
+    ///
+    /// # Errors
+    /// The first field that is not allowed.
+    pub fn check(&self) -> Result<(), Violation> {
+        within("format", self.format, self.format == 1, "1")?;
+        within("name", &self.name, !self.name.trim().is_empty(), "a name")?;
+        range("rate_hz", self.rate_hz, 1.0, 20_000.0)?;
+        within(
+            "can_base",
+            self.can_base,
+            self.can_base <= 0x7e0,
+            "0 to 0x7e0",
+        )?;
+        range("tuning.parameter_std", self.tuning.parameter_std, 0.0, 1.0)?;
+        at_least("tuning.gate_nis", self.tuning.gate_nis, 1.0)?;
+        let Some(drivetrain) = &self.drivetrain else {
+            return refuse(
+                "drivetrain",
+                "nothing",
+                "a table that describes the machine",
+            );
+        };
+        drivetrain.check()?;
+        self.check_names()?;
+        self.check_channels(drivetrain)?;
+        self.check_encoders(drivetrain)?;
+        self.check_references(drivetrain)?;
+        self.check_sets()?;
+        for (i, segment) in self.segments.iter().enumerate() {
+            let field = format!("segment[{}]", i + 1);
+            finite(&format!("{field}.from_s"), segment.from_s)?;
+            if let Some(to_s) = segment.to_s {
+                let allowed = format!("> from_s = {}", segment.from_s);
+                within(
+                    &format!("{field}.to_s"),
+                    to_s,
+                    to_s > segment.from_s,
+                    &allowed,
+                )?;
+            }
+        }
+        Ok(())
+    }
+
+    fn check_names(&self) -> Checked {
+        let mut names = HashSet::from(["t"]);
+        let columns = (self
+            .channels
+            .iter()
+            .map(|c| &c.name)
+            .enumerate()
+            .map(|n| ("channel", n)))
+        .chain(
+            self.encoders
+                .iter()
+                .map(|e| &e.name)
+                .enumerate()
+                .map(|n| ("encoder", n)),
+        )
+        .chain(
+            self.references
+                .iter()
+                .map(|r| &r.name)
+                .enumerate()
+                .map(|n| ("reference", n)),
+        )
+        .chain(
+            self.auxiliaries
+                .iter()
+                .map(|a| &a.name)
+                .enumerate()
+                .map(|n| ("auxiliary", n)),
+        );
+        for (table, (i, name)) in columns {
+            let field = format!("{table}[{}].name", i + 1);
+            within(&field, name, !name.trim().is_empty(), "a name")?;
+            within(
+                &field,
+                name,
+                names.insert(name),
+                "a name that no other column has",
+            )?;
+        }
+        if let Some(index) = &self.index {
+            let fresh = names.insert(&index.name);
+            within(
+                "index.name",
+                &index.name,
+                fresh,
+                "a name that no other column has",
+            )?;
+        }
+        Ok(())
+    }
+
+    fn check_channels(&self, drivetrain: &Drivetrain) -> Checked {
+        for (i, channel) in self.channels.iter().enumerate() {
+            let field = |name: &str| format!("channel[{}].{name}", i + 1);
+            let (kind, name, allowed) = match &channel.senses {
+                Senses::Shaft(name) => ("shaft", name, names(&drivetrain.shafts, |s| &s.name)),
+                Senses::Load(name) => ("load", name, names(&drivetrain.loads, |l| &l.name)),
+                Senses::Speed(name) => ("speed", name, names(&drivetrain.inertias, |j| &j.name)),
+                Senses::Drive(name) => ("drive", name, names(&drivetrain.inertias, |j| &j.name)),
+            };
+            one_of(&field(&format!("senses.{kind}")), name, &allowed)?;
+            finite(&field("offset"), channel.offset)?;
+            positive(&field("noise_std"), channel.noise_std)?;
+            match (channel.sensitivity, &channel.sensitivity_map) {
+                (Some(_), Some(_)) => {
+                    refuse(
+                        &field("sensitivity_map"),
+                        "both",
+                        "either sensitivity or sensitivity_map",
+                    )?;
+                }
+                (Some(sensitivity), None) => nonzero(&field("sensitivity"), sensitivity)?,
+                (None, _) => {}
+            }
+            nonzero(&field("adc.lsb"), channel.adc.lsb)?;
+            let bits = channel.adc.bits;
+            within(
+                &field("adc.bits"),
+                bits,
+                (8..=32).contains(&bits),
+                "8 to 32",
+            )?;
+        }
+        Ok(())
+    }
+
+    fn check_encoders(&self, drivetrain: &Drivetrain) -> Checked {
+        let inertias = names(&drivetrain.inertias, |j| &j.name);
+        for (i, encoder) in self.encoders.iter().enumerate() {
+            let field = |name: &str| format!("encoder[{}].{name}", i + 1);
+            one_of(&field("inertia"), &encoder.inertia, &inertias)?;
+            nonzero(&field("counts_per_turn"), encoder.counts_per_turn)?;
+            within(
+                &field("bits"),
+                encoder.bits,
+                (8..=32).contains(&encoder.bits),
+                "8 to 32",
+            )?;
+            if let Some(noise) = encoder.noise_std_counts {
+                positive(&field("noise_std_counts"), noise)?;
+            }
+        }
+        if let Some(index) = &self.index {
+            one_of(
+                "index.encoder",
+                &index.encoder,
+                &names(&self.encoders, |e| &e.name),
+            )?;
+            finite("index.angle_rad", index.angle_rad)?;
+            positive("index.tolerance_rad", index.tolerance_rad)?;
+        }
+        Ok(())
+    }
+
+    fn check_references(&self, drivetrain: &Drivetrain) -> Checked {
+        for (i, reference) in self.references.iter().enumerate() {
+            let field = |name: &str| format!("reference[{}].{name}", i + 1);
+            one_of(
+                &field("load"),
+                &reference.load,
+                &names(&drivetrain.loads, |l| &l.name),
+            )?;
+            nonzero(&field("gain"), reference.gain)?;
+            finite(&field("zero"), reference.zero)?;
+            torque_or_counts(&field("unit"), reference.unit)?;
+        }
+        Ok(())
+    }
+
+    fn check_sets(&self) -> Checked {
+        let channels = names(&self.channels, |c| &c.name);
+        let encoders = names(&self.encoders, |e| &e.name);
+        for (i, set) in self.sensor_sets.iter().enumerate() {
+            let field = |name: &str| format!("sensor_set[{}].{name}", i + 1);
+            let first = self
+                .sensor_sets
+                .iter()
+                .position(|other| other.name == set.name)
+                == Some(i);
+            within(
+                &field("name"),
+                &set.name,
+                first,
+                "a name that no other set has",
+            )?;
+            for name in &set.channels {
+                one_of(&field("channels"), name, &channels)?;
+            }
+            for name in set.encoders.iter().flatten() {
+                one_of(&field("encoders"), name, &encoders)?;
+            }
+            at_most(&field("channels"), set.channels.len(), MAX_CHANNELS)?;
+            at_most(
+                &field("encoders"),
+                set.encoders.as_ref().map_or(0, Vec::len),
+                MAX_ENCODERS,
+            )?;
+        }
+        Ok(())
+    }
+}
+
+impl Drivetrain {
+    fn check(&self) -> Checked {
+        let n = self.inertias.len();
+        within(
+            "drivetrain.inertia",
+            n,
+            (1..=6).contains(&n),
+            "1 to 6 tables",
+        )?;
+        let shafts = self.shafts.len();
+        within(
+            "drivetrain.shaft",
+            shafts,
+            shafts + 1 == n,
+            &format!("{} tables, one fewer than inertias", n - 1),
+        )?;
+        let loads = self.loads.len();
+        within(
+            "drivetrain.load",
+            loads,
+            (1..=2).contains(&loads),
+            "1 or 2 tables",
+        )?;
+        let inertias = names(&self.inertias, |j| &j.name);
+        unique("drivetrain.inertia", &inertias)?;
+        unique("drivetrain.shaft", &names(&self.shafts, |s| &s.name))?;
+        unique("drivetrain.load", &names(&self.loads, |l| &l.name))?;
+        for (i, inertia) in self.inertias.iter().enumerate() {
+            let field = |name: &str| format!("drivetrain.inertia[{}].{name}", i + 1);
+            positive(&field("moment_kg_m2"), inertia.moment_kg_m2)?;
+            nonzero(&field("speed_ratio"), inertia.speed_ratio)?;
+            at_least(&field("drag_nm_s_per_rad"), inertia.drag_nm_s_per_rad, 0.0)?;
+        }
+        for (i, shaft) in self.shafts.iter().enumerate() {
+            let field = |name: &str| format!("drivetrain.shaft[{}].{name}", i + 1);
+            positive(&field("stiffness_nm_per_rad"), shaft.stiffness_nm_per_rad)?;
+            at_least(
+                &field("damping_nm_s_per_rad"),
+                shaft.damping_nm_s_per_rad,
+                0.0,
+            )?;
+            nonzero(&field("speed_ratio"), shaft.speed_ratio)?;
+        }
+        for (i, load) in self.loads.iter().enumerate() {
+            let field = |name: &str| format!("drivetrain.load[{}].{name}", i + 1);
+            one_of(&field("inertia"), &load.inertia, &inertias)?;
+            positive(&field("nominal_nm"), load.nominal_nm)?;
+            if let Some(walk) = load.walk_nm_per_sqrt_s {
+                positive(&field("walk_nm_per_sqrt_s"), walk)?;
+            }
+            at_most(
+                &field("name"),
+                load.name.len(),
+                loadtwin_common::image::MAX_NAME,
+            )?;
+        }
+        positive("drivetrain.nominal_speed_rad_s", self.nominal_speed_rad_s)?;
+        let carrier = self.carrier.as_deref().unwrap_or(inertias[0]);
+        one_of("drivetrain.carrier", carrier, &inertias)?;
+        let ratio = self
+            .inertias
+            .iter()
+            .find(|j| j.name == carrier)
+            .map_or(0.0, |j| j.speed_ratio);
+        let allowed = "an inertia with speed_ratio 1, since strain maps are over its angle";
+        within(
+            "drivetrain.carrier",
+            format!("speed_ratio {ratio}"),
+            ratio == 1.0,
+            allowed,
+        )
+    }
+}
+
+fn names<T>(items: &[T], name: impl Fn(&T) -> &String) -> Vec<&str> {
+    items.iter().map(|item| name(item).as_str()).collect()
+}
+
+fn refuse(field: &str, found: impl Display, allowed: &str) -> Checked {
+    Err(Violation {
+        field: field.into(),
+        found: found.to_string(),
+        allowed: allowed.into(),
+    })
+}
+
+fn within(field: &str, found: impl Display, is: bool, allowed: &str) -> Checked {
+    if is {
+        Ok(())
+    } else {
+        refuse(field, found, allowed)
+    }
+}
+
+fn finite(field: &str, value: f64) -> Checked {
+    within(field, value, value.is_finite(), "a finite number")
+}
+
+fn positive(field: &str, value: f64) -> Checked {
+    within(field, value, value > 0.0 && value.is_finite(), "> 0")
+}
+
+fn nonzero(field: &str, value: f64) -> Checked {
+    within(
+        field,
+        value,
+        value != 0.0 && value.is_finite(),
+        "a finite number other than 0",
+    )
+}
+
+fn at_least(field: &str, value: f64, least: f64) -> Checked {
+    within(
+        field,
+        value,
+        value >= least && value.is_finite(),
+        &format!(">= {least}"),
+    )
+}
+
+fn at_most(field: &str, found: usize, most: usize) -> Checked {
+    within(field, found, found <= most, &format!("at most {most}"))
+}
+
+fn range(field: &str, value: f64, least: f64, most: f64) -> Checked {
+    within(
+        field,
+        value,
+        (least..=most).contains(&value),
+        &format!("{least} to {most}"),
+    )
+}
+
+fn one_of(field: &str, name: &str, allowed: &[&str]) -> Checked {
+    within(
+        field,
+        format!("{name:?}"),
+        allowed.contains(&name),
+        &listed(allowed),
+    )
+}
+
+fn unique(table: &str, names: &[&str]) -> Checked {
+    for (i, name) in names.iter().enumerate() {
+        let first = names[..i].iter().all(|other| other != name);
+        within(
+            &format!("{table}[{}].name", i + 1),
+            name,
+            first,
+            "a name that no other one has",
+        )?;
+    }
+    Ok(())
+}
+
+fn torque_or_counts(field: &str, unit: Unit) -> Checked {
+    let is = matches!(
+        unit.quantity(),
+        Quantity::Torque | Quantity::Force | Quantity::Counts
+    );
+    within(field, unit, is, "a unit of torque or force, or counts")
+}
+
+fn listed(names: &[&str]) -> String {
+    if names.is_empty() {
+        "nothing: there is none".into()
+    } else {
+        names.join(", ")
+    }
+}

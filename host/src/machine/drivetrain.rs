@@ -1,0 +1,106 @@
+//! The lumped-parameter torsional drivetrain.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A chain of 2 to 6 inertias joined by elastic shafts.
+///
+/// `J_i dw_i/dt = tau_(i-1) - tau_i - c_i w_i + loads`, all quantities referred to
+/// the shaft with speed ratio 1; `tau_i = k_i delta_i + c_i d(delta_i)/dt` is the
+/// torque that shaft i carries from inertia i to inertia i + 1.
+///
+/// Source: Bosmans et al. 2023, section 4.1.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Drivetrain {
+    /// Inertias in the order of the chain, main shaft first, 2 to 6.
+    #[serde(rename = "inertia")]
+    pub inertias: Vec<Inertia>,
+    /// The shafts or meshes between neighbours, one fewer than inertias.
+    #[serde(rename = "shaft")]
+    pub shafts: Vec<Shaft>,
+    /// The unknown torques, 1 or 2.
+    #[serde(rename = "load")]
+    pub loads: Vec<Load>,
+    /// Nominal speed of the main shaft [rad/s], > 0: the scale of the filter.
+    pub nominal_speed_rad_s: f64,
+    /// Name of the inertia whose angle the strain maps are over (the planet
+    /// carrier), of speed ratio 1; the first where absent.
+    pub carrier: Option<String>,
+}
+
+/// A lumped inertia.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Inertia {
+    /// What encoders, loads and channels call it.
+    pub name: String,
+    /// Moment of inertia about its own axis [kg m^2], > 0.
+    pub moment_kg_m2: f64,
+    /// Turns per turn of the main shaft, not 0; negative where it turns the other way.
+    #[serde(default = "one")]
+    pub speed_ratio: f64,
+    /// Viscous drag to the housing, at its own speed [N m s/rad], >= 0.
+    #[serde(default)]
+    pub drag_nm_s_per_rad: f64,
+}
+
+/// An elastic shaft, or a gear mesh, between two neighbouring inertias.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Shaft {
+    /// What channels call it.
+    pub name: String,
+    /// Torsional stiffness [N m/rad] at `speed_ratio`, > 0.
+    pub stiffness_nm_per_rad: f64,
+    /// Torsional damping [N m s/rad] at `speed_ratio`, >= 0.
+    #[serde(default)]
+    pub damping_nm_s_per_rad: f64,
+    /// Turns per turn of the main shaft at which stiffness, damping and the
+    /// carried torque are meant.
+    #[serde(default = "one")]
+    pub speed_ratio: f64,
+}
+
+/// An unknown torque that the filter estimates.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Load {
+    /// Its name in tables, in JSON and in estimates.
+    pub name: String,
+    /// The inertia it acts on.
+    pub inertia: String,
+    /// Whether a positive load drives the inertia or brakes it.
+    pub direction: Direction,
+    /// Nominal torque at that inertia's own speed [N m], > 0: the errors'
+    /// denominator and the scale of the filter.
+    pub nominal_nm: f64,
+    /// Standard deviation of the load's random walk over one second
+    /// [N m/sqrt(s)], > 0: `Qd = walk^2 dt`. `loadtwin tune` finds it;
+    /// half the nominal torque where absent.
+    pub walk_nm_per_sqrt_s: Option<f64>,
+}
+
+/// Sign of a load.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Direction {
+    /// A positive load accelerates the inertia (a motor, a wind rotor).
+    Drives,
+    /// A positive load decelerates the inertia (a generator, a brake).
+    Brakes,
+}
+
+impl Direction {
+    /// +1 or -1.
+    pub fn sign(self) -> f64 {
+        match self {
+            Self::Drives => 1.0,
+            Self::Brakes => -1.0,
+        }
+    }
+}
+
+fn one() -> f64 {
+    1.0
+}

@@ -1,0 +1,146 @@
+//! The machine description: what a person writes about a machine, in TOML.
+//!
+//! Every unknown field is refused. Fields are checked for their range by
+//! [`Machine::load`], and each error names the file, the line, the field and
+//! what is allowed.
+
+mod angle_map;
+mod channel;
+mod check;
+mod drivetrain;
+mod error;
+
+use std::path::{Path, PathBuf};
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+pub use angle_map::{MAP_ENTRIES, read_column, resampled};
+pub use channel::{Adc, Auxiliary, Channel, Encoder, Group, Index, Reference, Senses};
+pub use drivetrain::{Direction, Drivetrain, Inertia, Load, Shaft};
+pub use error::{MachineError, Violation};
+
+use crate::recording::CsvLayout;
+
+/// A machine: its mechanics, its sensors, its recordings.
+///
+/// Exactly one of `drivetrain`, `rotor` and `bearing` says what kind it is.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Machine {
+    /// Version of this format; 1.
+    pub format: u32,
+    /// What the machine is called in reports.
+    pub name: String,
+    /// Sample rate of the estimator [Hz], 1 to 20000.
+    pub rate_hz: f64,
+    /// First identifier of the machine's frames on the CAN bus, 0 to 0x7e0.
+    #[serde(default = "can_base")]
+    pub can_base: u16,
+    /// A gearbox or another torsional drivetrain.
+    pub drivetrain: Option<Drivetrain>,
+    /// Analogue channels: strain gauges, torque transducers, tachometers.
+    #[serde(default, rename = "channel")]
+    pub channels: Vec<Channel>,
+    /// Counting encoders.
+    #[serde(default, rename = "encoder")]
+    pub encoders: Vec<Encoder>,
+    /// The once-per-revolution pulse that homes the carrier angle.
+    pub index: Option<Index>,
+    /// Reference loads that a recording may carry; never seen by the estimator.
+    #[serde(default, rename = "reference")]
+    pub references: Vec<Reference>,
+    /// Other quantities that a recording may carry, such as temperature.
+    #[serde(default, rename = "auxiliary")]
+    pub auxiliaries: Vec<Auxiliary>,
+    /// Named sets of sensors; the first is the default.
+    #[serde(default, rename = "sensor_set")]
+    pub sensor_sets: Vec<SensorSet>,
+    /// Time segments in which errors are reported apart.
+    #[serde(default, rename = "segment")]
+    pub segments: Vec<Segment>,
+    /// How the filter is tuned.
+    #[serde(default)]
+    pub tuning: Tuning,
+    /// How recordings without header are laid out.
+    #[serde(default)]
+    pub recording: CsvLayout,
+    /// Where the description was read from; files that it names are relative to it.
+    #[serde(skip)]
+    pub path: PathBuf,
+}
+
+fn can_base() -> u16 {
+    0x100
+}
+
+/// Channels and encoders that are used together.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SensorSet {
+    /// What `--sensors` calls it.
+    pub name: String,
+    /// Channels by name, at most 8.
+    pub channels: Vec<String>,
+    /// Encoders by name, at most 2; all of the machine's where absent.
+    pub encoders: Option<Vec<String>>,
+}
+
+/// A stretch of the recording, from `from_s` up to but without `to_s`.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Segment {
+    /// Key of its figures in tables and in JSON.
+    pub name: String,
+    /// Start [s], in the recording's time.
+    pub from_s: f64,
+    /// End [s]; the end of the recording where absent.
+    pub to_s: Option<f64>,
+}
+
+/// Noise levels that are not properties of a single sensor.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Tuning {
+    /// Relative standard deviation of the drivetrain's parameters, from which
+    /// the process noise follows (paper: 0.1), 0 to 1.
+    pub parameter_std: f64,
+    /// A channel is left out of a sample when its normalised innovation
+    /// squared exceeds this, >= 1. 25 is five standard deviations.
+    pub gate_nis: f64,
+}
+
+impl Default for Tuning {
+    fn default() -> Self {
+        Self {
+            parameter_std: 0.1,
+            gate_nis: 25.0,
+        }
+    }
+}
+
+impl Machine {
+    /// Reads and checks the description in `path`.
+    ///
+    /// # Errors
+    /// When the file cannot be read, is not TOML, has an unknown field or one
+    /// out of its range; the error names file, line and field.
+    pub fn load(path: &Path) -> Result<Self, MachineError> {
+        let text = std::fs::read_to_string(path).map_err(|source| MachineError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        let mut machine: Self =
+            toml::from_str(&text).map_err(|error| MachineError::syntax(path, &text, &error))?;
+        machine
+            .check()
+            .map_err(|violation| MachineError::violation(path, &text, violation))?;
+        path.clone_into(&mut machine.path);
+        Ok(machine)
+    }
+
+    /// A file that the description names, relative to the description.
+    pub fn resolve(&self, file: &Path) -> PathBuf {
+        self.path.parent().unwrap_or(Path::new("")).join(file)
+    }
+}
