@@ -7,4 +7,5 @@ pub mod gearbox;
 pub mod machine;
 pub mod metrics;
 pub mod recording;
+pub mod replay;
 pub mod strain;

@@ -156,7 +156,7 @@ impl Plan {
     ) -> Result<Channel<'a>, BuildError> {
         let converter = Converter {
             zero: channel.adc.zero,
-            gain: (channel.lsb() / tables.unit) as f32,
+            gain: (channel.lsb_si() / tables.unit) as f32,
             lowest: (-(1_i64 << (channel.adc.bits - 1))) as i32,
             highest: ((1_i64 << (channel.adc.bits - 1)) - 1) as i32,
             stuck_after: channel.adc.stuck_after,
@@ -173,7 +173,7 @@ impl Plan {
         } else {
             let row = self.scaled_row(&self.torsion.sensed_row(&channel.senses));
             let role = Role::Measure {
-                offset: (channel.offset / tables.unit) as f32,
+                offset: (channel.to_si(channel.offset) / tables.unit) as f32,
                 map: PeriodicTable::try_new(&tables.map, "map").map_err(BuildError::Model)?,
                 map_mean: (tables.mean * tables.sensed / tables.unit) as f32,
                 map_deviation: (tables.deviation * tables.sensed / tables.unit) as f32,

@@ -116,7 +116,7 @@ pub fn resampled(values: &[f64], entries: usize) -> Vec<f64> {
 }
 
 impl super::Channel {
-    /// Sensitivity over the carrier angle, in equal steps over a turn.
+    /// Sensitivity over the carrier angle, in equal steps over a turn [SI].
     ///
     /// # Errors
     /// When the map's file cannot be used, or there is neither map nor constant.
@@ -124,19 +124,20 @@ impl super::Channel {
         &self,
         machine: &super::Machine,
     ) -> Result<Vec<f64>, MachineError> {
-        match (&self.sensitivity_map, self.sensitivity) {
-            (Some(file), _) => read_column(&machine.resolve(file), &self.name),
-            (None, sensitivity) => Ok(vec![sensitivity.unwrap_or(1.0)]),
-        }
+        let values = match (&self.sensitivity_map, self.sensitivity) {
+            (Some(file), _) => read_column(&machine.resolve(file), &self.name)?,
+            (None, sensitivity) => vec![sensitivity.unwrap_or(1.0)],
+        };
+        Ok(values.into_iter().map(|value| self.to_si(value)).collect())
     }
 
-    /// Standard deviation of the reading over bins of the carrier angle.
+    /// Standard deviation of the reading over bins of the carrier angle [SI].
     ///
     /// # Errors
     /// When the map's file cannot be used or holds a value that is not positive.
     pub fn noise_over_angle(&self, machine: &super::Machine) -> Result<Vec<f64>, MachineError> {
         let Some(file) = &self.noise_map else {
-            return Ok(vec![self.noise_std]);
+            return Ok(vec![self.to_si(self.noise_std)]);
         };
         let path = machine.resolve(file);
         let values = read_column(&path, &self.name)?;
@@ -150,7 +151,7 @@ impl super::Channel {
                     allowed: "> 0".into(),
                 },
             )),
-            None => Ok(values),
+            None => Ok(values.into_iter().map(|value| self.to_si(value)).collect()),
         }
     }
 }

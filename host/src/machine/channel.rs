@@ -45,9 +45,14 @@ pub struct Channel {
 }
 
 impl Channel {
-    /// Reading of one count [unit/count].
-    pub fn lsb(&self) -> f64 {
-        self.adc.lsb
+    /// A value in the channel's unit, in SI.
+    pub fn to_si(&self, value: f64) -> f64 {
+        self.unit.to_si(value)
+    }
+
+    /// Reading of one count [SI].
+    pub fn lsb_si(&self) -> f64 {
+        self.to_si(self.adc.lsb)
     }
 }
 

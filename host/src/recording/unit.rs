@@ -238,6 +238,10 @@ pub struct Unit(&'static Entry);
 impl Unit {
     /// The second, unit of the time of every recording.
     pub const SECOND: Self = Self(&unit("s", Q::Time, 1.0, 1.0, &["sec"]));
+    /// The radian.
+    pub const RADIAN: Self = Self(&unit("rad", Q::Angle, 1.0, 1.0, &[]));
+    /// A plain number.
+    pub const ONE: Self = Self(&unit("1", Q::Number, 1.0, 1.0, &[]));
     /// Raw words of a converter or counter.
     pub const COUNTS: Self = Self(&unit(
         "counts",

@@ -1,0 +1,56 @@
+//! `loadtwin replay`: the estimator on a recording.
+
+mod figures;
+mod samples;
+
+use std::path::Path;
+
+use loadtwin_common::estimate::Estimate;
+use loadtwin_common::image::Image;
+use loadtwin_common::line::Line;
+use thiserror::Error;
+
+pub use figures::{Figures, LoadFigures};
+pub use samples::{Sample, Samples};
+
+use crate::build::{self, BuildError, Sensors};
+use crate::machine::Machine;
+use crate::recording::RecordingError;
+
+/// Why a recording cannot be replayed.
+#[derive(Debug, Error)]
+pub enum ReplayError {
+    /// No image can be made of the machine.
+    #[error(transparent)]
+    Build(#[from] BuildError),
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The image is refused by the estimator.
+    #[error("the model image is refused: {0}")]
+    Image(loadtwin_common::Error),
+}
+
+/// Runs the estimator of `machine` with `sensors` on the recording in `path`
+/// and shows each sample and its estimate to `each`, with the part done, 0 to 1.
+///
+/// # Errors
+/// When the machine or the recording cannot be used.
+pub fn run(
+    machine: &Machine,
+    sensors: &Sensors,
+    path: &Path,
+    mut each: impl FnMut(&Sample<'_>, &Estimate, f64),
+) -> Result<(), ReplayError> {
+    let payload = build::image(machine, sensors)?;
+    let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
+    let mut line = Line::try_build(image).map_err(ReplayError::Image)?;
+    let mut samples = Samples::open(machine, sensors, path)?;
+    loop {
+        let progress = samples.progress();
+        let more = samples.next_block(|sample| each(sample, &line.step(&sample.raw), progress))?;
+        if !more {
+            return Ok(());
+        }
+    }
+}
