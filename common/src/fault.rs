@@ -64,6 +64,11 @@ impl Fault {
         }
     }
 
+    /// The kind with this identifier on the bus.
+    pub fn from_code(code: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|fault| *fault as u32 == code)
+    }
+
     /// Whether the value is free of faults.
     pub fn is_none(self) -> bool {
         self == Self::None

@@ -6,6 +6,7 @@
 pub mod error;
 pub mod estimate;
 pub mod fault;
+pub mod frame;
 pub mod gaussian;
 pub mod gearbox;
 pub mod image;
