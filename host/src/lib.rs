@@ -1,6 +1,7 @@
 //! Design-time mathematics, recordings, replay, reports and CAN on the host.
 #![forbid(unsafe_code)]
 
+pub mod atomic_file;
 pub mod build;
 pub mod exponential;
 pub mod gearbox;

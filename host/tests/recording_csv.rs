@@ -1,4 +1,5 @@
 //! Recordings as text: what is read, and what each wrong one is told.
+use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use loadtwin::recording::{Block, CsvLayout, Problem, Reader, RecordingError, Unit, Wanted};
@@ -271,7 +272,7 @@ fn blocks_join_without_a_seam() {
     for i in 0..ROWS {
         // One sample lost at the seam between the first two blocks.
         if i != 8192 {
-            text += &format!("{i},{}\n", 3 * i);
+            writeln!(text, "{i},{}", 3 * i).unwrap();
         }
     }
     let bench = Bench::with("largest_gap = 1");

@@ -7,9 +7,10 @@ use std::io::Read;
 use std::ops::Range;
 use std::path::Path;
 
-use super::Rows;
-use super::error::{Problem, Row, shown};
+use super::error::{FINITE, FINITE_TIME, NO_NAN, Problem, Row};
 use super::layout::{Column, CsvLayout, WrittenNan};
+use super::source::{Output, Rows};
+use super::{BLOCK_ROWS, shown};
 
 /// Size of the read buffer and so the longest line: what is longer is no CSV.
 const BUFFER: usize = 1 << 20;
@@ -60,20 +61,24 @@ impl Csv {
         &self.columns
     }
 
-    /// Column `picks[k]` of the file becomes column `k` of the rows.
-    pub(super) fn select(&mut self, picks: &[usize]) {
+    /// Delivers all rows; column `picks[k]` of the file becomes their column `k`.
+    pub(super) fn run(mut self, picks: &[usize], output: &Output) -> Result<(), Problem> {
         for (k, &column) in picks.iter().enumerate() {
             self.destination[column] = Some(k);
         }
+        loop {
+            let mut rows = Rows::with_columns(picks.len());
+            self.read(&mut rows)?;
+            let last = rows.lines.len() < BLOCK_ROWS;
+            if !output.deliver(rows, self.lines.progress()) || last {
+                return Ok(());
+            }
+        }
     }
 
-    pub(super) fn progress(&self) -> f64 {
-        self.lines.progress()
-    }
-
-    /// Appends at most `limit` rows; fewer only at the end of the file.
-    pub(super) fn read(&mut self, limit: usize, rows: &mut Rows) -> Result<(), Problem> {
-        while rows.lines.len() < limit {
+    /// Appends rows up to a whole block; fewer only at the end of the file.
+    fn read(&mut self, rows: &mut Rows) -> Result<(), Problem> {
+        while rows.lines.len() < BLOCK_ROWS {
             let Some(range) = self.lines.next()? else {
                 return Ok(());
             };
@@ -101,7 +106,7 @@ impl Csv {
                         allowed,
                     } => Problem::Cell {
                         row: place,
-                        column: shown(self.columns[column].name.as_bytes()),
+                        column: shown(&self.columns[column].name),
                         found: shown(&found),
                         allowed,
                     },
@@ -139,7 +144,7 @@ fn read_header(lines: &mut Lines, format: &Format) -> Result<Vec<Column>, Proble
         Some(first) if columns.iter().all(|c| c.name.parse::<f64>().is_ok()) => {
             Err(Problem::NoHeader {
                 line: lines.number,
-                found: shown(first.name.as_bytes()),
+                found: shown(&first.name),
             })
         }
         _ => Ok(columns),
@@ -256,17 +261,16 @@ impl Format {
         };
         match parsed {
             Some(value) if value.is_finite() => Ok(value),
-            _ if is_time => Err("a finite number of the time unit"),
+            _ if is_time => Err(FINITE_TIME),
             None if cell.is_empty() => Ok(f64::NAN),
             Some(value) if value.is_nan() => {
                 if self.nan_is_missing {
                     Ok(f64::NAN)
                 } else {
-                    Err("a number, or nothing where the sample is missing \
-                         (`written_nan = \"missing\"` under [recording] takes NaN as that)")
+                    Err(NO_NAN)
                 }
             }
-            Some(_) => Err("a finite number"),
+            Some(_) => Err(FINITE),
             None => Err("a number, or nothing where the sample is missing"),
         }
     }

@@ -40,6 +40,25 @@ pub enum Problem {
     /// The operating system refused.
     #[error("cannot be read: {0}")]
     Io(#[from] io::Error),
+    /// The operating system refused to write.
+    #[error("cannot be written: {0}")]
+    Unwritable(#[source] io::Error),
+    /// A file to write that is of no known format.
+    #[error("cannot be written with the extension `{found}`; allowed: csv, parquet, mf4")]
+    Extension {
+        /// Extension of its name.
+        found: String,
+    },
+    /// More than fits into a file that is put together in memory.
+    #[error(
+        "cannot be written as MDF4 with {found} values; allowed: {allowed} (CSV and Parquet have no limit)"
+    )]
+    TooLong {
+        /// Values, rows times columns.
+        found: usize,
+        /// Most values.
+        allowed: usize,
+    },
     /// Not one byte, or only comments.
     #[error("is empty; allowed: a header and at least 2 rows")]
     Empty,
@@ -211,32 +230,37 @@ pub enum Problem {
     },
 }
 
+/// What the time may be.
+pub(super) const FINITE_TIME: &str = "a finite number of the time unit";
+
+/// What a channel may be where an infinity was found.
+pub(super) const FINITE: &str = "a finite number";
+
+/// What a channel may be where NaN was found.
+pub(super) const NO_NAN: &str = "a number, or nothing where the sample is missing \
+     (`written_nan = \"missing\"` under [recording] takes NaN as that)";
+
 /// Foreign text, fit for one line of a message: without control characters,
-/// at most 40 characters.
-pub(super) fn shown(bytes: &[u8]) -> String {
-    const LIMIT: usize = 40;
-    let head = &bytes[..bytes.len().min(4 * LIMIT)];
-    let mut text = String::new();
-    let mut taken = 0;
-    for chunk in head.utf8_chunks() {
-        for c in chunk.valid().chars() {
-            if taken == LIMIT {
-                return text + "…";
-            }
-            taken += 1;
+/// at most `limit` characters and then `…`.
+pub(super) fn clipped(bytes: &[u8], limit: usize) -> String {
+    let head = &bytes[..bytes.len().min(4 * limit)];
+    let escaped = head.utf8_chunks().flat_map(|chunk| {
+        let valid = chunk.valid().chars().map(|c| {
             if c.is_control() {
-                text.extend(c.escape_default());
+                c.escape_default().to_string()
             } else {
-                text.push(c);
+                c.to_string()
             }
+        });
+        let invalid = chunk.invalid().iter().map(|b| b.escape_ascii().to_string());
+        valid.chain(invalid)
+    });
+    let mut text = String::new();
+    for (taken, piece) in escaped.enumerate() {
+        if taken == limit {
+            return text + "…";
         }
-        for byte in chunk.invalid() {
-            if taken == LIMIT {
-                return text + "…";
-            }
-            taken += 1;
-            text.extend(byte.escape_ascii().map(char::from));
-        }
+        text += &piece;
     }
     if head.len() < bytes.len() {
         text.push('…');
@@ -250,9 +274,9 @@ mod tests {
 
     #[test]
     fn foreign_text_stays_on_one_line() {
-        assert_eq!(shown("µm/m".as_bytes()), "µm/m");
-        assert_eq!(shown(b"a\nb\x1b\xff"), "a\\nb\\u{1b}\\xff");
-        assert_eq!(shown(&[b'x'; 1000]), "x".repeat(40) + "…");
-        assert!(shown(&[0; 1000]).len() < 400);
+        assert_eq!(clipped("µm/m".as_bytes(), 40), "µm/m");
+        assert_eq!(clipped(b"a\nb\x1b\xff", 40), "a\\nb\\u{1b}\\xff");
+        assert_eq!(clipped(&[b'x'; 1000], 40), "x".repeat(40) + "…");
+        assert!(clipped(&[0; 1000], 40).len() < 400);
     }
 }

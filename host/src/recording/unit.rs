@@ -376,7 +376,7 @@ impl FromStr for Unit {
             .find(|e| e.symbol == plain || e.aliases.contains(&plain.as_str()))
             .map(Unit)
             .ok_or_else(|| UnknownUnit {
-                found: super::shown(text.as_bytes()),
+                found: super::shown(text),
             })
     }
 }

@@ -1,0 +1,104 @@
+//! The columns that the caller wants, found among those of the recording.
+use std::collections::HashMap;
+
+use super::error::Problem;
+use super::layout::{Column, Wanted};
+use super::unit::{Conversion, Unit};
+use super::{TIME, shown};
+
+/// Which columns of a file to read, and how to convert them.
+pub(super) struct Selection {
+    /// Columns of the file, each once, the time first.
+    pub(super) picks: Vec<usize>,
+    /// For the time.
+    pub(super) time: Conversion,
+    /// For each wanted column, its index among the picks.
+    pub(super) order: Vec<Option<(usize, Conversion)>>,
+}
+
+impl Selection {
+    pub(super) fn try_new(columns: &[Column], wanted: &[Wanted<'_>]) -> Result<Self, Problem> {
+        let mut index = HashMap::new();
+        for (i, column) in columns.iter().enumerate() {
+            if !column.name.is_empty() && index.insert(column.name.as_str(), i).is_some() {
+                return Err(Problem::Duplicate {
+                    name: shown(&column.name),
+                });
+            }
+        }
+        let find = |name: &str| match index.get(name) {
+            Some(&i) => Ok(i),
+            None => Err(missing(columns, name)),
+        };
+        let time = find(TIME)?;
+        let mut selection = Self {
+            picks: vec![time],
+            time: conversion(&columns[time], Unit::SECOND)?,
+            order: Vec::with_capacity(wanted.len()),
+        };
+        for w in wanted {
+            let place = match find(w.name) {
+                Ok(i) => Some((selection.pick(i), conversion(&columns[i], w.unit)?)),
+                Err(_) if !w.required => None,
+                Err(problem) => return Err(problem),
+            };
+            selection.order.push(place);
+        }
+        Ok(selection)
+    }
+
+    /// Index of the column among the picks.
+    fn pick(&mut self, column: usize) -> usize {
+        let known = self.picks.iter().position(|&p| p == column);
+        known.unwrap_or_else(|| {
+            self.picks.push(column);
+            self.picks.len() - 1
+        })
+    }
+}
+
+fn conversion(column: &Column, wanted: Unit) -> Result<Conversion, Problem> {
+    let name = || shown(&column.name);
+    let allowed = || {
+        let symbols: Vec<_> = wanted.quantity().symbols().collect();
+        format!("a unit of {} ({})", wanted.quantity(), symbols.join(", "))
+    };
+    let Some(text) = &column.unit else {
+        return Err(Problem::NoUnit {
+            column: name(),
+            allowed: allowed(),
+        });
+    };
+    text.parse::<Unit>()
+        .ok()
+        .and_then(|unit| unit.conversion_to(wanted))
+        .ok_or_else(|| Problem::WrongUnit {
+            column: name(),
+            found: shown(text),
+            allowed: allowed(),
+        })
+}
+
+fn missing(columns: &[Column], name: &str) -> Problem {
+    const LISTED: usize = 20;
+    let mut found: Vec<_> = columns
+        .iter()
+        .take(LISTED)
+        .map(|c| shown(&c.name))
+        .collect();
+    if columns.len() > LISTED {
+        found.push(format!("and {} more", columns.len() - LISTED));
+    }
+    let nearest = columns
+        .iter()
+        .take(1000)
+        .map(|c| (strsim::jaro_winkler(&c.name, name), c))
+        .filter(|(likeness, _)| *likeness > 0.81)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, c)| shown(&c.name));
+    Problem::Missing {
+        name: shown(name),
+        found: found.join(", "),
+        nearest,
+    }
+}

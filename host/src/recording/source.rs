@@ -1,0 +1,167 @@
+//! A recording's rows, decoded on a thread of its own while the caller works
+//! on the rows before.
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+
+use super::BLOCK_ROWS;
+use super::csv::Csv;
+use super::error::{Problem, Row};
+use super::layout::{Column, CsvLayout, Wanted};
+use super::mdf::Mdf;
+use super::parquet::Parquet;
+
+/// Blocks decoded ahead of the caller.
+const AHEAD: usize = 2;
+
+/// Rows as a format reads them: the time first, then each column once.
+pub(super) struct Rows {
+    pub(super) columns: Vec<Vec<f64>>,
+    /// Line of each row in a text file; else empty.
+    pub(super) lines: Vec<u64>,
+}
+
+impl Rows {
+    /// Index of the time among the columns.
+    pub(super) const TIME: usize = 0;
+
+    pub(super) fn with_columns(count: usize) -> Self {
+        Self {
+            columns: vec![Vec::with_capacity(BLOCK_ROWS); count],
+            lines: Vec::new(),
+        }
+    }
+
+    pub(super) fn t(&self) -> &[f64] {
+        &self.columns[Self::TIME]
+    }
+
+    /// Place of row `i`, where `before` rows came before this block.
+    pub(super) fn place(&self, before: u64, i: usize) -> Row {
+        Row {
+            row: before + i as u64 + 1,
+            line: self.lines.get(i).copied(),
+        }
+    }
+}
+
+/// A recording of a known format, opened.
+pub(super) enum Format {
+    Csv(Csv),
+    Parquet(Parquet),
+    Mdf(Box<Mdf>),
+}
+
+impl Format {
+    /// Recognises the format by the first bytes of the file, not by its name.
+    pub(super) fn open(
+        path: &Path,
+        layout: &CsvLayout,
+        wanted: &[Wanted<'_>],
+    ) -> Result<Self, Problem> {
+        let file = File::open(path)?;
+        // A pipe can only be read once, and neither of these through a pipe.
+        let mut start = Vec::new();
+        if file.metadata()?.is_file() {
+            (&file).take(8).read_to_end(&mut start)?;
+        }
+        if start.starts_with(b"PAR1") {
+            Parquet::open(file, layout).map(Self::Parquet)
+        } else if start.starts_with(b"MDF ") || start.starts_with(b"UnFinMF ") {
+            Mdf::open(path, layout, wanted).map(|mdf| Self::Mdf(Box::new(mdf)))
+        } else {
+            Csv::open(path, layout).map(Self::Csv)
+        }
+    }
+
+    pub(super) fn columns(&self) -> &[Column] {
+        match self {
+            Self::Csv(csv) => csv.columns(),
+            Self::Parquet(parquet) => parquet.columns(),
+            Self::Mdf(mdf) => mdf.columns(),
+        }
+    }
+
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Csv(_) => "CSV",
+            Self::Parquet(_) => "Parquet",
+            Self::Mdf(_) => "MDF4",
+        }
+    }
+
+    fn run(self, picks: &[usize], output: &Output) -> Result<(), Problem> {
+        match self {
+            Self::Csv(csv) => csv.run(picks, output),
+            Self::Parquet(parquet) => parquet.run(picks, output),
+            Self::Mdf(mdf) => mdf.run(picks, output),
+        }
+    }
+}
+
+/// Where a format puts its rows.
+pub(super) struct Output {
+    rows: SyncSender<Result<Rows, Problem>>,
+    progress: Arc<AtomicU64>,
+}
+
+impl Output {
+    /// Hands rows on; false when nobody wants more.
+    pub(super) fn deliver(&self, rows: Rows, progress: f64) -> bool {
+        self.progress.store(progress.to_bits(), Ordering::Relaxed);
+        self.rows.send(Ok(rows)).is_ok()
+    }
+}
+
+/// A format at work.
+pub(super) struct Source {
+    rows: Receiver<Result<Rows, Problem>>,
+    progress: Arc<AtomicU64>,
+    format: &'static str,
+}
+
+impl Source {
+    /// Starts to decode the columns `picks`, the time first.
+    pub(super) fn start(format: Format, picks: Vec<usize>) -> Result<Self, Problem> {
+        let (sender, rows) = sync_channel(AHEAD);
+        let progress = Arc::new(AtomicU64::new(0.0_f64.to_bits()));
+        let output = Output {
+            rows: sender,
+            progress: Arc::clone(&progress),
+        };
+        let name = format.name();
+        // Not joined: it ends by itself once `rows` is dropped.
+        std::thread::Builder::new()
+            .name("recording".into())
+            .spawn(move || {
+                // No rows mark the end, so that an end without them is known
+                // to be none.
+                let end = format
+                    .run(&picks, &output)
+                    .map(|()| Rows::with_columns(picks.len()));
+                let _ = output.rows.send(end);
+            })?;
+        Ok(Self {
+            rows,
+            progress,
+            format: name,
+        })
+    }
+
+    /// The next rows; none at the end.
+    pub(super) fn next(&self) -> Result<Rows, Problem> {
+        self.rows.recv().unwrap_or_else(|_| {
+            Err(Problem::Damaged {
+                format: self.format,
+                found: "its decoder gave up".into(),
+            })
+        })
+    }
+
+    pub(super) fn progress(&self) -> f64 {
+        f64::from_bits(self.progress.load(Ordering::Relaxed))
+    }
+}
