@@ -9,4 +9,5 @@ pub mod machine;
 pub mod metrics;
 pub mod recording;
 pub mod replay;
+pub mod report;
 pub mod strain;

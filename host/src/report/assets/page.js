@@ -1,0 +1,414 @@
+"use strict";
+// Errors are kept for whoever opens the page without a console; `#selftest` prints them.
+const errors = [];
+window.addEventListener("error", e => errors.push(String(e.message)));
+
+(() => {
+const page = JSON.parse(document.getElementById("data").textContent);
+const root = document.documentElement;
+const css = name => getComputedStyle(root).getPropertyValue("--" + name).trim();
+let colours = {};
+
+// ---- data
+
+function bytes(text) {
+  return Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
+}
+// uPlot takes null for "no value".
+const values = text => Array.from(new Float32Array(bytes(text)), v => Number.isNaN(v) ? null : v);
+let timeX = null;
+const timeColumns = [];
+function dataOf(plot) {
+  if (plot.own) return [Array.from(new Float64Array(bytes(plot.own.x))), ...plot.own.columns.map(values)];
+  timeX ??= Array.from(new Float64Array(bytes(page.time.x)));
+  return [timeX, ...plot.columns.map(c => timeColumns[c] ??= values(page.time.columns[c]))];
+}
+
+// ---- numbers
+
+function prefixOf(unit, data) {
+  if (!["N", "N m", "N·m", "W", "Pa"].includes(unit)) return ["", 1];
+  let most = 0;
+  for (const column of data) for (const v of column) if (v !== null && Math.abs(v) > most) most = Math.abs(v);
+  return most >= 2e6 ? ["M", 1e6] : most >= 2e3 ? ["k", 1e3] : ["", 1];
+}
+function text(v, digits = 5) {
+  if (v === null || v === undefined || Number.isNaN(v)) return "–";
+  const s = Number(v.toPrecision(digits));
+  return (s !== 0 && (Math.abs(s) < 1e-4 || Math.abs(s) >= 1e7)) ? v.toExponential(3) : String(s).replace("-", "−");
+}
+const label = axis => axis.quantity + (axis.unit ? ` [${axis.unit}]` : "");
+
+// ---- linked views: all plots over time share range and cursors, each other plot has its own
+
+const charts = [];
+const groups = new Map();
+function groupOf(plot, index) {
+  const key = plot.own ? "own" + index : "time";
+  if (!groups.has(key)) groups.set(key, { key, charts: [], range: null, full: null, cursors: null });
+  return groups.get(key);
+}
+function show(group, min, max) {
+  const [low, high] = group.full;
+  const width = Math.min(max - min, high - low);
+  min = Math.min(Math.max(min, low), high - width);
+  group.range = [min, min + width];
+  for (const c of group.charts) c.u.setScale("x", { min, max: min + width });
+}
+
+let dragMode = "zoom", cursorsOn = false;
+function panning(e) { return e.button === 0 && (dragMode === "pan" || e.shiftKey); }
+
+function startPan(chart, e) {
+  e.preventDefault();
+  const { u, group } = chart, { min, max } = u.scales.x, from = e.clientX;
+  const perPixel = (max - min) / u.over.clientWidth;
+  const move = e => show(group, min - (e.clientX - from) * perPixel, max - (e.clientX - from) * perPixel);
+  const stop = () => { removeEventListener("mousemove", move); removeEventListener("mouseup", stop); };
+  addEventListener("mousemove", move);
+  addEventListener("mouseup", stop);
+}
+
+// ---- measuring cursors
+
+function nearest(x, at) {
+  let low = 0, high = x.length - 1;
+  while (low < high) { const m = (low + high) >> 1; if (x[m] < at) low = m + 1; else high = m; }
+  return low > 0 && at - x[low - 1] < x[low] - at ? low - 1 : low;
+}
+function placeCursor(group, which, at) {
+  const x = group.charts[0].data[0];
+  if (!x.length) return;
+  group.cursors ??= [null, null];
+  group.cursors[which] = x[nearest(x, at)];
+  group.charts.forEach(drawCursors);
+}
+function defaultCursors(group) {
+  const [min, max] = group.range;
+  placeCursor(group, 0, min + (max - min) / 3);
+  placeCursor(group, 1, min + (max - min) * 2 / 3);
+}
+function measure(chart) {
+  const [a, b] = chart.group.cursors, x = chart.data[0];
+  const ia = nearest(x, a), ib = nearest(x, b);
+  return {
+    x1: a, x2: b, dx: b - a,
+    series: chart.plot.series.map((s, i) => {
+      const y1 = chart.data[i + 1][ia] ?? null, y2 = chart.data[i + 1][ib] ?? null;
+      return { label: s.label, mark: s.mark, y1, y2, dy: y1 === null || y2 === null ? null : y2 - y1 };
+    }),
+  };
+}
+function drawCursors(chart) {
+  const { u, group } = chart, on = cursorsOn && group.cursors !== null;
+  chart.handles.forEach((handle, i) => {
+    const at = on ? u.valToPos(group.cursors[i], "x") : -1;
+    handle.hidden = !(at >= 0 && at <= u.over.clientWidth);
+    handle.style.left = at + "px";
+  });
+  chart.readout.hidden = !on;
+  if (!on) return;
+  const m = measure(chart), axis = chart.plot.x, time = axis.quantity === "Time";
+  const x = time ? "t" : "x", [prefix, factor] = chart.prefix;
+  const rows = [["", "A", "B", "B − A"],
+    [`${time ? "t" : axis.quantity}${axis.unit ? ` [${axis.unit}]` : ""}`, text(m.x1, 8), text(m.x2, 8), `Δ${x} ${text(m.dx, 6)}` +
+      (axis.unit === "s" && m.dx !== 0 ? `  (${text(1 / Math.abs(m.dx), 5)} Hz)` : "")]];
+  const unit = chart.plot.y.unit ? ` [${prefix}${chart.plot.y.unit}]` : "";
+  m.series.forEach((s, i) => {
+    if (!u.series[i + 1].show || s.mark === "lower" || s.mark === "upper") return;
+    rows.push([s.label + unit, text(s.y1 === null ? null : s.y1 / factor), text(s.y2 === null ? null : s.y2 / factor),
+      "Δy " + text(s.dy === null ? null : s.dy / factor)]);
+  });
+  chart.readout.replaceChildren(...rows.map((cells, r) => {
+    const tr = document.createElement("tr");
+    tr.append(...cells.map(c => { const td = document.createElement(r ? "td" : "th"); td.textContent = c; return td; }));
+    return tr;
+  }));
+}
+function addHandles(chart) {
+  const { u, group } = chart;
+  chart.handles = ["a", "b"].map((name, i) => {
+    const handle = document.createElement("div");
+    handle.className = "cursor " + name;
+    handle.dataset.name = name.toUpperCase();
+    handle.tabIndex = 0;
+    handle.hidden = true;
+    handle.addEventListener("mousedown", e => e.stopPropagation());
+    handle.addEventListener("pointerdown", e => { handle.setPointerCapture(e.pointerId); handle.focus(); e.preventDefault(); });
+    handle.addEventListener("pointermove", e => {
+      if (handle.hasPointerCapture(e.pointerId))
+        placeCursor(group, i, u.posToVal(e.clientX - u.over.getBoundingClientRect().left, "x"));
+    });
+    handle.addEventListener("keydown", e => {
+      const step = { ArrowLeft: -1, ArrowRight: 1 }[e.key] * (e.shiftKey ? 10 : 1);
+      if (!step) return;
+      e.preventDefault();
+      const x = chart.data[0], here = group.cursors[i];
+      let at = nearest(x, here);
+      // Several rows may share an x: go on until it changes.
+      for (let n = Math.abs(step); n > 0; n--) do at += Math.sign(step); while (x[at] === x[at - Math.sign(step)]);
+      placeCursor(group, i, x[Math.min(Math.max(at, 0), x.length - 1)]);
+    });
+    u.over.append(handle);
+    return handle;
+  });
+  let downAt = null;
+  u.over.addEventListener("mousedown", e => downAt = e.clientX);
+  u.over.addEventListener("click", e => {
+    if (!cursorsOn || group.cursors === null || Math.abs(e.clientX - downAt) > 3 || e.target !== u.over) return;
+    const at = u.posToVal(e.clientX - u.over.getBoundingClientRect().left, "x");
+    const [a, b] = group.cursors;
+    placeCursor(group, Math.abs(at - a) <= Math.abs(at - b) ? 0 : 1, at);
+  });
+}
+
+// ---- one plot
+
+const HEIGHT = { wide: 300, half: 250, third: 220 };
+
+function seriesOptions(s, chart) {
+  const { prefix: [prefix, factor], plot } = chart;
+  const stroke = () => colours[s.role], base = {
+    label: s.label, stroke, width: s.role === "reference" ? 1.6 : 1.3, points: { show: false }, spanGaps: false,
+    value: (u, v) => v === null || v === undefined ? "–" : text(v / factor) + (plot.y.unit ? ` ${prefix}${plot.y.unit}` : ""),
+  };
+  switch (s.mark) {
+    case "points": return { ...base, paths: () => null, points: { show: true, size: 3.5, width: 0, fill: () => colours[s.role] + "99" } };
+    case "bars": return { ...base, width: 1, fill: () => colours[s.role] + "b0", paths: uPlot.paths.bars({ size: [0.75, 40] }), fillTo: () => 0 };
+    // The legend shows half the band's width.
+    case "upper": case "lower": return {
+      ...base, width: 0.6, stroke: () => colours[s.role] + "70",
+      value: (u, v, i, at) => base.value(u, at === null || v === null || s.mark === "lower" ? null : (v - u.data[i + 1][at]) / 2),
+    };
+    default: return base;
+  }
+}
+
+function yRange(plot) {
+  return (u, low, high) => {
+    for (const { value } of plot.limits) { low = Math.min(low ?? value, value); high = Math.max(high ?? value, value); }
+    if (plot.series.some(s => s.mark === "bars")) { low = Math.min(low ?? 0, 0); high = Math.max(high ?? 0, 0); }
+    if (low === null || low === undefined) return plot.y.logarithmic ? [0.1, 10] : [0, 1];
+    if (plot.y.logarithmic) return uPlot.rangeLog(low, high, 10, false);
+    return uPlot.rangeNum(low, high, 0.08, true).map((v, i) => low >= 0 && i === 0 ? Math.max(v, 0) : v);
+  };
+}
+
+function drawLimits(u, plot) {
+  const { ctx, bbox } = u;
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+  ctx.clip();
+  const px = devicePixelRatio;
+  ctx.font = `${11 * px}px system-ui, sans-serif`;
+  ctx.textAlign = "right";
+  ctx.textBaseline = "middle";
+  for (const { value, label } of plot.limits) {
+    const y = Math.round(u.valToPos(value, "y", true)), right = bbox.left + bbox.width;
+    // A light edge keeps the line in sight on top of dense curves.
+    for (const [stroke, width, dash] of [[colours.card + "b0", 4, []], [colours.limit, 1.6, [7 * px, 4 * px]]]) {
+      ctx.strokeStyle = stroke;
+      ctx.lineWidth = width * px;
+      ctx.setLineDash(dash);
+      ctx.beginPath();
+      ctx.moveTo(bbox.left, y);
+      ctx.lineTo(right, y);
+      ctx.stroke();
+    }
+    const above = u.valToPos(value, "y", true) - bbox.top > 18 * px && value >= 0, at = y + (above ? -10 : 10) * px;
+    const width = ctx.measureText(label).width + 8 * px;
+    ctx.fillStyle = colours.card + "e0";
+    ctx.fillRect(right - width, at - 7 * px, width, 14 * px);
+    ctx.fillStyle = colours.limit;
+    ctx.fillText(label, right - 4 * px, at);
+  }
+  ctx.restore();
+}
+
+function drawPlot(figure) {
+  const index = Number(figure.dataset.plot), plot = page.plots[index];
+  figure.dataset.done = "";
+  let data = dataOf(plot);
+  if (plot.y.logarithmic) data = data.map((c, i) => i ? c.map(v => v > 0 ? v : null) : c);
+  const group = groupOf(plot, index);
+  const chart = { plot, data, group, figure, prefix: prefixOf(plot.y.unit, data.slice(1)), handles: [] };
+  const [prefix, factor] = chart.prefix;
+  if (!data[0].length) {
+    const p = document.createElement("p");
+    p.className = "problem";
+    p.textContent = "No data.";
+    figure.append(p);
+    return;
+  }
+  const pad = plot.series.some(s => s.mark === "bars") ? 0.75 * (data[0][1] - data[0][0] || 1) : 0;
+  group.full ??= [data[0][0] - pad, data[0].at(-1) + pad];
+  if (group.full[0] === group.full[1]) group.full = [group.full[0] - 0.5, group.full[0] + 0.5];
+  const axis = {
+    stroke: () => colours.soft, grid: { stroke: () => colours.grid, width: 1 }, ticks: { stroke: () => colours.line, width: 1, size: 5 },
+    font: "11px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif", labelSize: 20,
+  };
+  const start = group.range ??= group.full;
+  const bands = plot.series.flatMap((s, i) => s.mark === "upper" ? [{ series: [i + 1, i + 2], fill: () => colours[s.role] + "38" }] : []);
+  const options = {
+    width: Math.max(figure.clientWidth, 200), height: HEIGHT[plot.size],
+    scales: {
+      x: { time: false, min: start[0], max: start[1], range: (u, min, max) => [min ?? start[0], max ?? start[1]] },
+      y: { distr: plot.y.logarithmic ? 3 : 1, range: yRange(plot) },
+    },
+    axes: [
+      { ...axis, label: label(plot.x), size: 30 },
+      { ...axis, label: label({ quantity: plot.y.quantity, unit: plot.y.unit && prefix + plot.y.unit }), size: 58,
+        values: (u, ticks) => ticks.map(v => v === null ? "" : text(v / factor, 6)) },
+    ],
+    series: [
+      { label: plot.x.quantity, value: (u, v) => v === null ? "–" : text(v, 8) + (plot.x.unit ? " " + plot.x.unit : "") },
+      ...plot.series.map(s => seriesOptions(s, chart)),
+    ],
+    bands,
+    cursor: {
+      drag: { x: true, y: true, uni: 40, dist: 4 }, points: { size: 6 },
+      sync: { key: group.key, setSeries: false, scales: ["x", null] , filters: { pub: type => type === "mousemove" || type === "mouseleave" } },
+      bind: {
+        mousedown: (u, target, handler) => e => { if (panning(e)) startPan(chart, e); else if (e.button === 0) handler(e); },
+        dblclick: () => () => { u.setScale("y", { min: null, max: null }); show(group, ...group.full); },
+      },
+    },
+    hooks: {
+      draw: [u => { drawLimits(u, plot); if (chart.readout) drawCursors(chart); }],
+      setScale: [(u, key) => {
+        if (key !== "x" || !chart.u) return;
+        const { min, max } = u.scales.x;
+        // What the user did in one plot goes to all; what comes from `show` is there already.
+        if (min !== group.range[0] || max !== group.range[1]) show(group, min, max);
+      }],
+      setSeries: [(u, i, o) => {
+        // The lower edge goes where the upper one goes.
+        if (i !== null && o.show !== undefined && plot.series[i - 1]?.mark === "upper" && u.series[i + 1].show !== u.series[i].show)
+          u.setSeries(i + 1, { show: u.series[i].show });
+      }],
+      ready: [u => u.root.querySelectorAll(".u-series").forEach((row, i) => { if (plot.series[i - 1]?.mark === "lower") row.style.display = "none"; })],
+    },
+  };
+  const u = chart.u = new uPlot(options, data, figure);
+  chart.readout = document.createElement("table");
+  chart.readout.className = "readout";
+  chart.readout.hidden = true;
+  figure.append(chart.readout);
+  u.over.addEventListener("wheel", e => {
+    // Without a key the wheel scrolls the page.
+    if (!e.ctrlKey && !e.metaKey) return;
+    e.preventDefault();
+    const at = u.posToVal(e.clientX - u.over.getBoundingClientRect().left, "x"), { min, max } = u.scales.x, f = e.deltaY > 0 ? 1.25 : 0.8;
+    show(group, at - (at - min) * f, at + (max - at) * f);
+  }, { passive: false });
+  group.charts.push(chart);
+  charts.push(chart);
+  addHandles(chart);
+  if (cursorsOn && group.cursors === null) defaultCursors(group);
+  drawCursors(chart);
+  new ResizeObserver(() => {
+    const width = figure.clientWidth;
+    if (width > 0 && width !== u.width) u.setSize({ width, height: u.height });
+  }).observe(figure);
+}
+
+function drawSection(details) {
+  for (const figure of details.querySelectorAll(".plot:not([data-done])")) {
+    figure.classList.add(page.plots[figure.dataset.plot].size);
+    try { drawPlot(figure); } catch (e) { errors.push(`${figure.textContent}: ${e}`); figure.append(String(e)); }
+  }
+}
+
+// ---- toolbar
+
+function setTheme(theme) {
+  root.dataset.theme = theme;
+  for (const name of ["estimate", "reference", "measured", "predicted", "innovation", "other", "limit", "soft", "grid", "line", "card"]) colours[name] = css(name);
+  for (const { u } of charts) u.redraw(false, true);
+}
+function setCursors(on) {
+  cursorsOn = on;
+  document.querySelector("[data-action=cursors]").classList.toggle("on", on);
+  for (const group of groups.values()) {
+    if (on && group.charts.length && group.cursors === null) defaultCursors(group);
+    group.charts.forEach(drawCursors);
+  }
+}
+const actions = {
+  cursors: () => setCursors(!cursorsOn),
+  reset: () => { for (const c of charts) c.u.setScale("y", { min: null, max: null }); for (const g of groups.values()) if (g.charts.length) show(g, ...g.full); },
+  theme: () => setTheme(root.dataset.theme === "dark" ? "light" : "dark"),
+};
+for (const button of document.querySelectorAll("[data-action]")) button.addEventListener("click", actions[button.dataset.action]);
+for (const button of document.querySelectorAll("[data-drag]")) button.addEventListener("click", () => {
+  dragMode = button.dataset.drag;
+  root.classList.toggle("pan", dragMode === "pan");
+  for (const other of document.querySelectorAll("[data-drag]")) other.classList.toggle("on", other === button);
+});
+
+const options = new URLSearchParams(location.hash.slice(1));
+const dark = matchMedia("(prefers-color-scheme: dark)");
+setTheme(options.get("theme") ?? (dark.matches ? "dark" : "light"));
+dark.addEventListener("change", () => setTheme(dark.matches ? "dark" : "light"));
+for (const details of document.querySelectorAll("details")) {
+  details.addEventListener("toggle", () => { if (details.open) drawSection(details); });
+  if (options.has("all") || options.has("selftest")) details.open = true;
+  if (details.open) drawSection(details);
+}
+if (options.has("cursors")) setCursors(true);
+
+// ---- `#selftest`: open all, look at the pixels, use zoom and cursors, print what came of it
+
+function inked({ u }) {
+  const { left, top, width, height } = u.bbox;
+  const pixels = u.ctx.getImageData(left, top, width, height).data, seen = new Set();
+  for (let i = 0; i < pixels.length; i += 4) if (pixels[i + 3] > 200) seen.add((pixels[i] << 16) | (pixels[i + 1] << 8) | pixels[i + 2]);
+  // The grid alone has one colour and its blends; a curve adds that of its role.
+  return seen.size > 1;
+}
+// uPlot draws after the caller is done.
+const drawn = () => new Promise(done => setTimeout(done, 50));
+async function selftest() {
+  const result = { plots: page.plots.length, drawn: charts.length, blank: charts.filter(c => !inked(c)).map(c => c.plot.title) };
+  setCursors(true);
+  const time = charts.find(c => c.group.key === "time");
+  if (time) {
+    const [low, high] = time.group.full;
+    placeCursor(time.group, 0, low + 0.25 * (high - low));
+    placeCursor(time.group, 1, low + 0.75 * (high - low));
+    result.cursors = measure(time);
+    result.readout = time.readout.innerText;
+    await drawn();
+    // Where the lines stand, as parts of the plot's width; -1 where one is not to be seen.
+    const frame = time.u.over.getBoundingClientRect();
+    result.handles = time.handles.map(h => h.hidden ? -1 : (h.getBoundingClientRect().x + h.offsetWidth / 2 - frame.x) / frame.width);
+    // The mouse and the keys, as a user would: arrow on cursor A, drag from a quarter to the half,
+    // then with Shift back by a tenth of the width.
+    time.handles[0].dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight" }));
+    result.stepped = time.group.cursors[0];
+    const mouse = (type, part, shiftKey = false) => (type === "mouseup" ? document : time.u.over).dispatchEvent(new MouseEvent(type,
+      { bubbles: true, cancelable: true, button: 0, shiftKey, movementX: 9, clientX: frame.x + part * frame.width, clientY: frame.y + frame.height / 2 }));
+    const drag = async (from, to, shift) => {
+      mouse("mousemove", from, shift); await drawn(); mouse("mousedown", from, shift);
+      mouse("mousemove", to, shift); await drawn(); mouse("mouseup", to, shift); await drawn();
+    };
+    await drag(0.25, 0.5);
+    result.zoomed = [time.u.scales.x.min, time.u.scales.x.max];
+    await drag(0.5, 0.6, true);
+    result.linked = time.group.charts.map(c => [c.u.scales.x.min, c.u.scales.x.max]);
+    actions.reset();
+    await drawn();
+    result.reset = time.group.charts.map(c => [c.u.scales.x.min, c.u.scales.x.max]);
+  }
+  result.requests = performance.getEntriesByType("resource").map(e => e.name);
+  result.errors = errors;
+  return result;
+}
+if (options.has("selftest")) drawn().then(selftest).catch(e => ({ errors: [...errors, String(e)] })).then(result => {
+  const pre = document.createElement("pre");
+  pre.id = "selftest";
+  pre.textContent = JSON.stringify(result);
+  document.body.append(pre);
+});
+})();

@@ -1,0 +1,412 @@
+//! The report in a real browser: every plot draws, the cursors measure, nothing is fetched.
+
+use loadtwin::metrics::chi_squared_bounds;
+use loadtwin::metrics::{Autocorrelation, Histogram, LoadError, NisConsistency, Segment};
+use loadtwin::report::{
+    Axis, Data, KeyFigure, Limit, Mark, MinMaxDecimator, Plot, PlotSize, Report, Role,
+    ScatterSample, Section, Series, Table, autocorrelation_plot, normalised_histogram_plot,
+};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+const RATE_HZ: f64 = 500.0;
+const SAMPLES: u32 = 45_000;
+const GAUGES: usize = 5;
+const NOMINAL_NM: f64 = 450_000.0;
+
+/// Torque of a start-stop cycle [N m]: 20 s up, dwell to 60 s, down with a spike below zero at 71 s.
+fn torque(t: f64) -> f64 {
+    let level = (t / 20.0).min(1.0).min((80.0 - t) / 20.0).max(0.0);
+    let spike = -0.35 * (-((t - 71.0) / 0.4).powi(2)).exp();
+    NOMINAL_NM * (level + spike + 0.01 * (t * 9.0).sin() * level)
+}
+
+/// White noise, nearly normal.
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> f64 {
+        let sum: f64 = (0..12)
+            .map(|_| {
+                self.0 = self
+                    .0
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1);
+                (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+            })
+            .sum();
+        sum - 6.0
+    }
+}
+
+/// A report as a replay makes it: one load over 90 s, five gauges of which one drops out.
+#[allow(clippy::too_many_lines)] // A page has many parts.
+fn sample() -> Report {
+    let mut noise = Noise(7);
+    let mut time = MinMaxDecimator::new(5 + 3 * GAUGES, 4096);
+    let mut scatter = vec![ScatterSample::new(2000); GAUGES];
+    let mut acf = vec![Autocorrelation::default(); GAUGES];
+    let mut histograms = vec![Histogram::new(-5.0, 5.0, 50); GAUGES];
+    let mut nis = NisConsistency::default();
+    let segment = |name: &str, from_s, to_s| Segment {
+        name: name.into(),
+        from_s,
+        to_s,
+    };
+    let mut error = LoadError::new(vec![
+        segment("ramp up", 0.0, 20.0),
+        segment("dwell", 20.0, 60.0),
+        segment("ramp down", 60.0, f64::INFINITY),
+    ]);
+    let (mut lag, mut angle, mut wander) = (0.0, 0.0, 0.0);
+    for i in 0..SAMPLES {
+        let t = f64::from(i) / RATE_HZ;
+        let reference = torque(t);
+        lag += 0.02 * (reference - lag);
+        wander = 0.995 * wander + 600.0 * noise.next();
+        let estimate = lag * 1.02 + wander;
+        let sigma = 0.015 * NOMINAL_NM * (1.0 + 4.0 * (-t).exp());
+        angle = (angle + 360.0 / RATE_HZ * 0.3 * (reference / NOMINAL_NM).max(0.0)) % 360.0;
+        let mut row = vec![
+            estimate,
+            estimate + 2.0 * sigma,
+            estimate - 2.0 * sigma,
+            reference,
+        ];
+        let mut strains = Vec::new();
+        let mut sum = 0.0;
+        for g in 0..GAUGES {
+            let phase = (angle * 3.0 + 40.0 * g as f64).to_radians();
+            let map = 60.0 + 45.0 * phase.cos().powi(3);
+            let predicted = map * estimate / NOMINAL_NM;
+            let normalised = noise.next() + if g == 1 { 0.4 * phase.sin() } else { 0.0 };
+            let lost = g == 3 && (40.0..43.0).contains(&t);
+            let measured = if lost {
+                f64::NAN
+            } else {
+                predicted + 1.5 * normalised
+            };
+            strains.extend([measured, predicted, measured - predicted]);
+            scatter[g].push(&[angle, measured, predicted]);
+            acf[g].push(measured - predicted);
+            histograms[g].push(if lost { f64::NAN } else { normalised });
+            sum += if lost { 0.0 } else { normalised * normalised };
+        }
+        nis.push(sum, GAUGES);
+        error.push(t, estimate, reference);
+        row.push(sum);
+        row.extend(strains);
+        time.push(t, &row);
+    }
+    let percent = |value: Option<f64>| value.map_or("–".into(), |v| format!("{v:.2}"));
+    let mut cells = vec![
+        "Main shaft".into(),
+        percent(error.full().nmae_percent(NOMINAL_NM)),
+    ];
+    cells.extend(
+        error
+            .segments()
+            .map(|(_, e)| percent(e.nmae_percent(NOMINAL_NM))),
+    );
+    cells.push(format!("{:.1}", error.full().rmse().unwrap() / 1e3));
+    let gauge = |g: usize| format!("Torque arm {}", g + 1);
+    let line = |label: &str, role, column| (Series::line(label, role), column);
+    let edge = |label: &str, mark, column| (Series::new(label, Role::Estimate, mark), column);
+    let column = |g: usize, which: usize| 5 + 3 * g + which;
+    let per_gauge = |plot: &dyn Fn(usize) -> Plot| (0..GAUGES).map(plot).collect::<Vec<_>>();
+    let [low, high] = chi_squared_bounds(0.95, GAUGES as f64);
+    Report {
+        title: "Gearbox on the test bench <850 kW>".into(),
+        facts: [
+            ("Machine", "gearbox.toml"),
+            ("Recording", "start-stop-seed-1.csv"),
+            ("Filter", "AEKF, 6 states, 5 gauges, 1 encoder"),
+            ("Rate", "500 Hz"),
+        ]
+        .map(|(a, b)| [a.into(), b.into()])
+        .to_vec(),
+        key_figures: vec![
+            KeyFigure {
+                label: "NMAE, main shaft".into(),
+                value: format!("{} %", cells[1]),
+                note: "of 450 kN m nominal".into(),
+            },
+            KeyFigure {
+                label: "Mean NIS".into(),
+                value: percent(nis.mean()),
+                note: format!("{GAUGES} expected"),
+            },
+            KeyFigure {
+                label: "Samples".into(),
+                value: "45 000".into(),
+                note: "90 s at 500 Hz".into(),
+            },
+        ],
+        tables: vec![Table {
+            caption: "Error against the reference".into(),
+            head: [
+                "Load",
+                "Full [%]",
+                "Ramp up [%]",
+                "Dwell [%]",
+                "Ramp down [%]",
+                "RMSE [kN m]",
+            ]
+            .map(Into::into)
+            .to_vec(),
+            rows: vec![cells],
+        }],
+        time: Some(time),
+        sections: vec![
+            Section {
+                title: "Load".into(),
+                open: true,
+                plots: vec![Plot {
+                    title: "Torque on the main shaft".into(),
+                    y: Axis::new("Torque", "N m"),
+                    data: Data::Time(vec![
+                        line("estimate", Role::Estimate, 0),
+                        edge("± 2 σ", Mark::Upper, 1),
+                        edge("lower edge", Mark::Lower, 2),
+                        line("reference", Role::Reference, 3),
+                    ]),
+                    ..Plot::default()
+                }],
+                ..Section::default()
+            },
+            Section {
+                title: "Consistency".into(),
+                note: "NIS of a consistent filter stays within the bounds 95 % of the time.".into(),
+                open: true,
+                plots: vec![Plot {
+                    title: "Normalised innovation squared".into(),
+                    y: Axis {
+                        logarithmic: true,
+                        ..Axis::new("NIS", "")
+                    },
+                    data: Data::Time(vec![line("NIS", Role::Innovation, 4)]),
+                    limits: vec![
+                        Limit {
+                            label: "2.5 %".into(),
+                            value: low,
+                        },
+                        Limit {
+                            label: "97.5 %".into(),
+                            value: high,
+                        },
+                    ],
+                    ..Plot::default()
+                }],
+            },
+            Section {
+                title: "Strain".into(),
+                plots: (0..GAUGES)
+                    .flat_map(|g| {
+                        let columns = scatter[g].columns();
+                        let point = |label: &str, role, i: usize| {
+                            (Series::new(label, role, Mark::Points), columns[i].clone())
+                        };
+                        [
+                            Plot {
+                                title: gauge(g),
+                                size: PlotSize::Half,
+                                y: Axis::new("Strain", "µm/m"),
+                                data: Data::Time(vec![
+                                    line("measured", Role::Measured, column(g, 0)),
+                                    line("predicted", Role::Predicted, column(g, 1)),
+                                ]),
+                                ..Plot::default()
+                            },
+                            Plot {
+                                title: format!("{} over the carrier angle", gauge(g)),
+                                size: PlotSize::Half,
+                                x: Axis::new("Carrier angle", "°"),
+                                y: Axis::new("Strain", "µm/m"),
+                                data: Data::Own {
+                                    x: columns[0].clone(),
+                                    series: vec![
+                                        point("measured", Role::Measured, 1),
+                                        point("predicted", Role::Predicted, 2),
+                                    ],
+                                },
+                                ..Plot::default()
+                            },
+                        ]
+                    })
+                    .collect(),
+                ..Section::default()
+            },
+            Section {
+                title: "Innovations".into(),
+                plots: [
+                    per_gauge(&|g| Plot {
+                        title: gauge(g),
+                        size: PlotSize::Third,
+                        y: Axis::new("Innovation", "µm/m"),
+                        data: Data::Time(vec![line("innovation", Role::Innovation, column(g, 2))]),
+                        ..Plot::default()
+                    }),
+                    per_gauge(&|g| {
+                        autocorrelation_plot(&format!("{}, autocorrelation", gauge(g)), &acf[g])
+                    }),
+                    per_gauge(&|g| {
+                        normalised_histogram_plot(
+                            &format!("{}, distribution", gauge(g)),
+                            &histograms[g],
+                        )
+                    }),
+                ]
+                .concat(),
+                ..Section::default()
+            },
+        ],
+    }
+}
+
+fn chromium() -> &'static str {
+    ["chromium", "chromium-browser", "google-chrome"]
+        .into_iter()
+        .find(|name| Command::new(name).arg("--version").output().is_ok())
+        .expect("chromium not found: `apt-get install chromium` (the report is tested in a real browser)")
+}
+
+/// The page as the browser leaves it.
+fn dom(page: &Path, fragment: &str) -> String {
+    let profile = tempfile::tempdir().unwrap();
+    let output = Command::new(chromium())
+        .args([
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-quic",
+            "--no-first-run",
+        ])
+        .args([
+            "--disable-background-networking",
+            "--disable-component-update",
+            "--disable-sync",
+        ])
+        .args([
+            "--window-size=1500,1000",
+            "--virtual-time-budget=20000",
+            "--dump-dom",
+        ])
+        .arg(format!("--user-data-dir={}", profile.path().display()))
+        .arg(format!("file://{}#{fragment}", page.display()))
+        .output()
+        .unwrap();
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn write_sample(name: &str) -> PathBuf {
+    // Stays after the test, to be looked at.
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    sample().write(&path).unwrap();
+    path
+}
+
+fn selftest(dom: &str) -> serde_json::Value {
+    let start = dom
+        .find("<pre id=\"selftest\">")
+        .expect("the page wrote no result");
+    let text = &dom[start + 19..];
+    let text = &text[..text.find("</pre>").unwrap()];
+    let text = text
+        .replace("&lt;", "<")
+        .replace("&gt;", ">")
+        .replace("&amp;", "&");
+    serde_json::from_str(&text).unwrap()
+}
+
+#[test]
+fn every_plot_draws_and_the_cursors_measure() {
+    let path = write_sample("report.html");
+    let size = std::fs::metadata(&path).unwrap().len();
+    assert!(size < 3_000_000, "{size} bytes");
+
+    let page = std::fs::read_to_string(&path).unwrap();
+    for outside in [
+        "src=",
+        "href=",
+        "url(",
+        "@import",
+        "fetch(",
+        "XMLHttpRequest",
+    ] {
+        assert!(!page.contains(outside), "the page contains {outside}");
+    }
+
+    let result = selftest(&dom(&path, "selftest"));
+    assert_eq!(result["errors"], serde_json::json!([]));
+    assert_eq!(result["requests"], serde_json::json!([]));
+    assert_eq!(result["plots"], 2 + 5 * GAUGES);
+    assert_eq!(result["drawn"], result["plots"]);
+    assert_eq!(result["blank"], serde_json::json!([]));
+
+    // Cursors at a quarter and three quarters of 89.998 s, on the load plot.
+    let cursors = &result["cursors"];
+    let number = |value: &serde_json::Value| value.as_f64().unwrap();
+    let (t1, t2) = (number(&cursors["x1"]), number(&cursors["x2"]));
+    assert!(
+        (t1 - 22.5).abs() < 0.1 && (t2 - 67.5).abs() < 0.1,
+        "{cursors}"
+    );
+    assert!((number(&cursors["dx"]) - (t2 - t1)).abs() < 1e-9);
+    let reference = &cursors["series"][3];
+    assert_eq!(reference["label"], "reference");
+    for (key, t) in [("y1", t1), ("y2", t2)] {
+        // A bucket is 22 ms; the torque moves by less than 1 % of nominal in that time.
+        assert!(
+            (number(&reference[key]) - torque(t)).abs() < 0.01 * NOMINAL_NM,
+            "{reference}"
+        );
+    }
+    let dy = number(&reference["y2"]) - number(&reference["y1"]);
+    assert!((number(&reference["dy"]) - dy).abs() < 1e-6 && dy < -100_000.0);
+    let readout = result["readout"].as_str().unwrap();
+    assert!(
+        readout.contains("Δt 44.99") && readout.contains("reference [kN m]"),
+        "{readout}"
+    );
+
+    let handles: Vec<f64> = serde_json::from_value(result["handles"].clone()).unwrap();
+    for (found, expected) in handles.iter().zip([0.25, 0.75]) {
+        assert!((found - expected).abs() < 0.005, "{handles:?}");
+    }
+
+    // An arrow key steps to the next row: half a bucket.
+    let step = number(&result["stepped"]) - t1;
+    assert!(step > 0.0 && step < 0.05, "{step}");
+
+    // A drag on one plot zooms all plots over time, one with Shift moves them, and all come back.
+    let zoomed: [f64; 2] = serde_json::from_value(result["zoomed"].clone()).unwrap();
+    assert!(
+        (zoomed[0] - 22.5).abs() < 0.2 && (zoomed[1] - 45.0).abs() < 0.2,
+        "{zoomed:?}"
+    );
+    let ranges = |key: &str| serde_json::from_value::<Vec<[f64; 2]>>(result[key].clone()).unwrap();
+    assert_eq!(ranges("linked").len(), 2 + 2 * GAUGES);
+    let moved = 0.1 * (zoomed[1] - zoomed[0]);
+    for ([low, high], [all_low, all_high]) in ranges("linked").into_iter().zip(ranges("reset")) {
+        assert!((low + moved - zoomed[0]).abs() < 0.05 && (high + moved - zoomed[1]).abs() < 0.05);
+        assert!(
+            all_low == 0.0 && (all_high - 89.998).abs() < 1e-9,
+            "{all_low} {all_high}"
+        );
+    }
+}
+
+/// The test above can fail: a page whose data is broken says so.
+#[test]
+fn a_broken_page_is_noticed() {
+    let path = write_sample("broken.html");
+    let page = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(
+        &path,
+        page.replacen("\"columns\":[\"", "\"columns\":[\"!", 1),
+    )
+    .unwrap();
+    let result = selftest(&dom(&path, "selftest"));
+    assert_ne!(result["errors"], serde_json::json!([]));
+    assert_ne!(result["drawn"], result["plots"]);
+}
