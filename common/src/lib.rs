@@ -11,12 +11,15 @@ pub mod gaussian;
 pub mod gearbox;
 pub mod image;
 pub mod innovation;
+pub mod isotp;
 pub mod kalman;
 pub mod line;
 pub mod measurement;
 pub mod phase;
 pub mod raw;
+pub mod sealed;
 pub mod table;
 pub mod transition;
+pub mod uds;
 
 pub use error::Error;

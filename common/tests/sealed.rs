@@ -1,0 +1,193 @@
+//! The sealed image: one valid image in, everything near it out.
+
+use ed25519_compact::{KeyPair, Seed};
+use loadtwin_common::sealed::{
+    CRC, Header, KEY_PAGE_LEN, OVERHEAD, PublicKey, Refusal, SIGNED_LEN, open, open_signed,
+};
+use proptest::prelude::*;
+
+/// Made by `reference/sealed.py`, Python 3.11.7 with cryptography 48.0.0.
+const REFERENCE: &[u8] = include_bytes!("reference/sealed.bin");
+const KEY_PAGE: &[u8] = include_bytes!("reference/key_page.bin");
+
+fn pair(seed: u8) -> KeyPair {
+    KeyPair::from_seed(Seed::new([seed; 32]))
+}
+
+fn public(pair: &KeyPair) -> PublicKey {
+    PublicKey::from_bytes(*pair.pk).unwrap()
+}
+
+fn image(header: &Header, payload: &[u8]) -> Vec<u8> {
+    let mut bytes = [&header.to_bytes()[..], payload].concat();
+    bytes.extend(CRC.checksum(&bytes).to_le_bytes());
+    bytes
+}
+
+fn signed(payload: &[u8], issue: u32, replaces: u32, pair: &KeyPair) -> Vec<u8> {
+    let mut header = Header::for_payload(payload, issue, replaces).unwrap();
+    header.signature = *pair.sk.sign(header.signed_bytes(), None);
+    image(&header, payload)
+}
+
+/// Puts the CRC right again, as a forger would.
+fn repair(bytes: &mut [u8]) {
+    let (body, crc) = bytes.split_last_chunk_mut::<4>().unwrap();
+    *crc = CRC.checksum(body).to_le_bytes();
+}
+
+#[test]
+fn the_image_of_another_implementation_opens() {
+    let key = PublicKey::from_page(KEY_PAGE).unwrap();
+    let (header, payload) = open_signed(REFERENCE, Some(&key)).unwrap();
+    let expected: Vec<u8> = (0..300).map(|i| ((7 * i + i / 9) % 256) as u8).collect();
+    assert_eq!((header.issue, header.replaces), (42, 43));
+    assert_eq!(payload, expected);
+    assert_eq!(key.to_page(), KEY_PAGE);
+    assert_eq!(image(&header, payload), REFERENCE);
+}
+
+#[test]
+fn every_bit_flip_and_every_truncation_is_refused() {
+    let key = public(&pair(1));
+    let bytes = signed(&[0x5A; 333], 7, 0, &pair(1));
+    assert!(open_signed(&bytes, Some(&key)).is_ok());
+    let mut accepted = 0;
+    for bit in 0..bytes.len() * 8 {
+        let mut bent = bytes.clone();
+        bent[bit / 8] ^= 1 << (bit % 8);
+        accepted += usize::from(open(&bent).is_ok());
+        if bit / 8 < bytes.len() - 4 {
+            repair(&mut bent);
+            accepted += usize::from(open_signed(&bent, Some(&key)).is_ok());
+        }
+    }
+    for length in 0..bytes.len() {
+        accepted += usize::from(open(&bytes[..length]).is_ok());
+    }
+    accepted += usize::from(open(&[&bytes[..], &[0]].concat()).is_ok());
+    assert_eq!(accepted, 0);
+}
+
+#[test]
+fn each_reason_is_told() {
+    let good = signed(b"model", 7, 0, &pair(1));
+    let key = public(&pair(1));
+    let refusal = |bytes: &[u8]| open_signed(bytes, Some(&key)).unwrap_err();
+    let bent = |at: usize| {
+        let mut b = good.clone();
+        b[at] ^= 1;
+        repair(&mut b);
+        b
+    };
+    assert_eq!(refusal(&bent(0)), Refusal::BadMagic);
+    assert_eq!(refusal(&bent(4)), Refusal::BadVersion);
+    assert_eq!(refusal(&bent(16)), Refusal::BadLength);
+    assert_eq!(refusal(&good[..good.len() - 1]), Refusal::BadLength);
+    assert_eq!(refusal(&[]), Refusal::BadLength);
+    assert_eq!(refusal(&bent(8)), Refusal::BadSignature, "another issue");
+    assert_eq!(
+        refusal(&bent(12)),
+        Refusal::BadSignature,
+        "another permission"
+    );
+    assert_eq!(refusal(&bent(SIGNED_LEN)), Refusal::BadSignature);
+    assert_eq!(refusal(&bent(OVERHEAD - 4)), Refusal::BadDigest);
+    let mut crc = good.clone();
+    *crc.last_mut().unwrap() ^= 1;
+    assert_eq!(refusal(&crc), Refusal::BadCrc);
+    assert_eq!(open_signed(&good, None), Err(Refusal::NoKey));
+    assert_eq!(
+        open_signed(&good, Some(&public(&pair(2)))),
+        Err(Refusal::BadSignature)
+    );
+    let unsigned = image(&Header::for_payload(b"model", 7, 0).unwrap(), b"model");
+    assert!(open(&unsigned).is_ok());
+    assert_eq!(refusal(&unsigned), Refusal::Unsigned);
+    assert!(Header::for_payload(&[], 1, 0).is_none());
+}
+
+#[test]
+fn only_the_signer_lets_an_image_go_back() {
+    let header = |issue, replaces| Header::for_payload(b"m", issue, replaces).unwrap();
+    let running = header(7, 0);
+    for (issue, replaces, allowed) in [
+        (8, 0, true),
+        (7, 0, false),
+        (6, 0, false),
+        (6, 7, true),
+        (6, 8, false),
+        (7, 7, false),
+    ] {
+        let verdict = header(issue, replaces).may_replace(Some(&running));
+        assert_eq!(
+            verdict.is_ok(),
+            allowed,
+            "issue {issue}, replaces {replaces}"
+        );
+        assert!(header(issue, replaces).may_replace(None).is_ok());
+    }
+    // 0 permits nothing, not even over issue 0.
+    assert_eq!(
+        header(0, 0).may_replace(Some(&header(0, 0))),
+        Err(Refusal::Downgrade)
+    );
+}
+
+#[test]
+fn a_key_page_is_whole_or_nothing() {
+    let page = public(&pair(1)).to_page();
+    assert_eq!(PublicKey::from_page(&page), Some(public(&pair(1))));
+    for bit in 0..KEY_PAGE_LEN * 8 {
+        let mut bent = page;
+        bent[bit / 8] ^= 1 << (bit % 8);
+        assert_eq!(PublicKey::from_page(&bent), None);
+    }
+    assert_eq!(PublicKey::from_page(&[0xFF; KEY_PAGE_LEN]), None);
+    // Points of small order verify signatures that nobody made.
+    let mut one = [0; 32];
+    one[0] = 1;
+    assert_eq!(PublicKey::from_bytes(one), None);
+    assert_eq!(PublicKey::from_bytes([0; 32]), None);
+}
+
+#[test]
+fn codes_and_reasons_are_one_to_one() {
+    for (i, refusal) in Refusal::ALL.into_iter().enumerate() {
+        assert_eq!(usize::from(refusal.code()), 0xF0 + i);
+        assert_eq!(Refusal::from_code(refusal.code()), Some(refusal));
+    }
+    for code in (0..0xF0).chain(0xFD..=0xFF) {
+        assert_eq!(Refusal::from_code(code), None);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400_000, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_bytes_make_the_parser_panic_or_accept(
+        bytes in prop::collection::vec(any::<u8>(), 0..160),
+        seal in 0..3u8,
+        at in 0..200usize,
+    ) {
+        // A third as they come, a third behind a right start, a third in place
+        // of a piece of a valid image, with the CRC put right.
+        let bytes = match seal {
+            0 => bytes,
+            1 => [b"LTMI\x01\0\0\0", &bytes[..]].concat(),
+            _ => {
+                let mut b = REFERENCE.to_vec();
+                let end = b.len().min(at + bytes.len());
+                b.splice(at.min(end)..end, bytes);
+                repair(&mut b);
+                b
+            }
+        };
+        let key = PublicKey::from_page(KEY_PAGE).unwrap();
+        if let Ok((header, _)) = open_signed(&bytes, Some(&key)) {
+            prop_assert_eq!(&bytes, REFERENCE, "accepted: {:?}", header);
+        }
+        let _ = PublicKey::from_page(&bytes);
+    }
+}
