@@ -1,0 +1,330 @@
+//! The store on a flash that loses power: the old or the new image, always.
+
+mod signer;
+
+use std::thread;
+
+use embedded_storage::nor_flash::ReadNorFlash;
+use loadtwin_common::Error;
+use loadtwin_common::sealed::{HEADER_LEN, OVERHEAD, Refusal};
+use loadtwin_firmware::simulated_flash::{Moment, SimulatedFlash};
+use loadtwin_firmware::store::{Layout, Slot, Store};
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use signer::{board_key, pair, signed};
+
+const PAGE: usize = 256;
+const LAYOUT: Layout = Layout {
+    start: PAGE as u32,
+    slot_bytes: 3 * PAGE as u32,
+};
+type Flash = SimulatedFlash<PAGE, { 8 * PAGE / 8 }>;
+
+const MOMENTS: [Moment; 3] = [Moment::Before, Moment::Inside, Moment::After];
+
+fn boot(flash: Flash) -> Store<Flash> {
+    Store::boot(flash, LAYOUT, Some(board_key()), |_, _, _| true).unwrap()
+}
+
+fn upload(store: &mut Store<Flash>, image: &[u8]) -> Result<(), Refusal> {
+    for (i, piece) in image.chunks(PAGE).enumerate() {
+        if i == 0 {
+            store.begin(piece, image.len() as u32)?;
+        }
+        store.write(piece)?;
+    }
+    store.finish(|_, _, _| true).map(|_| ())
+}
+
+/// An image of a page and a bit.
+fn image(issue: u32) -> Vec<u8> {
+    signed(&[issue as u8; PAGE - OVERHEAD + 40], issue, 0, &pair(1))
+}
+
+fn running(store: &Store<Flash>) -> Option<u32> {
+    store.active().map(|a| a.header.issue)
+}
+
+/// A flash with issues 1 and 2 in its slots; 2 runs.
+fn in_service() -> Flash {
+    let mut store = boot(Flash::new(7));
+    assert_eq!(running(&store), None);
+    upload(&mut store, &image(1)).unwrap();
+    let mut store = boot(store.release());
+    assert_eq!(running(&store), Some(1));
+    upload(&mut store, &image(2)).unwrap();
+    let store = boot(store.release());
+    assert_eq!(
+        (running(&store), store.active().unwrap().slot),
+        (Some(2), Slot::B)
+    );
+    store.release()
+}
+
+/// Operations of an undisturbed upload.
+fn operations(flash: &Flash) -> u32 {
+    let before = flash.operations();
+    let mut store = boot(flash.clone());
+    upload(&mut store, &image(3)).unwrap();
+    store.flash().operations() - before
+}
+
+/// A board in service and what may run on it.
+struct Board {
+    flash: Flash,
+    /// Runs for sure until an upload of another one comes to its last step.
+    allowed: Vec<u32>,
+}
+
+impl Board {
+    /// Starts it: one of the allowed images runs.
+    fn start(&mut self) -> Store<Flash> {
+        let store = boot(self.flash.clone());
+        let issue = running(&store);
+        assert!(
+            issue.is_some_and(|i| self.allowed.contains(&i)),
+            "{issue:?} runs of {:?}",
+            self.allowed
+        );
+        store
+    }
+
+    /// Starts it, loses the power on the way of an upload, and gets it back.
+    fn cut_upload(&mut self, issue: u32, image: &[u8], operation: u32, moment: Moment) {
+        self.flash.cut_at(operation, moment);
+        let mut store = self.start();
+        match upload(&mut store, image) {
+            // An upload that was answered with yes is in force, whatever the
+            // cut did to what came after.
+            Ok(()) => self.allowed = vec![issue],
+            Err(_) => self.allowed.push(issue),
+        }
+        self.flash = store.release();
+        self.flash.power_on();
+    }
+
+    /// Starts it; an upload without a cut is in force at the next start.
+    fn recover(&mut self, issue: u32, image: &[u8]) {
+        let mut store = self.start();
+        upload(&mut store, image).unwrap();
+        self.flash = store.release();
+        self.allowed = vec![issue];
+        self.start();
+    }
+}
+
+/// Runs `part` on two threads and adds up.
+fn on_two_threads(part: impl Fn(u32) -> u32 + Sync) -> u32 {
+    thread::scope(|scope| {
+        let other = scope.spawn(|| part(1));
+        part(0) + other.join().unwrap()
+    })
+}
+
+/// Every operation and moment, and a second cut at every operation and moment
+/// of the attempt after it.
+#[test]
+fn two_cuts_anywhere_leave_the_old_or_the_new_image() {
+    let service = in_service();
+    let count = operations(&service);
+    let images = [3, 4, 5].map(image);
+    let cuts = on_two_threads(|half| {
+        let mut cuts = 0;
+        for first in (half..count).step_by(2) {
+            for (moment, second) in MOMENTS
+                .iter()
+                .flat_map(|m| (0..count + 2).map(move |s| (*m, s)))
+            {
+                for second_moment in MOMENTS {
+                    let mut flash = service.clone();
+                    flash.reseed(
+                        u64::from(first * 1009 + second * 31 + 5)
+                            .wrapping_mul(0x9E37_79B9_7F4A_7C15),
+                    );
+                    let mut board = Board {
+                        flash,
+                        allowed: vec![2],
+                    };
+                    board.cut_upload(3, &images[0], first, moment);
+                    board.cut_upload(4, &images[1], second, second_moment);
+                    if second_moment == Moment::Inside {
+                        board.recover(5, &images[2]);
+                    } else {
+                        board.start();
+                    }
+                    cuts += 2;
+                }
+            }
+        }
+        cuts
+    });
+    println!("{count} operations an upload, {cuts} cuts in pairs");
+    assert!(cuts >= 30_000);
+}
+
+/// Up to eight cuts in a row, most where records are written or erased.
+#[test]
+fn cut_after_cut_leaves_an_image_that_runs() {
+    let service = in_service();
+    let count = operations(&service);
+    let images: Vec<_> = (3..12).map(image).collect();
+    let cuts = on_two_threads(|half| {
+        let mut random = ChaCha8Rng::seed_from_u64(u64::from(half));
+        let mut cuts = 0;
+        while cuts < 36_000 {
+            let mut flash = service.clone();
+            flash.reseed(random.random());
+            let mut board = Board {
+                flash,
+                allowed: vec![2],
+            };
+            for (issue, image) in (3..).zip(&images[..8]) {
+                let operation = match random.random_range(0..4) {
+                    0 => random.random_range(0..count),
+                    1 => random.random_range(0..6),
+                    _ => random.random_range(count - 3..count + 2),
+                };
+                let moment = MOMENTS[[1, 1, 1, 0, 2][random.random_range(0..5)]];
+                board.cut_upload(issue, image, operation, moment);
+                cuts += 1;
+            }
+            board.recover(11, &images[8]);
+        }
+        cuts
+    });
+    println!("{cuts} cuts in rows of eight");
+    assert!(cuts >= 72_000);
+}
+
+/// The first image of a new board: nothing or the image.
+#[test]
+fn the_first_image_comes_whole_or_not_at_all() {
+    let first = image(1);
+    let count = operations(&Flash::new(3));
+    for operation in 0..count {
+        for moment in MOMENTS {
+            let mut flash = Flash::new(u64::from(operation) + 99);
+            flash.cut_at(operation, moment);
+            let mut store = boot(flash);
+            let reported = upload(&mut store, &first).is_ok();
+            let mut flash = store.release();
+            flash.power_on();
+            let mut store = boot(flash);
+            assert!(running(&store).is_some() || !reported);
+            if running(&store).is_none() {
+                upload(&mut store, &first).unwrap();
+                store = boot(store.release());
+            }
+            assert_eq!(running(&store), Some(1));
+        }
+    }
+}
+
+#[test]
+fn uploads_go_on_for_as_long_as_the_flash_lasts() {
+    let mut flash = Flash::new(5);
+    for issue in 1..200 {
+        let mut store = boot(flash);
+        upload(&mut store, &image(issue)).unwrap();
+        flash = store.release();
+        assert_eq!(running(&boot(flash.clone())), Some(issue));
+    }
+}
+
+#[test]
+fn nothing_is_written_for_an_image_that_is_refused() {
+    let good = image(3);
+    let forged = signed(b"model", 3, 0, &pair(2));
+    let old = signed(b"model", 1, 0, &pair(1));
+    let same = signed(b"model", 2, 0, &pair(1));
+    let long = signed(&[0; 2 * PAGE], 3, 0, &pair(1));
+    let mut store = boot(in_service());
+    let before = store.flash().operations();
+    let mut begin =
+        |image: &[u8], length: usize| store.begin(&image[..image.len().min(PAGE)], length as u32);
+    assert_eq!(begin(&forged, forged.len()), Err(Refusal::BadSignature));
+    assert_eq!(begin(&old, old.len()), Err(Refusal::Downgrade));
+    assert_eq!(begin(&same, same.len()), Err(Refusal::Downgrade));
+    assert_eq!(begin(&long, long.len()), Err(Refusal::TooLong));
+    assert_eq!(begin(&good, good.len() + 1), Err(Refusal::BadLength));
+    assert_eq!(
+        begin(&good[..HEADER_LEN - 1], good.len()),
+        Err(Refusal::BadLength)
+    );
+    assert_eq!(store.flash().operations(), before);
+    assert_eq!(running(&boot(store.release())), Some(2));
+}
+
+#[test]
+fn a_whole_image_that_is_refused_leaves_the_old_one() {
+    for (change, reason) in [(PAGE + 3, Refusal::BadCrc), (usize::MAX, Refusal::BadModel)] {
+        let mut bytes = image(3);
+        if let Some(byte) = bytes.get_mut(change) {
+            *byte ^= 1;
+        }
+        let mut store = boot(in_service());
+        store.begin(&bytes[..PAGE], bytes.len() as u32).unwrap();
+        store.write(&bytes[..PAGE]).unwrap();
+        store.write(&bytes[PAGE..]).unwrap();
+        assert_eq!(
+            store.finish(|_, _, _| reason != Refusal::BadModel),
+            Err(reason)
+        );
+        assert_eq!(running(&store), Some(2));
+        assert_eq!(running(&boot(store.release())), Some(2));
+    }
+}
+
+#[test]
+fn the_signer_lets_an_older_image_run_once() {
+    let back = signed(b"older", 1, 2, &pair(1));
+    let mut store = boot(in_service());
+    upload(&mut store, &back).unwrap();
+    assert_eq!(upload(&mut store, &image(3)), Err(Refusal::RestartPending));
+    let mut store = boot(store.release());
+    assert_eq!(running(&store), Some(1));
+    assert_eq!(
+        upload(&mut store, &back),
+        Err(Refusal::Downgrade),
+        "replayed"
+    );
+    upload(&mut store, &image(3)).unwrap();
+    assert_eq!(running(&boot(store.release())), Some(3));
+}
+
+#[test]
+fn a_model_that_the_firmware_refuses_is_passed_over_for_the_older_one() {
+    let flash = in_service();
+    let mut tried = Vec::new();
+    let store = Store::boot(
+        flash.clone(),
+        LAYOUT,
+        Some(board_key()),
+        |flash, at, length| {
+            let mut payload = vec![0; length as usize];
+            flash.read(at, &mut payload).unwrap();
+            tried.push(payload[0]);
+            payload[0] != 2
+        },
+    );
+    assert_eq!(running(&store.unwrap()), Some(1));
+    assert_eq!(tried, [2, 1]);
+    let keyless = Store::boot(flash, LAYOUT, None, |_, _, _| true).unwrap();
+    assert_eq!(running(&keyless), None);
+}
+
+#[test]
+fn a_layout_that_does_not_fit_is_refused() {
+    for (start, slot_bytes, name) in [
+        (1, 3 * PAGE as u32, "start"),
+        (0, PAGE as u32, "slot_bytes"),
+        (0, 2 * PAGE as u32 + 8, "slot_bytes"),
+        (0, 5 * PAGE as u32, "slot_bytes"),
+        (0, u32::MAX - 255, "slot_bytes"),
+    ] {
+        let layout = Layout { start, slot_bytes };
+        let store = Store::boot(Flash::new(1), layout, None, |_, _, _| true);
+        assert_eq!(store.err(), Some(Error::OutOfRange(name)), "{layout:?}");
+    }
+}
