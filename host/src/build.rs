@@ -9,6 +9,8 @@ use crate::machine::{Channel, Encoder, Machine, MachineError, SensorSet};
 /// order of the raw words and counters.
 #[derive(Clone, Debug)]
 pub struct Sensors {
+    /// Name of the set.
+    pub name: String,
     /// Analogue channels.
     pub channels: Vec<Channel>,
     /// Counting encoders.
@@ -83,6 +85,7 @@ impl Sensors {
         };
         let sensors = set.map_or_else(
             || Self {
+                name: "all".into(),
                 channels: machine.channels.clone(),
                 encoders: machine.encoders.clone(),
             },
@@ -112,6 +115,7 @@ impl Sensors {
         let channel = |name: &String| machine.channels.iter().find(|c| c.name == *name).cloned();
         let encoder = |name: &String| machine.encoders.iter().find(|e| e.name == *name).cloned();
         Self {
+            name: set.name.clone(),
             channels: set.channels.iter().filter_map(channel).collect(),
             encoders: match &set.encoders {
                 Some(names) => names.iter().filter_map(encoder).collect(),

@@ -3,6 +3,7 @@
 
 pub mod atomic_file;
 pub mod build;
+pub mod cli;
 pub mod exponential;
 pub mod gearbox;
 pub mod machine;

@@ -1,5 +1,6 @@
 //! `loadtwin replay`: the estimator on a recording.
 
+mod estimates;
 mod figures;
 mod samples;
 
@@ -10,6 +11,7 @@ use loadtwin_common::image::Image;
 use loadtwin_common::line::Line;
 use thiserror::Error;
 
+pub use estimates::EstimateWriter;
 pub use figures::{Figures, LoadFigures};
 pub use samples::{Sample, Samples};
 

@@ -1,0 +1,62 @@
+//! What `loadtwin` does without a command: the recording that comes with it.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use serde_json::json;
+
+use super::replay;
+use crate::machine::Machine;
+
+/// The example's recordings: with the effects that the model lacks, and without.
+const RECORDINGS: [(&str, &str); 2] = [
+    (
+        "start-stop.parquet",
+        "start-stop cycle, with the effects that the model lacks",
+    ),
+    ("start-stop-clean.parquet", "the same without those effects"),
+];
+
+/// Replays the shipped recordings with every set of sensors.
+///
+/// # Errors
+/// When the example is not there or cannot be replayed.
+pub fn run(as_json: bool) -> anyhow::Result<()> {
+    let folder = example()?;
+    let machine = Machine::load(&folder.join("machine.toml"))?;
+    let mut recordings = Vec::new();
+    for (file, title) in RECORDINGS {
+        let recording = folder.join(file);
+        let outcomes = replay::every_set(&machine, &recording)?;
+        if as_json {
+            let sets: Vec<_> = outcomes
+                .iter()
+                .map(|o| replay::report(&machine, &recording, o))
+                .collect();
+            recordings.push(json!({ "recording": recording, "sets": sets }));
+        } else {
+            println!("{}: {title}", machine.name);
+            replay::print_table(&machine, &outcomes);
+            println!();
+        }
+    }
+    if as_json {
+        println!(
+            "{}",
+            json!({ "machine": machine.name, "recordings": recordings })
+        );
+    }
+    Ok(())
+}
+
+/// The example's folder: below the current one, or where the source lies.
+fn example() -> anyhow::Result<PathBuf> {
+    let relative = Path::new("examples/gearbox");
+    let source = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("..")
+        .join(relative);
+    [relative.to_owned(), source]
+        .into_iter()
+        .find(|folder| folder.join("machine.toml").is_file())
+        .context("examples/gearbox/machine.toml is not there; run loadtwin in a checkout, or see loadtwin --help")
+}

@@ -1,0 +1,60 @@
+//! The command line: one file for each command.
+
+mod build;
+mod demo;
+mod manual;
+mod progress;
+mod replay;
+mod schema;
+
+use clap::{Parser, Subcommand};
+
+/// Virtual load sensor for rotating machines.
+///
+/// Estimates torque, forces and moments from strain gauges and encoders, with
+/// the same bits on the host as on the microcontroller. Without a command it
+/// runs the recording that comes with the project.
+#[derive(Debug, Parser)]
+#[command(version, about, propagate_version = true)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+    /// Print one JSON object on standard output instead of text.
+    #[arg(long, global = true)]
+    json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run the estimator on a recording and report its error.
+    Replay(replay::Replay),
+    /// Make the model image that firmware and host run.
+    Build(build::Build),
+    /// Print the JSON schema of the machine description.
+    Schema,
+    /// Print shell completions.
+    Completions(manual::Completions),
+    /// Write the man pages.
+    Man(manual::Man),
+}
+
+impl Cli {
+    /// Does what was asked.
+    ///
+    /// # Errors
+    /// What cannot be done with this input, as one line.
+    pub fn run(self) -> anyhow::Result<()> {
+        let json = self.json;
+        match self.command {
+            None => demo::run(json),
+            Some(Command::Replay(replay)) => replay.run(json),
+            Some(Command::Build(build)) => build.run(json),
+            Some(Command::Schema) => schema::run(),
+            Some(Command::Completions(completions)) => {
+                completions.run();
+                Ok(())
+            }
+            Some(Command::Man(man)) => man.run(),
+        }
+    }
+}

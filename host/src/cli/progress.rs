@@ -1,0 +1,44 @@
+//! Progress on standard error, where a terminal is there and it takes a while.
+
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+/// Resolution of the bar.
+const STEPS: u64 = 1000;
+
+/// A bar that appears when work takes more than a second.
+pub struct Progress {
+    bar: ProgressBar,
+    started: std::time::Instant,
+}
+
+impl Progress {
+    /// A bar called `what`.
+    pub fn new(what: &str) -> Self {
+        // Hidden until a second has passed; indicatif itself draws nothing without a terminal.
+        let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::hidden());
+        if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {percent:>3} % {eta}") {
+            bar.set_style(style);
+        }
+        bar.set_message(what.to_owned());
+        Self {
+            bar,
+            started: std::time::Instant::now(),
+        }
+    }
+
+    /// Shows that `part` of the work is done, 0 to 1.
+    pub fn show(&self, part: f64) {
+        if self.bar.is_hidden() && self.started.elapsed() > Duration::from_secs(1) {
+            self.bar.set_draw_target(ProgressDrawTarget::stderr());
+        }
+        self.bar.set_position((part * STEPS as f64) as u64);
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}

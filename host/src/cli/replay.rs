@@ -1,0 +1,200 @@
+//! `loadtwin replay`.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::Args;
+use serde_json::{Value, json};
+
+use super::progress::Progress;
+use crate::build::Sensors;
+use crate::machine::Machine;
+use crate::replay::{self, EstimateWriter, Figures};
+
+/// Run the estimator on a recording and report its error.
+#[derive(Debug, Args)]
+pub struct Replay {
+    /// Machine description (TOML).
+    machine: PathBuf,
+    /// Recording (CSV, Parquet or MDF4).
+    recording: PathBuf,
+    /// Set of sensors; the first of the description where absent.
+    #[arg(long, value_name = "NAME", conflicts_with = "all_sensors")]
+    sensors: Option<String>,
+    /// One line for each set of sensors of the description.
+    #[arg(long, conflicts_with_all = ["estimates", "report"])]
+    all_sensors: bool,
+    /// Write the estimates to FILE (.csv, .parquet or .mf4).
+    #[arg(long, value_name = "FILE")]
+    estimates: Option<PathBuf>,
+    /// Write a page with plots to FILE.html.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+}
+
+/// What one replay found.
+pub(super) struct Outcome {
+    pub(super) set: String,
+    pub(super) figures: Figures,
+    pub(super) seconds: f64,
+}
+
+impl Replay {
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let machine = Machine::load(&self.machine)?;
+        if self.all_sensors {
+            let outcomes = every_set(&machine, &self.recording)?;
+            if as_json {
+                let sets: Vec<Value> = outcomes
+                    .iter()
+                    .map(|o| report(&machine, &self.recording, o))
+                    .collect();
+                println!("{}", json!({ "machine": machine.name, "sets": sets }));
+            } else {
+                print_table(&machine, &outcomes);
+            }
+            return Ok(());
+        }
+        let outcome = self.replay(&machine)?;
+        if as_json {
+            println!("{}", report(&machine, &self.recording, &outcome));
+        } else {
+            print_table(&machine, std::slice::from_ref(&outcome));
+            print_flags(&outcome.figures);
+        }
+        Ok(())
+    }
+
+    fn replay(&self, machine: &Machine) -> anyhow::Result<Outcome> {
+        let sensors = Sensors::choose(machine, self.sensors.as_deref())?;
+        let mut estimates = match &self.estimates {
+            Some(path) => Some(EstimateWriter::create(path, machine, &sensors)?),
+            None => None,
+        };
+        let mut written = Ok(());
+        let outcome = one_set(machine, &sensors, &self.recording, |t, estimate| {
+            if let (Some(writer), true) = (&mut estimates, written.is_ok()) {
+                written = writer.push(t, estimate);
+            }
+        })?;
+        written?;
+        if let Some(writer) = estimates {
+            writer.finish()?;
+        }
+        Ok(outcome)
+    }
+}
+
+/// Replays `recording` with one set of sensors.
+fn one_set(
+    machine: &Machine,
+    sensors: &Sensors,
+    recording: &Path,
+    mut each: impl FnMut(f64, &loadtwin_common::estimate::Estimate),
+) -> anyhow::Result<Outcome> {
+    let started = Instant::now();
+    let progress = Progress::new("replay");
+    let mut figures = Figures::new(machine);
+    replay::run(machine, sensors, recording, |sample, estimate, part| {
+        figures.push(sample, estimate);
+        each(sample.t, estimate);
+        if figures.samples().is_multiple_of(8192) {
+            progress.show(part);
+        }
+    })?;
+    Ok(Outcome {
+        set: sensors.name.clone(),
+        figures,
+        seconds: started.elapsed().as_secs_f64(),
+    })
+}
+
+/// Replays `recording` with each set of sensors of the machine.
+pub(super) fn every_set(machine: &Machine, recording: &Path) -> anyhow::Result<Vec<Outcome>> {
+    let names: Vec<Option<&str>> = if machine.sensor_sets.is_empty() {
+        vec![None]
+    } else {
+        machine
+            .sensor_sets
+            .iter()
+            .map(|set| Some(set.name.as_str()))
+            .collect()
+    };
+    names
+        .into_iter()
+        .map(|name| {
+            one_set(
+                machine,
+                &Sensors::choose(machine, name)?,
+                recording,
+                |_, _| (),
+            )
+        })
+        .collect()
+}
+
+/// The object that `--json` prints.
+pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> Value {
+    let figures = &outcome.figures;
+    let loads: serde_json::Map<String, Value> = figures
+        .loads()
+        .map(|(name, load)| (name.to_owned(), json!(load)))
+        .collect();
+    json!({
+        "machine": machine.name,
+        "recording": recording,
+        "sensors": outcome.set,
+        "samples": figures.samples(),
+        "rate_hz": machine.rate_hz,
+        "filter": "aekf",
+        "samples_per_second": figures.samples() as f64 / outcome.seconds,
+        "loads": loads,
+        "nis_mean": figures.nis_mean(),
+        "flags": figures.flags(),
+    })
+}
+
+/// One line for each set and load: NMAE in full and by segment, RMSE.
+pub(super) fn print_table(machine: &Machine, outcomes: &[Outcome]) {
+    let cell =
+        |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
+    let mut header = format!("{:<24}{:<14}{:>8}", "NMAE [% of nominal]", "load", "full");
+    for segment in &machine.segments {
+        header += &format!("{:>11}", segment.name);
+    }
+    println!("{header}{:>8}{:>8}", "RMSE", "NIS");
+    for outcome in outcomes {
+        for (name, load) in outcome.figures.loads() {
+            if load.rmse.is_none()
+                && outcome
+                    .figures
+                    .loads()
+                    .any(|(_, other)| other.rmse.is_some())
+            {
+                continue;
+            }
+            let mut line = format!("{:<24}{name:<14}", outcome.set);
+            line += &format!(
+                "{:>8}",
+                cell(load.nmae_percent.get("full").copied().flatten())
+            );
+            for segment in &machine.segments {
+                line += &format!(
+                    "{:>11}",
+                    cell(load.nmae_percent.get(&segment.name).copied().flatten())
+                );
+            }
+            println!(
+                "{line}{:>8}{:>8}",
+                cell(load.rmse_percent),
+                cell(outcome.figures.nis_mean())
+            );
+        }
+    }
+}
+
+fn print_flags(figures: &Figures) {
+    for (fault, count) in figures.flags() {
+        println!("flagged {fault}: {count}");
+    }
+}

@@ -1,0 +1,15 @@
+//! `loadtwin schema`.
+
+use crate::machine::Machine;
+
+/// The schema that editors complete and check a machine description with.
+///
+/// # Errors
+/// When the schema cannot be written.
+pub fn run() -> anyhow::Result<()> {
+    println!(
+        "{}",
+        serde_json::to_string_pretty(&schemars::schema_for!(Machine))?
+    );
+    Ok(())
+}
