@@ -3,32 +3,12 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::error::Error;
-
-/// Lowest variance that a belief or a channel may have, [unit]^2.
-///
-/// With [`MAX_VARIANCE`] it keeps every product of the factored update inside
-/// the range of f32.
-pub const MIN_VARIANCE: f32 = 1e-24;
-
-/// Highest variance that a channel's innovation may have, [unit]^2.
-pub const MAX_VARIANCE: f32 = 1e24;
-
-/// Share of a variance that its last few roundings may have made up. A
-/// conditional variance below it is rounding noise and is raised to it.
-const ROUNDING: f32 = 1.0 / (1u32 << 22) as f32;
+use crate::unroll::unroll;
 
 /// A Gaussian belief over `NX` states, `x ~ N(state, P)`.
 ///
-/// `P = U D U'`, `U` unit upper triangular, `D` diagonal and positive.
-///
-/// The covariance is not stored; its factors are. That makes it symmetric and
-/// positive definite whatever the rounding, gives the unscented filter its
-/// matrix square root for nothing, and costs no more instructions than one
-/// triangle of `P`, so that the condition number that f32 can carry is that
-/// of `U D^(1/2)`, the square root of that of `P`.
-///
-/// Source: Bierman, Factorization Methods for Discrete Sequential
-/// Estimation, 1977, ch. III and V.
+/// Only one triangle of the covariance exists, so that it is symmetric by
+/// construction; [`crate::transition`] and [`crate::kalman`] keep it positive.
 ///
 /// ```
 /// use loadtwin_common::gaussian::Gaussian;
@@ -44,8 +24,8 @@ const ROUNDING: f32 = 1.0 / (1u32 << 22) as f32;
 pub struct Gaussian<const NX: usize> {
     /// Mean, `NX` x 1, in the units of the states.
     pub state: SVector<f32, NX>,
-    /// Column `j` holds `U_ij` for `i < j`, `D_j` at `i = j`; the rest is not used.
-    pub(crate) factor: [[f32; NX]; NX],
+    /// Column `j` holds `P_ij` for `i <= j`; the rest is not used.
+    pub(crate) upper: [[f32; NX]; NX],
 }
 
 impl<const NX: usize> Gaussian<NX> {
@@ -65,14 +45,13 @@ impl<const NX: usize> Gaussian<NX> {
         }
         check_symmetric(covariance, "covariance")?;
         let p = &covariance.data.0;
-        if (0..NX).any(|j| p[j][j] < MIN_VARIANCE) {
+        if (0..NX).any(|j| p[j][j] <= 0.0) {
             return Err(Error::NotPositive("covariance"));
         }
-        let mut belief = Self { state, factor: *p };
-        if belief.refactor() < NX {
+        if factor(p).is_none() {
             return Err(Error::NotPositive("covariance"));
         }
-        Ok(belief)
+        Ok(Self { state, upper: *p })
     }
 
     /// Belief in independent states with the given variances, [state unit]^2.
@@ -86,36 +65,14 @@ impl<const NX: usize> Gaussian<NX> {
         Self::try_new(state, &SMatrix::from_diagonal(variances))
     }
 
-    /// Covariance `P = U D U'`, `NX` x `NX`, equal to its transpose bit for bit.
+    /// Covariance `P`, `NX` x `NX`, equal to its transpose bit for bit.
     pub fn covariance(&self) -> SMatrix<f32, NX, NX> {
-        let mut p = SMatrix::zeros();
-        for j in 0..NX {
-            for i in 0..=j {
-                let p_ij = self.covariance_of(i, j);
-                p.data.0[j][i] = p_ij;
-                p.data.0[i][j] = p_ij;
-            }
-        }
-        p
-    }
-
-    /// `P_ij` for `i <= j`.
-    fn covariance_of(&self, i: usize, j: usize) -> f32 {
-        let u = &self.factor;
-        let mut sum = if i == j { u[j][j] } else { u[j][i] * u[j][j] };
-        for k in j + 1..NX {
-            sum += u[k][i] * u[k][j] * u[k][k];
-        }
-        sum
+        SMatrix::from_fn(|i, j| self.upper[i.max(j)][i.min(j)])
     }
 
     /// Variances of the states, the diagonal of `P`, `NX` x 1.
     pub fn variances(&self) -> SVector<f32, NX> {
-        let mut variances = SVector::zeros();
-        for i in 0..NX {
-            variances.data.0[0][i] = self.covariance_of(i, i);
-        }
-        variances
+        SVector::from_fn(|i, _| self.upper[i][i])
     }
 
     /// The estimated loads: the last `ND` states.
@@ -128,50 +85,39 @@ impl<const NX: usize> Gaussian<NX> {
         load
     }
 
-    /// Variances of the estimated loads, [load unit]^2; cheap, since the loads
-    /// are the last states.
+    /// Variances of the estimated loads, [load unit]^2.
     pub fn load_variances<const ND: usize>(&self) -> SVector<f32, ND> {
         const { assert!(ND <= NX, "there are no more loads than states") };
-        let mut variances = SVector::zeros();
-        for i in 0..ND {
-            variances.data.0[0][i] = self.covariance_of(NX - ND + i, NX - ND + i);
-        }
-        variances
+        SVector::from_fn(|i, _| self.upper[NX - ND + i][NX - ND + i])
     }
+}
 
-    /// Replaces the upper triangle of `P` in `factor` by its factors `U`, `D`.
-    ///
-    /// From the last column to the first:
-    /// `D_j = P_jj - sum_{m>j} U_jm^2 D_m`,
-    /// `U_ij = (P_ij - sum_{m>j} U_im D_m U_jm) / D_j`.
-    /// A `D_j` that drowns in rounding is raised to its rounding; returns how
-    /// many were not. Backward stable: the factors are those of a matrix
-    /// within a few roundings of `P`.
-    pub(crate) fn refactor(&mut self) -> usize {
-        let u = &mut self.factor;
-        let mut sound = 0;
-        for j in (0..NX).rev() {
-            let mut column = u[j];
-            let floor = column[j] * ROUNDING + MIN_VARIANCE;
-            for m in j + 1..NX {
-                let g = u[m][j] * u[m][m];
-                for i in 0..=j {
-                    column[i] -= u[m][i] * g;
-                }
-            }
-            if column[j] > floor {
-                sound += 1;
-            } else {
-                column[j] = floor;
-            }
-            let inverse = 1.0 / column[j];
-            for i in 0..j {
-                column[i] *= inverse;
-            }
-            u[j] = column;
-        }
-        sound
+/// `P h` from the upper triangle of `P`, and the part `sum P_ii h_i^2` of
+/// `h' P h`.
+#[inline(always)]
+#[expect(
+    clippy::inline_always,
+    reason = "the matrix stays in registers from row to row"
+)]
+pub(crate) fn symmetric_product<const NX: usize>(
+    upper: &[[f32; NX]; NX],
+    h: &[f32; NX],
+) -> ([f32; NX], f32) {
+    let mut w = [0.0; NX];
+    let mut diagonal = 0.0;
+    for j in 0..NX {
+        w[j] = upper[j][j] * h[j];
+        diagonal += w[j] * h[j];
     }
+    unroll!(j in 0..NX {
+        let mut w_j = w[j];
+        for i in 0..j {
+            w_j += upper[j][i] * h[i];
+            w[i] += upper[j][i] * h[j];
+        }
+        w[j] = w_j;
+    });
+    (w, diagonal)
 }
 
 /// Checks that a covariance is finite and equal to its transpose.
@@ -192,4 +138,32 @@ pub(crate) fn check_symmetric<const NX: usize>(
         }
     }
     Ok(())
+}
+
+/// Factors `P = U D U'`, `U` unit upper triangular (column `j` holds `U_ij`
+/// for `i < j`), `D` on the diagonal, from the upper triangle of `P`.
+///
+/// `D_j = P_jj - sum_{m>j} U_jm^2 D_m`,
+/// `U_ij = (P_ij - sum_{m>j} U_im D_m U_jm) / D_j`
+///
+/// None when a `D_j` is not positive beyond rounding.
+pub(crate) fn factor<const NX: usize>(upper: &[[f32; NX]; NX]) -> Option<[[f32; NX]; NX]> {
+    let mut u = *upper;
+    for j in (0..NX).rev() {
+        let floor = u[j][j] * 1e-7;
+        for m in j + 1..NX {
+            let g = u[m][j] * u[m][m];
+            for i in 0..=j {
+                u[j][i] -= u[m][i] * g;
+            }
+        }
+        if u[j][j] <= floor || u[j][j].is_nan() {
+            return None;
+        }
+        let inverse = 1.0 / u[j][j];
+        for i in 0..j {
+            u[j][i] *= inverse;
+        }
+    }
+    Some(u)
 }

@@ -88,13 +88,20 @@ impl Gate {
         }
     }
 
-    /// Judges one NIS and counts the refusals in a row.
+    /// Judges one finite NIS and counts the refusals in a row.
     #[inline]
     pub fn admits(&mut self, nis: f32) -> bool {
-        if nis <= self.limit {
+        let within = nis <= self.limit;
+        if within {
             self.refused = 0;
-            return true;
         }
+        within || self.readmits()
+    }
+
+    /// Whether an innovation outside the limit passes because the patience
+    /// has run out.
+    #[cold]
+    fn readmits(&mut self) -> bool {
         if self.refused >= self.patience && self.patience != u16::MAX {
             return true;
         }

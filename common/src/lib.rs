@@ -3,6 +3,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod butterworth;
 pub mod error;
 pub mod estimate;
 pub mod fault;
@@ -17,9 +18,12 @@ pub mod line;
 pub mod measurement;
 pub mod phase;
 pub mod raw;
+pub mod scheduled_gain;
 pub mod sealed;
 pub mod table;
 pub mod transition;
 pub mod uds;
+mod unroll;
+pub mod unscented;
 
 pub use error::Error;

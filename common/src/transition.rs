@@ -1,9 +1,14 @@
 //! From one sample to the next: the augmented transition and its noise.
+#![expect(
+    clippy::range_plus_one,
+    reason = "an inclusive range carries a flag that keeps its loop from being unrolled"
+)]
 
 use nalgebra::{SMatrix, SVector};
 
 use crate::error::Error;
-use crate::gaussian::{Gaussian, check_symmetric};
+use crate::gaussian::{Gaussian, check_symmetric, symmetric_product};
+use crate::unroll::unroll;
 
 /// How the loads evolve between samples when nothing is measured, `d+ = F_d d`.
 ///
@@ -100,6 +105,12 @@ impl<const ND: usize> LoadModel<ND> for Rotation {
     }
 }
 
+/// Relative inflation of every variance in each prediction.
+///
+/// The roundings of one step, some tens of 2^-24, could otherwise turn the
+/// covariance indefinite where the process noise is smaller than they are.
+pub(crate) const INFLATION: f32 = 1.0 / (1u32 << 20) as f32;
+
 /// Augmented transition `x+ = [A B; 0 F_d] x`; the last `ND` of the `NX`
 /// states are the loads.
 ///
@@ -182,51 +193,60 @@ impl<const NX: usize, const ND: usize, L: LoadModel<ND>> Transition<NX, ND, L> {
         next
     }
 
-    /// `P <- F P F' + Q` on the factors of `P`.
+    /// `P <- F P F' + Q` on one triangle.
     ///
-    /// `W = F U` row by row, then the columns of `W D W' + Q`, then its factors.
+    /// `M = [A B] P`, then `P_xx = M [A B]' + Q`, `P_xd = M_d F_d'`,
+    /// `P_dd = F_d P_dd F_d' + Q_d`, where `M_d` are the last `ND` columns of
+    /// `M`. The diagonal is inflated by [`INFLATION`].
     #[inline]
     pub(crate) fn propagate_covariance(&self, belief: &mut Gaussian<NX>, noise: &ProcessNoise<NX>) {
-        let u = &belief.factor;
-        let mut w = [[0.0; NX]; NX];
-        let mut d = [0.0; NX];
-        for j in 0..NX {
-            d[j] = u[j][j];
-            for i in 0..Self::NA {
-                let mut sum = self.rows[i][j];
-                for k in 0..j {
-                    sum += self.rows[i][k] * u[j][k];
-                }
-                w[i][j] = sum;
+        let p = &mut belief.upper;
+        let mut m = [[0.0; NX]; NX];
+        for i in 0..Self::NA {
+            (m[i], _) = symmetric_product(p, &self.rows[i]);
+        }
+        let mut p_dd = [[0.0; ND]; ND];
+        for j in 0..ND {
+            for i in 0..ND {
+                p_dd[j][i] = p[Self::NA + i.max(j)][Self::NA + i.min(j)];
+            }
+            self.load_model.advance(&mut p_dd[j]);
+        }
+        for i in 0..ND {
+            let mut row = [0.0; ND];
+            for j in 0..ND {
+                row[j] = p_dd[j][i];
+            }
+            self.load_model.advance(&mut row);
+            for j in i..ND {
+                p[Self::NA + j][Self::NA + i] = row[j] + noise.columns[Self::NA + j][Self::NA + i];
             }
         }
+        for i in 0..Self::NA {
+            let mut row = [0.0; ND];
+            for (r, m) in row.iter_mut().zip(&m[i][Self::NA..]) {
+                *r = *m;
+            }
+            self.load_model.advance(&mut row);
+            for j in 0..ND {
+                p[Self::NA + j][i] = row[j] + noise.columns[Self::NA + j][i];
+            }
+        }
+        unroll!(j in 0..NX {
+            if j < Self::NA {
+                for i in 0..j + 1 {
+                    let mut sum = noise.columns[j][i];
+                    for k in 0..NX {
+                        sum += m[i][k] * self.rows[j][k];
+                    }
+                    p[j][i] = sum;
+                }
+                p[j][j] += p[j][j] * INFLATION;
+            }
+        });
         for j in Self::NA..NX {
-            let mut column = [0.0; ND];
-            for (c, u) in column.iter_mut().zip(&u[j][Self::NA..j]) {
-                *c = *u;
-            }
-            column[j - Self::NA] = 1.0;
-            self.load_model.advance(&mut column);
-            for i in Self::NA..NX {
-                w[i][j] = column[i - Self::NA];
-            }
+            p[j][j] += p[j][j] * INFLATION;
         }
-        for j in 0..NX {
-            // A load has no share in the first NX-ND columns of U.
-            let first = if j < Self::NA { 0 } else { Self::NA };
-            let mut wd = [0.0; NX];
-            for k in first..NX {
-                wd[k] = w[j][k] * d[k];
-            }
-            for i in 0..=j {
-                let mut sum = noise.columns[j][i];
-                for k in first..NX {
-                    sum += w[i][k] * wd[k];
-                }
-                belief.factor[j][i] = sum;
-            }
-        }
-        belief.refactor();
     }
 }
 
@@ -251,7 +271,7 @@ impl<const NX: usize> ProcessNoise<NX> {
         check_symmetric(covariance, "process_noise")?;
         let columns = covariance.data.0;
         for j in 0..NX {
-            for i in 0..=j {
+            for i in 0..j + 1 {
                 let bound = columns[i][i] * columns[j][j] * 1.000_01;
                 if columns[j][j] < 0.0 || columns[j][i] * columns[j][i] > bound {
                     return Err(Error::NotPositive("process_noise"));
