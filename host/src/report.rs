@@ -36,10 +36,12 @@
 
 mod decimator;
 mod page;
+mod replay_plots;
 mod scatter;
 
 pub use decimator::{MinMaxDecimator, Rows};
 pub use page::ReportError;
+pub use replay_plots::{LoadLabel, ReplayPlots, SensorLabel};
 pub use scatter::ScatterSample;
 
 use crate::metrics::{Autocorrelation, Histogram};
@@ -283,7 +285,7 @@ pub fn normalised_histogram_plot(title: &str, histogram: &Histogram) -> Plot {
     Plot {
         title: title.to_owned(),
         size: PlotSize::Third,
-        x: Axis::new("Innovation / standard deviation", ""),
+        x: Axis::new("Innovation / σ", ""),
         y: Axis::new("Density", ""),
         data: Data::Own {
             x,

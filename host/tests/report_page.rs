@@ -1,11 +1,9 @@
 //! The report in a real browser: every plot draws, the cursors measure, nothing is fetched.
 
-use loadtwin::metrics::chi_squared_bounds;
-use loadtwin::metrics::{Autocorrelation, Histogram, LoadError, NisConsistency, Segment};
-use loadtwin::report::{
-    Axis, Data, KeyFigure, Limit, Mark, MinMaxDecimator, Plot, PlotSize, Report, Role,
-    ScatterSample, Section, Series, Table, autocorrelation_plot, normalised_histogram_plot,
-};
+use loadtwin::metrics::{LoadError, Segment};
+use loadtwin::report::{KeyFigure, LoadLabel, ReplayPlots, Report, SensorLabel, Table};
+use loadtwin_common::estimate::{Estimate, LoadEstimate, SensorEstimate};
+use loadtwin_common::fault::Fault;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -39,15 +37,22 @@ impl Noise {
     }
 }
 
-/// A report as a replay makes it: one load over 90 s, five gauges of which one drops out.
-#[allow(clippy::too_many_lines)] // A page has many parts.
-fn sample() -> Report {
+/// A replay of 90 s: one load, five gauges of which one drops out for a while.
+fn replay() -> (ReplayPlots, LoadError) {
     let mut noise = Noise(7);
-    let mut time = MinMaxDecimator::new(5 + 3 * GAUGES, 4096);
-    let mut scatter = vec![ScatterSample::new(2000); GAUGES];
-    let mut acf = vec![Autocorrelation::default(); GAUGES];
-    let mut histograms = vec![Histogram::new(-5.0, 5.0, 50); GAUGES];
-    let mut nis = NisConsistency::default();
+    let load = LoadLabel {
+        name: "Main shaft".into(),
+        quantity: "Torque".into(),
+        unit: "N m".into(),
+    };
+    let gauge = |g: usize| SensorLabel {
+        name: format!("Torque arm {}", g + 1),
+        quantity: "Strain".into(),
+        unit: "µm/m".into(),
+        factor: 1e6,
+        over_angle: true,
+    };
+    let mut plots = ReplayPlots::new(vec![load], (0..GAUGES).map(gauge).collect());
     let segment = |name: &str, from_s, to_s| Segment {
         name: name.into(),
         from_s,
@@ -64,40 +69,43 @@ fn sample() -> Report {
         let reference = torque(t);
         lag += 0.02 * (reference - lag);
         wander = 0.995 * wander + 600.0 * noise.next();
-        let estimate = lag * 1.02 + wander;
-        let sigma = 0.015 * NOMINAL_NM * (1.0 + 4.0 * (-t).exp());
-        angle = (angle + 360.0 / RATE_HZ * 0.3 * (reference / NOMINAL_NM).max(0.0)) % 360.0;
-        let mut row = vec![
-            estimate,
-            estimate + 2.0 * sigma,
-            estimate - 2.0 * sigma,
-            reference,
-        ];
-        let mut strains = Vec::new();
-        let mut sum = 0.0;
-        for g in 0..GAUGES {
-            let phase = (angle * 3.0 + 40.0 * g as f64).to_radians();
-            let map = 60.0 + 45.0 * phase.cos().powi(3);
-            let predicted = map * estimate / NOMINAL_NM;
+        let value = lag * 1.02 + wander;
+        error.push(t, value, reference);
+        angle += 1.9 / RATE_HZ * (reference / NOMINAL_NM).max(0.0);
+        let sensor = |g: usize| {
+            let phase = 3.0 * angle + 0.7 * g as f64;
+            let predicted = (60.0 + 45.0 * phase.cos().powi(3)) * value / NOMINAL_NM;
+            // One gauge sits elsewhere than the model says.
             let normalised = noise.next() + if g == 1 { 0.4 * phase.sin() } else { 0.0 };
             let lost = g == 3 && (40.0..43.0).contains(&t);
-            let measured = if lost {
-                f64::NAN
-            } else {
-                predicted + 1.5 * normalised
-            };
-            strains.extend([measured, predicted, measured - predicted]);
-            scatter[g].push(&[angle, measured, predicted]);
-            acf[g].push(measured - predicted);
-            histograms[g].push(if lost { f64::NAN } else { normalised });
-            sum += if lost { 0.0 } else { normalised * normalised };
-        }
-        nis.push(sum, GAUGES);
-        error.push(t, estimate, reference);
-        row.push(sum);
-        row.extend(strains);
-        time.push(t, &row);
+            SensorEstimate {
+                measured: ((predicted + 1.5 * normalised) * 1e-6) as f32,
+                innovation: (1.5e-6 * normalised) as f32,
+                innovation_variance: 1.5e-6 * 1.5e-6,
+                nis: (normalised * normalised) as f32,
+                fault: if lost { Fault::Missing } else { Fault::None },
+            }
+        };
+        let estimate = Estimate {
+            sensors: (0..GAUGES).map(sensor).collect(),
+            loads: std::iter::once(LoadEstimate {
+                value: value as f32,
+                std: (0.015 * NOMINAL_NM * (1.0 + 4.0 * (-t).exp())) as f32,
+                ..LoadEstimate::default()
+            })
+            .collect(),
+            angle_rad: angle as f32,
+            homed: t > 1.0,
+            ..Estimate::default()
+        };
+        plots.push(t, &[reference], &estimate);
     }
+    (plots, error)
+}
+
+/// The report on it.
+fn sample() -> Report {
+    let (plots, error) = replay();
     let percent = |value: Option<f64>| value.map_or("–".into(), |v| format!("{v:.2}"));
     let mut cells = vec![
         "Main shaft".into(),
@@ -109,41 +117,38 @@ fn sample() -> Report {
             .map(|(_, e)| percent(e.nmae_percent(NOMINAL_NM))),
     );
     cells.push(format!("{:.1}", error.full().rmse().unwrap() / 1e3));
-    let gauge = |g: usize| format!("Torque arm {}", g + 1);
-    let line = |label: &str, role, column| (Series::line(label, role), column);
-    let edge = |label: &str, mark, column| (Series::new(label, Role::Estimate, mark), column);
-    let column = |g: usize, which: usize| 5 + 3 * g + which;
-    let per_gauge = |plot: &dyn Fn(usize) -> Plot| (0..GAUGES).map(plot).collect::<Vec<_>>();
-    let [low, high] = chi_squared_bounds(0.95, GAUGES as f64);
+    let figure = |label: &str, value, note: &str| KeyFigure {
+        label: label.into(),
+        value,
+        note: note.into(),
+    };
+    let key_figures = vec![
+        figure(
+            "NMAE, main shaft",
+            format!("{} %", cells[1]),
+            "of 450 kN m nominal",
+        ),
+        figure(
+            "Mean NIS",
+            percent(plots.nis().mean()),
+            &format!("{} expected", percent(plots.nis().expected())),
+        ),
+        figure("Samples", SAMPLES.to_string(), "90 s at 500 Hz"),
+    ];
+    let (time, sections) = plots.finish();
     Report {
         title: "Gearbox on the test bench <850 kW>".into(),
         facts: [
             ("Machine", "gearbox.toml"),
-            ("Recording", "start-stop-seed-1.csv"),
+            ("Recording", "start-stop.csv"),
             ("Filter", "AEKF, 6 states, 5 gauges, 1 encoder"),
             ("Rate", "500 Hz"),
         ]
-        .map(|(a, b)| [a.into(), b.into()])
+        .map(|(label, value)| [label.into(), value.into()])
         .to_vec(),
-        key_figures: vec![
-            KeyFigure {
-                label: "NMAE, main shaft".into(),
-                value: format!("{} %", cells[1]),
-                note: "of 450 kN m nominal".into(),
-            },
-            KeyFigure {
-                label: "Mean NIS".into(),
-                value: percent(nis.mean()),
-                note: format!("{GAUGES} expected"),
-            },
-            KeyFigure {
-                label: "Samples".into(),
-                value: "45 000".into(),
-                note: "90 s at 500 Hz".into(),
-            },
-        ],
+        key_figures,
         tables: vec![Table {
-            caption: "Error against the reference".into(),
+            caption: "Error against the reference, NMAE".into(),
             head: [
                 "Load",
                 "Full [%]",
@@ -157,109 +162,7 @@ fn sample() -> Report {
             rows: vec![cells],
         }],
         time: Some(time),
-        sections: vec![
-            Section {
-                title: "Load".into(),
-                open: true,
-                plots: vec![Plot {
-                    title: "Torque on the main shaft".into(),
-                    y: Axis::new("Torque", "N m"),
-                    data: Data::Time(vec![
-                        line("estimate", Role::Estimate, 0),
-                        edge("± 2 σ", Mark::Upper, 1),
-                        edge("lower edge", Mark::Lower, 2),
-                        line("reference", Role::Reference, 3),
-                    ]),
-                    ..Plot::default()
-                }],
-                ..Section::default()
-            },
-            Section {
-                title: "Consistency".into(),
-                note: "NIS of a consistent filter stays within the bounds 95 % of the time.".into(),
-                open: true,
-                plots: vec![Plot {
-                    title: "Normalised innovation squared".into(),
-                    y: Axis {
-                        logarithmic: true,
-                        ..Axis::new("NIS", "")
-                    },
-                    data: Data::Time(vec![line("NIS", Role::Innovation, 4)]),
-                    limits: vec![
-                        Limit {
-                            label: "2.5 %".into(),
-                            value: low,
-                        },
-                        Limit {
-                            label: "97.5 %".into(),
-                            value: high,
-                        },
-                    ],
-                    ..Plot::default()
-                }],
-            },
-            Section {
-                title: "Strain".into(),
-                plots: (0..GAUGES)
-                    .flat_map(|g| {
-                        let columns = scatter[g].columns();
-                        let point = |label: &str, role, i: usize| {
-                            (Series::new(label, role, Mark::Points), columns[i].clone())
-                        };
-                        [
-                            Plot {
-                                title: gauge(g),
-                                size: PlotSize::Half,
-                                y: Axis::new("Strain", "µm/m"),
-                                data: Data::Time(vec![
-                                    line("measured", Role::Measured, column(g, 0)),
-                                    line("predicted", Role::Predicted, column(g, 1)),
-                                ]),
-                                ..Plot::default()
-                            },
-                            Plot {
-                                title: format!("{} over the carrier angle", gauge(g)),
-                                size: PlotSize::Half,
-                                x: Axis::new("Carrier angle", "°"),
-                                y: Axis::new("Strain", "µm/m"),
-                                data: Data::Own {
-                                    x: columns[0].clone(),
-                                    series: vec![
-                                        point("measured", Role::Measured, 1),
-                                        point("predicted", Role::Predicted, 2),
-                                    ],
-                                },
-                                ..Plot::default()
-                            },
-                        ]
-                    })
-                    .collect(),
-                ..Section::default()
-            },
-            Section {
-                title: "Innovations".into(),
-                plots: [
-                    per_gauge(&|g| Plot {
-                        title: gauge(g),
-                        size: PlotSize::Third,
-                        y: Axis::new("Innovation", "µm/m"),
-                        data: Data::Time(vec![line("innovation", Role::Innovation, column(g, 2))]),
-                        ..Plot::default()
-                    }),
-                    per_gauge(&|g| {
-                        autocorrelation_plot(&format!("{}, autocorrelation", gauge(g)), &acf[g])
-                    }),
-                    per_gauge(&|g| {
-                        normalised_histogram_plot(
-                            &format!("{}, distribution", gauge(g)),
-                            &histograms[g],
-                        )
-                    }),
-                ]
-                .concat(),
-                ..Section::default()
-            },
-        ],
+        sections,
     }
 }
 
@@ -339,7 +242,7 @@ fn every_plot_draws_and_the_cursors_measure() {
     let result = selftest(&dom(&path, "selftest"));
     assert_eq!(result["errors"], serde_json::json!([]));
     assert_eq!(result["requests"], serde_json::json!([]));
-    assert_eq!(result["plots"], 2 + 5 * GAUGES);
+    assert_eq!(result["plots"], 3 + 5 * GAUGES);
     assert_eq!(result["drawn"], result["plots"]);
     assert_eq!(result["blank"], serde_json::json!([]));
 
@@ -385,7 +288,7 @@ fn every_plot_draws_and_the_cursors_measure() {
         "{zoomed:?}"
     );
     let ranges = |key: &str| serde_json::from_value::<Vec<[f64; 2]>>(result[key].clone()).unwrap();
-    assert_eq!(ranges("linked").len(), 2 + 2 * GAUGES);
+    assert_eq!(ranges("linked").len(), 3 + 2 * GAUGES);
     let moved = 0.1 * (zoomed[1] - zoomed[0]);
     for ([low, high], [all_low, all_high]) in ranges("linked").into_iter().zip(ranges("reset")) {
         assert!((low + moved - zoomed[0]).abs() < 0.05 && (high + moved - zoomed[1]).abs() < 0.05);

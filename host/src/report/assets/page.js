@@ -112,7 +112,7 @@ function drawCursors(chart) {
   const x = time ? "t" : "x", [prefix, factor] = chart.prefix;
   const rows = [["", "A", "B", "B − A"],
     [`${time ? "t" : axis.quantity}${axis.unit ? ` [${axis.unit}]` : ""}`, text(m.x1, 8), text(m.x2, 8), `Δ${x} ${text(m.dx, 6)}` +
-      (axis.unit === "s" && m.dx !== 0 ? `  (${text(1 / Math.abs(m.dx), 5)} Hz)` : "")]];
+      (axis.unit === "s" && m.dx !== 0 && chart.plot.size !== "third" ? `  (${text(1 / Math.abs(m.dx), 5)} Hz)` : "")]];
   const unit = chart.plot.y.unit ? ` [${prefix}${chart.plot.y.unit}]` : "";
   m.series.forEach((s, i) => {
     if (!u.series[i + 1].show || s.mark === "lower" || s.mark === "upper") return;
