@@ -341,8 +341,15 @@ fn a_million_forged_or_replayed_frames_are_refused() {
         board.events.len()
     );
     assert!(board.events.iter().all(|e| matches!(e, Event::Refused(_))));
-    for refusal in [Refusal::Downgrade, Refusal::BadSignature, Refusal::BadDigest] {
-        assert!(board.events.contains(&Event::Refused(refusal)), "none was {refusal:?}");
+    for refusal in [
+        Refusal::Downgrade,
+        Refusal::BadSignature,
+        Refusal::BadDigest,
+    ] {
+        assert!(
+            board.events.contains(&Event::Refused(refusal)),
+            "none was {refusal:?}"
+        );
     }
     assert_eq!(slot(&board, active_at), slot_before);
     assert_eq!(board.running(), Some(5));
