@@ -1,18 +1,20 @@
 //! A recording's rows, decoded on a thread of its own while the caller works
 //! on the rows before.
+use std::cell::Cell;
 use std::fs::File;
 use std::io::Read;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Once};
 
-use super::BLOCK_ROWS;
 use super::csv::Csv;
 use super::error::{Problem, Row};
 use super::layout::{Column, CsvLayout, Wanted};
 use super::mdf::Mdf;
 use super::parquet::Parquet;
+use super::{BLOCK_ROWS, clipped};
 
 /// Blocks decoded ahead of the caller.
 const AHEAD: usize = 2;
@@ -69,9 +71,10 @@ impl Format {
             (&file).take(8).read_to_end(&mut start)?;
         }
         if start.starts_with(b"PAR1") {
-            Parquet::open(file, layout).map(Self::Parquet)
+            contained("Parquet", || Parquet::open(file, layout)).map(Self::Parquet)
         } else if start.starts_with(b"MDF ") || start.starts_with(b"UnFinMF ") {
-            Mdf::open(path, layout, wanted).map(|mdf| Self::Mdf(Box::new(mdf)))
+            contained("MDF4", || Mdf::open(path, layout, wanted))
+                .map(|mdf| Self::Mdf(Box::new(mdf)))
         } else {
             Csv::open(path, layout).map(Self::Csv)
         }
@@ -96,10 +99,44 @@ impl Format {
     fn run(self, picks: &[usize], output: &Output) -> Result<(), Problem> {
         match self {
             Self::Csv(csv) => csv.run(picks, output),
-            Self::Parquet(parquet) => parquet.run(picks, output),
-            Self::Mdf(mdf) => mdf.run(picks, output),
+            Self::Parquet(parquet) => contained("Parquet", || parquet.run(picks, output)),
+            Self::Mdf(mdf) => contained("MDF4", || mdf.run(picks, output)),
         }
     }
+}
+
+thread_local! {
+    /// Whether a panic of this thread is made an error by `contained`.
+    static CONTAINED: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Runs a decoder that is not ours and makes its panic an error: `parquet` 60
+/// indexes out of bounds on some damaged pages.
+fn contained<T>(
+    format: &'static str,
+    decode: impl FnOnce() -> Result<T, Problem>,
+) -> Result<T, Problem> {
+    static QUIET: Once = Once::new();
+    QUIET.call_once(|| {
+        let report = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            if !CONTAINED.get() {
+                report(panic);
+            }
+        }));
+    });
+    CONTAINED.set(true);
+    // What the decoder leaves behind is dropped, whatever state it is in.
+    let outcome = catch_unwind(AssertUnwindSafe(decode));
+    CONTAINED.set(false);
+    outcome.unwrap_or_else(|panic| {
+        let said = panic.downcast_ref::<String>().map(String::as_str);
+        let said = said.or_else(|| panic.downcast_ref::<&str>().copied());
+        Err(Problem::Damaged {
+            format,
+            found: clipped(said.unwrap_or("its decoder gave up").as_bytes(), 160),
+        })
+    })
 }
 
 /// Where a format puts its rows.
