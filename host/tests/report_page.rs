@@ -299,7 +299,48 @@ fn every_plot_draws_and_the_cursors_measure() {
     }
 }
 
-/// The test above can fail: a page whose data is broken says so.
+/// A recording of no or one sample, a sensor that never answered, a constant: no script error.
+#[test]
+fn odd_signals_do_no_harm() {
+    let directory = tempfile::tempdir().unwrap();
+    for samples in [0, 1, 50] {
+        let sensor = SensorLabel {
+            name: "<b>&\"".into(),
+            quantity: "</script>".into(),
+            unit: "µm/m".into(),
+            factor: 1e6,
+            over_angle: true,
+        };
+        let load = LoadLabel {
+            name: "constant".into(),
+            quantity: "Torque".into(),
+            unit: "N m".into(),
+        };
+        let mut plots = ReplayPlots::new(vec![load], vec![sensor]);
+        for i in 0..samples {
+            let estimate = Estimate {
+                loads: std::iter::once(LoadEstimate::default()).collect(),
+                ..Estimate::default()
+            };
+            plots.push(f64::from(i), &[0.0], &estimate);
+        }
+        let (time, sections) = plots.finish();
+        let report = Report {
+            time: Some(time),
+            sections,
+            ..Report::default()
+        };
+        let path = directory.path().join("odd.html");
+        report.write(&path).unwrap();
+        let result = selftest(&dom(&path, "selftest"));
+        assert_eq!(result["errors"], serde_json::json!([]), "{samples} samples");
+        // Autocorrelation and distribution have an axis even without a sample.
+        let drawn = if samples == 0 { 2 } else { 7 };
+        assert_eq!(result["drawn"], drawn, "{samples} samples: {result}");
+    }
+}
+
+/// These tests can fail: a page whose data is broken says so.
 #[test]
 fn a_broken_page_is_noticed() {
     let path = write_sample("broken.html");
