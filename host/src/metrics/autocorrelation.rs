@@ -107,7 +107,7 @@ impl Autocorrelation {
         Z_99 / self.samples.sqrt()
     }
 
-    /// Lags (1 to 25) outside the bound; a white sequence has one in four sequences.
+    /// Lags (1 to 25) outside the bound; about one white sequence in five has any.
     pub fn significant_lags(&self) -> Vec<usize> {
         let bound = self.bound();
         (1..=LAGS)
