@@ -1,0 +1,205 @@
+//! Key pairs that model images are signed with (Ed25519, RFC 8032).
+//!
+//! Kept as PEM (PKCS #8 and `SubjectPublicKeyInfo`, RFC 8410), so that OpenSSL
+//! makes, reads and guards them as well.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+
+use ed25519_compact::{KeyPair, Seed};
+use loadtwin_common::sealed::{PublicKey, SIGNED_LEN};
+use rand::TryRng;
+use rand::rngs::SysRng;
+use thiserror::Error;
+
+/// Why a key cannot be made or read; one line.
+#[derive(Debug, Error)]
+pub enum KeyError {
+    /// Nothing is overwritten: what a lost key has signed cannot be replaced.
+    #[error("{}: is there already; a key is never overwritten", .0.display())]
+    Exists(PathBuf),
+    /// The file cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// It is not the key that was asked for.
+    #[error("{}: found no {expected}", path.display())]
+    Form {
+        /// The file.
+        path: PathBuf,
+        /// What it has to be.
+        expected: &'static str,
+    },
+    /// Others can read the private key.
+    #[error("{}: found mode {mode:04o}, allowed: no access for others (chmod 600)", path.display())]
+    Exposed {
+        /// The file.
+        path: PathBuf,
+        /// Its permission bits.
+        mode: u32,
+    },
+    /// The system gives no random numbers.
+    #[error("no random numbers from the system: {0}")]
+    Random(#[from] rand::rngs::SysError),
+    /// The random numbers gave a key that anyone can forge for.
+    #[error("the system's random numbers gave a weak key; try again")]
+    Weak,
+}
+
+/// A private key. Not printed, wiped when dropped.
+pub struct SigningKey {
+    pair: KeyPair,
+    public: PublicKey,
+}
+
+/// The files of a new key pair.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct KeyFiles {
+    /// The private key, PEM, mode 0600.
+    pub private: PathBuf,
+    /// The public key, PEM.
+    pub public: PathBuf,
+    /// The public key as it is flashed to a board's key page, binary.
+    pub page: PathBuf,
+}
+
+impl SigningKey {
+    /// A new key from the system's random numbers.
+    ///
+    /// # Errors
+    /// `KeyError::Random`, `KeyError::Weak`.
+    pub fn generate() -> Result<Self, KeyError> {
+        let mut seed = Seed::new([0; 32]);
+        SysRng.try_fill_bytes(&mut seed[..])?;
+        // A public key of small order has odds of 2^-252; then, as for a failing
+        // source: no key.
+        Self::new(KeyPair::from_seed(seed)).ok_or(KeyError::Weak)
+    }
+
+    /// Reads a private key.
+    ///
+    /// # Errors
+    /// `KeyError::File`, `KeyError::Exposed`, `KeyError::Form`.
+    pub fn read(path: &Path) -> Result<Self, KeyError> {
+        let failed = |source| file_error(path, source);
+        let mode = fs::metadata(path).map_err(failed)?.permissions().mode() & 0o777;
+        if mode & 0o077 != 0 {
+            return Err(KeyError::Exposed {
+                path: path.into(),
+                mode,
+            });
+        }
+        let pair = KeyPair::from_pem(&read_text(path)?).ok();
+        pair.and_then(Self::new).ok_or_else(|| KeyError::Form {
+            path: path.into(),
+            expected: "Ed25519 private key in PEM",
+        })
+    }
+
+    fn new(pair: KeyPair) -> Option<Self> {
+        let public = PublicKey::from_bytes(*pair.pk)?;
+        Some(Self { pair, public })
+    }
+
+    /// The key that boards check with.
+    pub fn public(&self) -> PublicKey {
+        self.public
+    }
+
+    /// Signs an image's header.
+    pub fn sign(&self, header: &[u8; SIGNED_LEN]) -> [u8; 64] {
+        *self.pair.sk.sign(header, None)
+    }
+
+    /// Writes the pair to `private`, `private`.pub and `private`.page.
+    ///
+    /// # Errors
+    /// `KeyError::Exists` when one of them is there, `KeyError::File`; none is
+    /// left behind then.
+    pub fn save(&self, private: &Path) -> Result<KeyFiles, KeyError> {
+        let beside = |suffix: &str| {
+            let mut name = private.as_os_str().to_owned();
+            name.push(suffix);
+            PathBuf::from(name)
+        };
+        let files = KeyFiles {
+            private: private.into(),
+            public: beside(".pub"),
+            page: beside(".page"),
+        };
+        let private_pem = self.pair.sk.to_pem();
+        let public_pem = self.pair.pk.to_pem();
+        let page = self.public.to_page();
+        let contents: [(&Path, u32, &[u8]); 3] = [
+            (&files.private, 0o600, private_pem.as_bytes()),
+            (&files.public, 0o644, public_pem.as_bytes()),
+            (&files.page, 0o644, &page),
+        ];
+        for (i, (path, mode, bytes)) in contents.iter().enumerate() {
+            if let Err(error) = create(path, *mode, bytes) {
+                for (made, ..) in &contents[..i] {
+                    // The first error is the one to tell.
+                    let _ = fs::remove_file(made);
+                }
+                return Err(error);
+            }
+        }
+        Ok(files)
+    }
+}
+
+impl std::fmt::Debug for SigningKey {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("SigningKey(..)")
+    }
+}
+
+/// Reads a public key.
+///
+/// # Errors
+/// `KeyError::File`, `KeyError::Form`.
+pub fn read_public(path: &Path) -> Result<PublicKey, KeyError> {
+    ed25519_compact::PublicKey::from_pem(&read_text(path)?)
+        .ok()
+        .and_then(|key| PublicKey::from_bytes(*key))
+        .ok_or_else(|| KeyError::Form {
+            path: path.into(),
+            expected: "Ed25519 public key in PEM",
+        })
+}
+
+fn read_text(path: &Path) -> Result<String, KeyError> {
+    fs::read_to_string(path).map_err(|source| file_error(path, source))
+}
+
+fn file_error(path: &Path, source: io::Error) -> KeyError {
+    KeyError::File {
+        path: path.into(),
+        source,
+    }
+}
+
+fn create(path: &Path, mode: u32, bytes: &[u8]) -> Result<(), KeyError> {
+    let file = OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .mode(mode)
+        .open(path);
+    let written = match file {
+        Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
+            return Err(KeyError::Exists(path.into()));
+        }
+        Err(e) => return Err(file_error(path, e)),
+        Ok(mut file) => file.write_all(bytes).and_then(|()| File::sync_all(&file)),
+    };
+    written.map_err(|source| {
+        let _ = fs::remove_file(path);
+        file_error(path, source)
+    })
+}
