@@ -1,0 +1,177 @@
+//! The host's upload against the board's, over a bus that loses frames.
+
+use loadtwin::key::SigningKey;
+use loadtwin::seal::seal;
+use loadtwin::upload::{Next, UploadError, Uploader};
+use loadtwin_common::isotp::FrameData;
+use loadtwin_common::sealed::Refusal;
+use loadtwin_firmware::simulated_flash::SimulatedFlash;
+use loadtwin_firmware::store::{Layout, Store};
+use loadtwin_firmware::upload::{BLOCK_OVERHEAD, Event, Upload};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// As on the STM32G474: pages of 2 KiB, slots of 16 KiB.
+const PAGE: usize = 2048;
+const LAYOUT: Layout = Layout {
+    start: 0,
+    slot_bytes: 8 * PAGE as u32,
+};
+type Flash = SimulatedFlash<PAGE, { 16 * PAGE / 8 }>;
+
+struct Bus {
+    /// Frames lost, of a thousand.
+    loss: u32,
+    random: ChaCha8Rng,
+    frames: u32,
+    events: Vec<Event>,
+}
+
+impl Bus {
+    fn new(loss: u32, seed: u64) -> Self {
+        Self {
+            loss,
+            random: ChaCha8Rng::seed_from_u64(seed),
+            frames: 0,
+            events: Vec::new(),
+        }
+    }
+
+    fn delivers(&mut self) -> bool {
+        self.frames += 1;
+        self.random.random_range(0..1000) >= self.loss
+    }
+
+    /// Runs an upload to its end.
+    fn run(&mut self, store: &mut Store<Flash>, image: Vec<u8>) -> Result<(), UploadError> {
+        let mut uploader = Uploader::new(image)?;
+        let mut upload = Upload::<{ PAGE + BLOCK_OVERHEAD }>::new();
+        // Close to where the clock wraps.
+        let mut now_us = u32::MAX - 20_000;
+        loop {
+            let answers: Vec<FrameData> = match uploader.poll(now_us) {
+                Next::Frame(data) if self.delivers() => {
+                    upload.on_frame(&data, now_us).into_iter().collect()
+                }
+                Next::Frame(_) => Vec::new(),
+                Next::Wait(us) => {
+                    let progress = upload.poll(store, |_, _, _| true);
+                    self.events.extend(progress.event);
+                    if progress.answer.is_none() {
+                        now_us = now_us.wrapping_add(us);
+                    }
+                    progress.answer.into_iter().collect()
+                }
+                Next::Accepted => {
+                    assert_eq!(uploader.progress().0, uploader.progress().1);
+                    return Ok(());
+                }
+                Next::Failed(error) => return Err(error),
+            };
+            now_us = now_us.wrapping_add(250);
+            for data in answers {
+                if self.delivers() {
+                    uploader.on_frame(&data, now_us);
+                }
+            }
+        }
+    }
+}
+
+fn boot(flash: Flash, key: &SigningKey) -> Store<Flash> {
+    Store::boot(flash, LAYOUT, Some(key.public()), |_, _, _| true).unwrap()
+}
+
+fn running(store: &Store<Flash>) -> Option<u32> {
+    store.active().map(|a| a.header.issue)
+}
+
+/// A model of 10 000 bytes: five blocks.
+fn image(issue: u32, key: &SigningKey) -> Vec<u8> {
+    let payload: Vec<u8> = (0..10_000u32).map(|i| (i * issue / 7) as u8).collect();
+    seal(&payload, issue, None, Some(key)).unwrap()
+}
+
+#[test]
+fn an_image_arrives_and_an_older_or_foreign_one_does_not() {
+    let key = SigningKey::generate().unwrap();
+    let mut store = boot(Flash::new(1), &key);
+    let mut bus = Bus::new(0, 1);
+    assert_eq!(bus.run(&mut store, image(2, &key)), Ok(()));
+    println!("{} frames for 10120 bytes", bus.frames);
+    let mut store = boot(store.release(), &key);
+    assert_eq!(running(&store), Some(2));
+    for (image, refusal) in [
+        (image(1, &key), Refusal::Downgrade),
+        (image(2, &key), Refusal::Downgrade),
+        (
+            image(3, &SigningKey::generate().unwrap()),
+            Refusal::BadSignature,
+        ),
+        (
+            seal(&[0; 7 * PAGE], 3, None, Some(&key)).unwrap(),
+            Refusal::TooLong,
+        ),
+        (seal(b"model", 3, None, None).unwrap(), Refusal::Unsigned),
+    ] {
+        assert_eq!(
+            bus.run(&mut store, image),
+            Err(UploadError::Refused(refusal))
+        );
+    }
+    let mut damaged = image(3, &key);
+    damaged[5000] ^= 1;
+    assert_eq!(
+        bus.run(&mut store, damaged),
+        Err(UploadError::Refused(Refusal::BadCrc))
+    );
+    assert_eq!(running(&boot(store.release(), &key)), Some(2));
+}
+
+/// Whatever the bus loses: accepted means in force, refused or given up means
+/// that the old one runs; only a lost verdict leaves it open.
+#[test]
+fn a_bus_that_loses_frames_delays_an_upload_and_never_spoils_it() {
+    let key = SigningKey::generate().unwrap();
+    let mut flash = Flash::new(3);
+    let mut runs = 0;
+    let (mut accepted, mut failed, mut open) = (0, 0, 0);
+    for seed in 0..400 {
+        let mut store = boot(flash, &key);
+        let next = runs + 1;
+        let mut bus = Bus::new([1, 3, 20][seed as usize % 3], seed);
+        let outcome = bus.run(&mut store, image(next, &key));
+        let now = running(&boot(store.flash().clone(), &key)).unwrap_or(0);
+        match outcome {
+            Ok(()) => {
+                accepted += 1;
+                assert_eq!(now, next);
+            }
+            Err(UploadError::NoVerdict) => {
+                open += 1;
+                assert!(now == next || now == runs);
+            }
+            Err(UploadError::NoAnswer(_) | UploadError::NotTaken { .. }) => {
+                failed += 1;
+                assert_eq!(now, runs);
+            }
+            Err(error) => panic!("{error}"),
+        }
+        runs = now;
+        flash = store.release();
+    }
+    println!("{accepted} accepted, {failed} given up, {open} without verdict");
+    assert!(accepted >= 200 && failed > 0);
+}
+
+#[test]
+fn a_silent_board_is_given_up() {
+    let key = SigningKey::generate().unwrap();
+    let mut store = boot(Flash::new(1), &key);
+    let mut bus = Bus::new(1000, 1);
+    assert!(matches!(
+        bus.run(&mut store, image(1, &key)),
+        Err(UploadError::NotTaken { .. })
+    ));
+    assert!(bus.frames <= 8);
+}
