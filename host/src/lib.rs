@@ -13,5 +13,6 @@ pub mod recording;
 pub mod replay;
 pub mod report;
 pub mod seal;
+pub mod simulate;
 pub mod strain;
 pub mod upload;

@@ -1,0 +1,17 @@
+//! An encoder disc that is not centred.
+
+use std::f64::consts::TAU;
+
+use rand::RngExt;
+
+use super::{Apply, Effect};
+
+/// `0.002 rad s cos(angle - phase)` on the angle that one encoder counts.
+pub(super) const ECCENTRICITY: Effect = Effect {
+    name: "encoder-eccentricity",
+    typical: "the first encoder errs by 2 mrad once per turn",
+    apply: Apply::Encoder(|encoder, dose| {
+        encoder.eccentricity = 0.002 * dose.strength;
+        encoder.eccentric_at = TAU * dose.draw.individual.random::<f64>();
+    }),
+};

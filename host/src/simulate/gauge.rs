@@ -1,0 +1,129 @@
+//! An analogue channel: what it senses, through gauge, amplifier and converter.
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+use crate::machine::Channel;
+
+use super::angle_function::AngleFunction;
+
+/// What a disturbance may depend on.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Moment {
+    /// Time since the start [s].
+    pub t: f64,
+    /// Sample period [s].
+    pub dt: f64,
+    /// Angle of the carrier [rad].
+    pub angle: f64,
+    /// Temperature less that at the start [K].
+    pub warming: f64,
+    /// What the channel senses, as part of nominal.
+    pub level: f64,
+}
+
+/// Adds to a reading, or changes it, before the converter.
+pub(super) trait Disturbance: Send {
+    /// The disturbed reading; called once for each sample.
+    fn apply(&mut self, moment: &Moment, reading: f64) -> f64;
+}
+
+/// Changes what the converter delivers.
+pub(super) trait WordFault: Send {
+    /// The word that is delivered, if any; called once for each sample.
+    fn apply(&mut self, moment: &Moment, word: i64) -> Option<i64>;
+}
+
+/// `reading = offset + gain map(angle - shift) sensed`, then the disturbances,
+/// the noise and the converter.
+pub(super) struct Gauge {
+    /// Name of the channel.
+    pub name: String,
+    /// Group of the channel.
+    pub group: Option<String>,
+    /// Reading at zero load [unit].
+    pub offset: f64,
+    /// 1 for a gauge as described.
+    pub gain: f64,
+    /// How far the gauge sits from where it is said to be [rad of the carrier].
+    pub shift: f64,
+    /// Sensitivity over the carrier angle [unit/Nm, unit/(rad/s)].
+    pub map: AngleFunction,
+    /// What is sensed at nominal load and speed, > 0.
+    pub nominal: f64,
+    /// Whether it responds to torque and is no measured drive.
+    pub is_load_sensor: bool,
+    /// In the order in which they act.
+    pub disturbances: Vec<Box<dyn Disturbance>>,
+    /// In the order in which they act.
+    pub faults: Vec<Box<dyn WordFault>>,
+    noise_std: f64,
+    lsb: f64,
+    zero: f64,
+    lowest: f64,
+    highest: f64,
+    rng: ChaCha8Rng,
+}
+
+impl Gauge {
+    pub(super) fn new(
+        channel: &Channel,
+        map: AngleFunction,
+        nominal: f64,
+        is_load_sensor: bool,
+        rng: ChaCha8Rng,
+    ) -> Self {
+        let half = (channel.adc.bits.clamp(2, 32) - 1) as i32;
+        Self {
+            name: channel.name.clone(),
+            group: channel.group.clone(),
+            offset: channel.offset,
+            gain: 1.0,
+            shift: 0.0,
+            map,
+            nominal,
+            is_load_sensor,
+            disturbances: Vec::new(),
+            faults: Vec::new(),
+            noise_std: channel.noise_std,
+            lsb: channel.adc.lsb,
+            zero: f64::from(channel.adc.zero),
+            lowest: -f64::from(half).exp2(),
+            highest: f64::from(half).exp2() - 1.0,
+            rng,
+        }
+    }
+
+    /// Magnitude of the reading at nominal load [unit].
+    pub(super) fn span(&self) -> f64 {
+        self.map.rms() * self.nominal
+    }
+
+    /// Reading of one count of the converter [unit/count].
+    pub(super) fn lsb(&self) -> f64 {
+        self.lsb
+    }
+
+    /// The value that the recording holds; NaN where none was delivered.
+    pub(super) fn sample(&mut self, moment: &Moment, sensed: f64) -> f64 {
+        let moment = &Moment {
+            level: sensed / self.nominal,
+            ..*moment
+        };
+        let sensitivity = self.gain * self.map.at(moment.angle - self.shift);
+        let mut reading = self.offset + sensitivity * sensed;
+        for disturbance in &mut self.disturbances {
+            reading = disturbance.apply(moment, reading);
+        }
+        reading += self.noise_std * self.rng.sample::<f64, _>(StandardNormal);
+        let word = ((reading / self.lsb).round() + self.zero).clamp(self.lowest, self.highest);
+        let mut word = Some(word as i64);
+        for fault in &mut self.faults {
+            word = word.and_then(|word| fault.apply(moment, word));
+        }
+        word.map_or(f64::NAN, |word| {
+            ((word as f64).clamp(self.lowest, self.highest) - self.zero) * self.lsb
+        })
+    }
+}

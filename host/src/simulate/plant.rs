@@ -1,0 +1,569 @@
+//! The drivetrain as the plant integrates it: finer than the estimator's
+//! model, with its own equations and its own integrator.
+//!
+//! Each shaft is split into an elastic part and a mesh with a gear between
+//! them, so a machine of n inertias becomes one of 2 n - 1. With body i
+//! between the segments i - 1 and i, all referred to speed ratio 1:
+//!
+//! `J_i dw_i/dt = tau_(i-1) - tau_i - friction_i + load_i`,
+//! `d(delta_i)/dt = w_i - w_(i+1)`,
+//! `tau_i = k_i(angle) zone(delta_i) + c_i d(delta_i)/dt`,
+//!
+//! where `zone` is the dead zone of the backlash, and a tooth that pushes
+//! cannot pull: `tau_i` never has the sign opposite to `zone(delta_i)`.
+
+use super::chain::{Body, Chain, Presliding, Ripple};
+
+/// Bodies of the largest machine, 2 * 6 - 1.
+const BODIES: usize = 11;
+
+/// Longest integration step [s].
+const LONGEST_STEP_S: f64 = 1e-4;
+
+/// Periods of the mesh's stiffness per turn of the main shaft.
+const MESH_ORDER: f64 = 99.0;
+
+/// Part of the nominal speed at which Coulomb friction is fully there.
+const CREEP: f64 = 0.005;
+
+/// Part of the nominal speed over which sticking fades.
+const STRIBECK: f64 = 0.05;
+
+/// What drives the plant from outside.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Drive {
+    /// Torque on each body, referred [N m].
+    loads: [f64; BODIES],
+    /// Torque that the speed controller starts from, referred [N m].
+    pub feed: f64,
+    /// Speed that it holds [rad/s of the main shaft].
+    pub speed: f64,
+}
+
+impl Drive {
+    /// No torque, at `speed` [rad/s of the main shaft].
+    pub(super) fn at_speed(speed: f64) -> Self {
+        Self {
+            speed,
+            ..Self::default()
+        }
+    }
+
+    /// What acts at `part` of the way from one to the other, 0 to 1.
+    pub(super) fn between(from: &Self, to: &Self, part: f64) -> Self {
+        let between = |a: f64, b: f64| a + part * (b - a);
+        Self {
+            loads: std::array::from_fn(|i| between(from.loads[i], to.loads[i])),
+            feed: between(from.feed, to.feed),
+            speed: between(from.speed, to.speed),
+        }
+    }
+
+    /// Adds a torque on inertia `i` of the machine description, referred [N m].
+    pub(super) fn load(&mut self, i: usize, torque: f64) {
+        self.loads[2 * i] += torque;
+    }
+}
+
+/// The machine that holds the speed: PI control through a lagging torque loop,
+///
+/// `d(torque)/dt = (feed + p e + integral - torque) / LAG`, `e = speed - w`.
+///
+/// It acts on the body whose speed it measures and `i/p < 1/LAG`, so it is
+/// passive: it takes energy out of every torsional vibration.
+#[derive(Clone, Copy, Debug, Default)]
+struct Controller {
+    body: usize,
+    proportional: f64,
+    integral: f64,
+}
+
+/// Time constant of the controlled machine's torque [s].
+const LAG: f64 = 0.02;
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Segment {
+    stiffness: f64,
+    damping: f64,
+    half_backlash: f64,
+    variation: f64,
+    loss: f64,
+}
+
+/// Angles and speeds, or their rates.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct State {
+    /// Angle of the first body [rad].
+    angle: f64,
+    /// Angle of body i less that of body i + 1 [rad].
+    twist: [f64; BODIES],
+    /// [rad/s].
+    speed: [f64; BODIES],
+    /// Pre-sliding friction [N m].
+    friction: f64,
+    /// Torque of the machine that holds the speed [N m].
+    drive: f64,
+    /// Integral part of its controller [N m].
+    integral: f64,
+}
+
+/// The plant and where it is.
+#[derive(Clone, Debug)]
+pub(super) struct Plant {
+    count: usize,
+    bodies: [Body; BODIES],
+    segments: [Segment; BODIES],
+    ripples: Vec<Ripple>,
+    presliding: Option<Presliding>,
+    controller: Controller,
+    nominal_speed: f64,
+    state: State,
+}
+
+/// Why a plant cannot be integrated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct TooStiff {
+    /// Step that would resolve its fastest motion [s].
+    pub needed_s: f64,
+    /// Shortest step that is taken [s].
+    pub least_s: f64,
+}
+
+impl Plant {
+    /// The plant of `chain` whose inertia `held` is driven so that the speed
+    /// follows with a bandwidth of `bandwidth` [rad/s].
+    pub(super) fn new(chain: &Chain, held: usize, bandwidth: f64) -> Self {
+        let mut plant = Self {
+            count: 2 * chain.bodies.len() - 1,
+            bodies: [Body::default(); BODIES],
+            segments: [Segment::default(); BODIES],
+            ripples: chain.ripples.clone(),
+            presliding: chain.presliding,
+            controller: Controller::default(),
+            nominal_speed: chain.nominal_speed,
+            state: State::default(),
+        };
+        for (i, body) in chain.bodies.iter().enumerate() {
+            plant.bodies[2 * i] = *body;
+        }
+        for ripple in &mut plant.ripples {
+            ripple.body *= 2;
+        }
+        if let Some(presliding) = &mut plant.presliding {
+            presliding.body *= 2;
+        }
+        for (i, shaft) in chain.shafts.iter().enumerate() {
+            // The gear's inertia is taken from both neighbours: that of the
+            // whole chain stays.
+            let gear = shaft.gear * chain.bodies[i].inertia.min(chain.bodies[i + 1].inertia);
+            plant.bodies[2 * i].inertia -= 0.5 * gear;
+            plant.bodies[2 * i + 2].inertia -= 0.5 * gear;
+            plant.bodies[2 * i + 1].inertia = gear;
+            // Two equal springs in series.
+            let half = Segment {
+                stiffness: 2.0 * shaft.stiffness,
+                damping: 2.0 * shaft.damping,
+                ..Segment::default()
+            };
+            plant.segments[2 * i] = half;
+            plant.segments[2 * i + 1] = Segment {
+                half_backlash: 0.5 * shaft.backlash,
+                variation: shaft.variation,
+                loss: shaft.loss,
+                ..half
+            };
+        }
+        // Critically damped with the inertia of the whole chain.
+        let proportional = plant.inertia() * bandwidth;
+        plant.controller = Controller {
+            body: 2 * held,
+            proportional,
+            integral: 0.25 * proportional * bandwidth,
+        };
+        plant
+    }
+
+    /// Steps per sample, so that each resolves the fastest motion.
+    ///
+    /// Bounds the highest eigenfrequency and decay rate by Gershgorin's circles.
+    pub(super) fn steps_per_sample(&self, dt_s: f64) -> Result<u32, TooStiff> {
+        const MOST: f64 = 20_000.0;
+        let slow = CREEP * self.nominal_speed;
+        let mut step = LONGEST_STEP_S;
+        for i in 0..self.count {
+            let body = &self.bodies[i];
+            let (mut spring, mut damper) = (0.0, body.viscous + body.coulomb / slow);
+            for (segment, neighbour) in [(i.wrapping_sub(1), i.wrapping_sub(1)), (i, i + 1)] {
+                if segment < self.count - 1 {
+                    let s = &self.segments[segment];
+                    let coupling = (body.inertia / self.bodies[neighbour].inertia).sqrt();
+                    spring += s.stiffness * (1.0 + s.variation.abs()) * (1.0 + coupling);
+                    damper += s.damping * (1.0 + coupling);
+                }
+            }
+            if let Some(p) = self.presliding.filter(|p| p.body == i) {
+                spring += p.torque / p.angle;
+            }
+            step = step
+                .min(0.25 / (spring / body.inertia).sqrt())
+                .min(0.5 * body.inertia / damper);
+        }
+        let steps = (dt_s / step).ceil().max(1.0);
+        if steps <= MOST {
+            Ok(steps as u32)
+        } else {
+            Err(TooStiff {
+                needed_s: step,
+                least_s: dt_s / MOST,
+            })
+        }
+    }
+
+    /// Puts the plant where `drive` turns it steadily.
+    ///
+    /// The loads and the feed must balance but for the losses of the meshes.
+    pub(super) fn settle(&mut self, angle: f64, drive: &Drive) {
+        let speed = drive.speed;
+        self.state = State {
+            angle,
+            drive: drive.feed,
+            ..State::default()
+        };
+        self.state.speed[..self.count].fill(speed);
+        if let Some(p) = self.presliding {
+            self.state.friction = p.torque * self.direction(speed);
+        }
+        let mut torque = 0.0;
+        for i in 0..self.count - 1 {
+            torque += drive.loads[i] - self.friction(i, &self.state);
+            if i == self.controller.body {
+                torque += drive.feed;
+            }
+            let s = &self.segments[i];
+            let side = if torque < 0.0 { -1.0 } else { 1.0 };
+            self.state.twist[i] = torque / s.stiffness + s.half_backlash * side;
+            torque -= s.loss * torque.abs() * self.direction(speed);
+        }
+    }
+
+    /// Friction of all bodies at `speed` without that of the meshes [N m].
+    pub(super) fn drag(&self, speed: f64) -> f64 {
+        let mut state = State::default();
+        if let Some(p) = self.presliding {
+            state.friction = p.torque * self.direction(speed);
+        }
+        state.speed[..self.count].fill(speed);
+        (0..self.count).map(|i| self.friction(i, &state)).sum()
+    }
+
+    /// Moment of inertia of all bodies [kg m^2].
+    pub(super) fn inertia(&self) -> f64 {
+        self.bodies[..self.count].iter().map(|b| b.inertia).sum()
+    }
+
+    /// One step of the classical Runge-Kutta method with constant loads.
+    pub(super) fn step(&mut self, h: f64, drive: &Drive) {
+        let x = self.state;
+        let k1 = self.rate(&x, drive);
+        let k2 = self.rate(&self.along(&x, &k1, 0.5 * h), drive);
+        let k3 = self.rate(&self.along(&x, &k2, 0.5 * h), drive);
+        let k4 = self.rate(&self.along(&x, &k3, h), drive);
+        let mut next = x;
+        for (k, weight) in [(k1, 1.0), (k2, 2.0), (k3, 2.0), (k4, 1.0)] {
+            next = self.along(&next, &k, weight * h / 6.0);
+        }
+        self.state = next;
+    }
+
+    fn along(&self, x: &State, rate: &State, h: f64) -> State {
+        let mut next = *x;
+        next.angle += h * rate.angle;
+        next.friction += h * rate.friction;
+        next.drive += h * rate.drive;
+        next.integral += h * rate.integral;
+        for i in 0..self.count {
+            next.twist[i] += h * rate.twist[i];
+            next.speed[i] += h * rate.speed[i];
+        }
+        next
+    }
+
+    fn rate(&self, x: &State, drive: &Drive) -> State {
+        let mut rate = State {
+            angle: x.speed[0],
+            ..State::default()
+        };
+        let mut before = 0.0;
+        for i in 0..self.count {
+            let mut torque = before + drive.loads[i] - self.friction(i, x);
+            if i + 1 < self.count {
+                rate.twist[i] = x.speed[i] - x.speed[i + 1];
+                let carried = self.torque(i, x);
+                torque -= carried;
+                let loss = self.segments[i].loss;
+                before = carried
+                    - if loss == 0.0 {
+                        0.0
+                    } else {
+                        loss * carried.abs() * self.direction(x.speed[i])
+                    };
+            }
+            rate.speed[i] = torque / self.bodies[i].inertia;
+        }
+        let c = &self.controller;
+        let error = drive.speed - x.speed[c.body];
+        rate.speed[c.body] += x.drive / self.bodies[c.body].inertia;
+        rate.drive = (drive.feed + c.proportional * error + x.integral - x.drive) / LAG;
+        rate.integral = c.integral * error;
+        for ripple in &self.ripples {
+            rate.speed[ripple.body] += ripple.amplitude
+                * (ripple.order * x.angle + ripple.phase).cos()
+                / self.bodies[ripple.body].inertia;
+        }
+        if let Some(p) = self.presliding {
+            let w = x.speed[p.body];
+            rate.friction = (w * p.torque - w.abs() * x.friction) / p.angle;
+        }
+        rate
+    }
+
+    /// Torque that segment `i` carries from body i to body i + 1.
+    fn torque(&self, i: usize, x: &State) -> f64 {
+        let s = &self.segments[i];
+        let mut stiffness = s.stiffness;
+        if s.variation != 0.0 {
+            stiffness *= 1.0 + s.variation * (MESH_ORDER * x.angle).cos();
+        }
+        let damping = s.damping * (x.speed[i] - x.speed[i + 1]);
+        if s.half_backlash == 0.0 {
+            return stiffness * x.twist[i] + damping;
+        }
+        if x.twist[i] > s.half_backlash {
+            (stiffness * (x.twist[i] - s.half_backlash) + damping).max(0.0)
+        } else if x.twist[i] < -s.half_backlash {
+            (stiffness * (x.twist[i] + s.half_backlash) + damping).min(0.0)
+        } else {
+            0.0
+        }
+    }
+
+    /// Torque that brakes body `i`.
+    fn friction(&self, i: usize, x: &State) -> f64 {
+        let body = &self.bodies[i];
+        let w = x.speed[i];
+        let mut torque = body.viscous * w;
+        if body.coulomb != 0.0 || body.stribeck != 0.0 {
+            let fade = w / (STRIBECK * self.nominal_speed);
+            torque += (body.coulomb + body.stribeck * (-fade * fade).exp()) * self.direction(w);
+        }
+        if self.presliding.is_some_and(|p| p.body == i) {
+            torque += x.friction;
+        }
+        torque
+    }
+
+    /// -1 to 1, smooth over standstill.
+    fn direction(&self, speed: f64) -> f64 {
+        (speed / (CREEP * self.nominal_speed)).tanh()
+    }
+
+    /// Angle of inertia `i` of the machine description, referred [rad].
+    pub(super) fn angle_of(&self, i: usize) -> f64 {
+        self.state.angle - self.state.twist[..2 * i].iter().sum::<f64>()
+    }
+
+    /// Speed of inertia `i` of the machine description, referred [rad/s].
+    pub(super) fn speed_of(&self, i: usize) -> f64 {
+        self.state.speed[2 * i]
+    }
+
+    /// Torque in the mesh of shaft `i` of the machine description, referred [N m].
+    pub(super) fn torque_of(&self, i: usize) -> f64 {
+        self.torque(2 * i + 1, &self.state)
+    }
+
+    /// Torque of the machine that holds the speed, referred [N m].
+    pub(super) fn drive(&self) -> f64 {
+        self.state.drive
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::chain::Shaft;
+    use super::*;
+
+    fn two(gear: f64, backlash: f64) -> Plant {
+        let body = |inertia| Body {
+            inertia,
+            ..Body::default()
+        };
+        let chain = Chain {
+            bodies: vec![body(4.0e5), body(1.5e5)],
+            shafts: vec![Shaft {
+                stiffness: 4.0e7,
+                damping: 0.0,
+                backlash,
+                variation: 0.0,
+                loss: 0.0,
+                gear,
+            }],
+            ripples: vec![],
+            presliding: None,
+            nominal_speed: 2.7,
+            nominal_torque: 3.0e5,
+        };
+        // Without a controller, unless a test gives it a bandwidth.
+        Plant::new(&chain, 1, 0.0)
+    }
+
+    fn loads(speed: f64, first: f64, last: f64) -> Drive {
+        let mut drive = Drive::at_speed(speed);
+        drive.load(0, first);
+        drive.load(1, last);
+        drive
+    }
+
+    #[test]
+    fn free_vibration_has_the_frequency_of_two_inertias_on_a_spring() {
+        // w^2 = k (1/J1 + 1/J2); a gear of 0.01 % hardly changes it.
+        let mut plant = two(1e-4, 0.0);
+        let expected = (4.0e7_f64 * (1.0 / 4.0e5 + 1.0 / 1.5e5)).sqrt() / std::f64::consts::TAU;
+        plant.settle(0.0, &loads(0.0, 1e5, -1e5));
+        let dt = 1e-3;
+        let steps = plant.steps_per_sample(dt).unwrap();
+        let mut crossings = vec![];
+        let mut before = plant.torque_of(0);
+        for sample in 1..20_000 {
+            for _ in 0..steps {
+                plant.step(dt / f64::from(steps), &loads(0.0, 0.0, 0.0));
+            }
+            let now = plant.torque_of(0);
+            if before < 0.0 && now >= 0.0 {
+                crossings.push((f64::from(sample) - now / (now - before)) * dt);
+            }
+            before = now;
+        }
+        let turns = crossings.len() - 1;
+        let found = turns as f64 / (crossings[turns] - crossings[0]);
+        assert!(
+            (found / expected - 1.0).abs() < 1e-3,
+            "{found} Hz, {expected} Hz"
+        );
+    }
+
+    #[test]
+    fn a_free_plant_keeps_energy_and_momentum() {
+        let mut plant = two(0.01, 0.0);
+        plant.settle(0.0, &loads(2.0, 1e5, -1e5));
+        let energy = |p: &Plant| {
+            (0..3)
+                .map(|i| 0.5 * p.bodies[i].inertia * p.state.speed[i].powi(2))
+                .sum::<f64>()
+                + (0..2)
+                    .map(|i| 0.5 * p.segments[i].stiffness * p.state.twist[i].powi(2))
+                    .sum::<f64>()
+        };
+        let momentum = |p: &Plant| {
+            (0..3)
+                .map(|i| p.bodies[i].inertia * p.state.speed[i])
+                .sum::<f64>()
+        };
+        let (e, m) = (energy(&plant), momentum(&plant));
+        assert!(
+            (m - 2.0 * 5.5e5).abs() < 1e-6 * m,
+            "the split keeps the inertia"
+        );
+        for _ in 0..100_000 {
+            plant.step(1e-4, &loads(0.0, 0.0, 0.0));
+        }
+        assert!((energy(&plant) / e - 1.0).abs() < 1e-6);
+        assert!((momentum(&plant) / m - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_steady_load_is_carried_whole_less_the_friction_before_it() {
+        // By hand: 300 kNm in, 1000 N m s/rad * 2 rad/s and 500 N m on the
+        // first body: 297.5 kNm in the mesh.
+        let mut plant = two(0.01, 0.002);
+        plant.bodies[0].viscous = 1000.0;
+        plant.bodies[0].coulomb = 500.0;
+        let balanced = loads(2.0, 3e5, -3e5 + plant.drag(2.0));
+        plant.settle(0.0, &balanced);
+        for _ in 0..10_000 {
+            plant.step(1e-4, &balanced);
+        }
+        assert!(
+            (plant.torque_of(0) - 297_500.0).abs() < 1.0,
+            "{}",
+            plant.torque_of(0)
+        );
+        assert!((plant.speed_of(1) - 2.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn inside_the_backlash_no_torque_is_carried_and_stops_push_only() {
+        let mut plant = two(0.01, 0.01);
+        plant.settle(0.0, &loads(0.0, 1.0, -1.0));
+        plant.segments[1].damping = 1e6;
+        let (mut idle, mut before) = (0, 0.0_f64);
+        let mut signs = vec![];
+        for _ in 0..200_000 {
+            plant.step(1e-4, &loads(0.0, -2000.0, 2000.0 * 1.5 / 4.0));
+            let (torque, twist) = (plant.torque_of(0), plant.state.twist[1]);
+            if twist.abs() < 0.005 {
+                assert_eq!(torque, 0.0);
+                idle += 1;
+            } else {
+                assert!(
+                    torque * twist >= 0.0,
+                    "a stop that pulls: {torque} at {twist}"
+                );
+            }
+            if torque != 0.0 && torque.signum() != before.signum() {
+                signs.push(torque.signum());
+            }
+            before = if torque == 0.0 { before } else { torque };
+        }
+        assert!(idle > 100, "crossed the gap in {idle} steps");
+        assert!(signs.contains(&-1.0));
+    }
+
+    #[test]
+    fn a_stiffer_plant_is_stepped_finer_and_one_beyond_reach_is_refused() {
+        let mut plant = two(0.01, 0.0);
+        let soft = plant.steps_per_sample(0.002).unwrap();
+        assert_eq!(soft, 20);
+        for s in &mut plant.segments {
+            s.stiffness *= 1e4;
+        }
+        assert!(plant.steps_per_sample(0.002).unwrap() > 100);
+        for s in &mut plant.segments {
+            s.stiffness *= 1e12;
+        }
+        assert!(plant.steps_per_sample(0.002).is_err());
+    }
+
+    #[test]
+    fn the_controlled_machine_holds_the_speed_against_the_load() {
+        let mut plant = two(0.01, 0.0);
+        plant.bodies[0].viscous = 1000.0;
+        for segment in &mut plant.segments[..2] {
+            segment.damping = 4e5;
+        }
+        let chain_inertia = plant.inertia();
+        plant.controller.proportional = 3.0 * chain_inertia;
+        plant.controller.integral = 2.25 * chain_inertia;
+        plant.settle(0.0, &Drive::at_speed(2.0));
+        let drive = loads(2.5, 3e5, 0.0);
+        for _ in 0..200_000 {
+            plant.step(1e-4, &drive);
+        }
+        assert!((plant.speed_of(1) - 2.5).abs() < 1e-6);
+        assert!(
+            (plant.drive() - (2500.0 - 3e5)).abs() < 1.0,
+            "{}",
+            plant.drive()
+        );
+    }
+}
