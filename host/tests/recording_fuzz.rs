@@ -1,5 +1,6 @@
 //! Damaged recordings: whatever the bytes, the reader ends with rows or with one
-//! line, without a panic and in bounded memory.
+//! line, without a panic and in bounded memory. `LOADTWIN_FUZZ=20` tries 20 times
+//! as many.
 use std::path::Path;
 
 use loadtwin::recording::{CsvLayout, OutputColumn, Problem, Reader, Wanted, Writer};
@@ -134,18 +135,22 @@ fn replace(path: &Path, bytes: &[u8]) {
     std::fs::write(path, bytes).unwrap();
 }
 
+fn config(cases: u32) -> Config {
+    let times = std::env::var("LOADTWIN_FUZZ").map_or(1, |n| n.parse().unwrap());
+    Config {
+        cases: cases * times,
+        failure_persistence: None,
+        ..Config::default()
+    }
+}
+
 /// Reads `seed` with `cases` different damages.
 fn survive(seed: &[u8], cases: u32) {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("damaged");
     std::fs::write(&path, seed).unwrap();
     read(&path).unwrap();
-    let config = Config {
-        cases,
-        failure_persistence: None,
-        ..Config::default()
-    };
-    TestRunner::new(config)
+    TestRunner::new(config(cases))
         .run(&damage(), |damage| {
             let mut bytes = seed.to_vec();
             for one in &damage {
@@ -272,12 +277,7 @@ fn random_bytes_behind_every_magic() {
     ];
     let end = prop_oneof![Just(&b""[..]), Just(&b"\x10\0\0\0PAR1"[..])];
     let bytes = prop::collection::vec(any::<u8>(), 0..4000);
-    let config = Config {
-        cases: 3000,
-        failure_persistence: None,
-        ..Config::default()
-    };
-    TestRunner::new(config)
+    TestRunner::new(config(3000))
         .run(&(start, bytes, end), |(start, bytes, end)| {
             replace(&path, &[start, &bytes, end].concat());
             read(&path)
