@@ -40,11 +40,14 @@ pub fn run(as_json: bool) -> anyhow::Result<()> {
             println!();
         }
     }
+    let page = Path::new("out/report.html");
+    std::fs::create_dir_all("out").context("out")?;
+    replay::write_page(&machine, &folder.join(RECORDINGS[0].0), page)?;
     if as_json {
-        println!(
-            "{}",
-            json!({ "machine": machine.name, "recordings": recordings })
-        );
+        let report = json!({ "machine": machine.name, "recordings": recordings, "report": page });
+        println!("{report}");
+    } else {
+        println!("report: {}", page.display());
     }
     Ok(())
 }

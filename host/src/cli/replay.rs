@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
+use loadtwin_common::estimate::Estimate;
 use serde_json::{Value, json};
 
 use super::progress::Progress;
 use crate::build::Sensors;
 use crate::machine::Machine;
-use crate::replay::{self, EstimateWriter, Figures};
+use crate::replay::{self, EstimateWriter, Figures, ReportPage, Sample};
 
 /// Run the estimator on a recording and report its error.
 #[derive(Debug, Args)]
@@ -71,18 +72,43 @@ impl Replay {
             Some(path) => Some(EstimateWriter::create(path, machine, &sensors)?),
             None => None,
         };
+        let mut page = self
+            .report
+            .is_some()
+            .then(|| ReportPage::new(machine, &sensors));
         let mut written = Ok(());
-        let outcome = one_set(machine, &sensors, &self.recording, |t, estimate| {
+        let outcome = one_set(machine, &sensors, &self.recording, |sample, estimate| {
             if let (Some(writer), true) = (&mut estimates, written.is_ok()) {
-                written = writer.push(t, estimate);
+                written = writer.push(sample.t, estimate);
+            }
+            if let Some(page) = &mut page {
+                page.push(sample, estimate);
             }
         })?;
         written?;
         if let Some(writer) = estimates {
             writer.finish()?;
         }
+        if let (Some(page), Some(path)) = (page, &self.report) {
+            let recording = self.recording.display().to_string();
+            page.finish(machine, &sensors, &recording, &outcome.figures)
+                .write(path)?;
+        }
         Ok(outcome)
     }
+}
+
+/// Replays `recording` with the machine's first set of sensors and writes the page.
+pub(super) fn write_page(machine: &Machine, recording: &Path, path: &Path) -> anyhow::Result<()> {
+    let sensors = Sensors::choose(machine, None)?;
+    let mut page = ReportPage::new(machine, &sensors);
+    let outcome = one_set(machine, &sensors, recording, |sample, estimate| {
+        page.push(sample, estimate);
+    })?;
+    let name = recording.file_name().unwrap_or_default().to_string_lossy();
+    page.finish(machine, &sensors, &name, &outcome.figures)
+        .write(path)?;
+    Ok(())
 }
 
 /// Replays `recording` with one set of sensors.
@@ -90,14 +116,14 @@ fn one_set(
     machine: &Machine,
     sensors: &Sensors,
     recording: &Path,
-    mut each: impl FnMut(f64, &loadtwin_common::estimate::Estimate),
+    mut each: impl FnMut(&Sample<'_>, &Estimate),
 ) -> anyhow::Result<Outcome> {
     let started = Instant::now();
     let progress = Progress::new("replay");
     let mut figures = Figures::new(machine);
     replay::run(machine, sensors, recording, |sample, estimate, part| {
         figures.push(sample, estimate);
-        each(sample.t, estimate);
+        each(sample, estimate);
         if figures.samples().is_multiple_of(8192) {
             progress.show(part);
         }

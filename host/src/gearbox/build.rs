@@ -155,7 +155,7 @@ impl Plan {
         tables: &'a Tables,
     ) -> Result<Channel<'a>, BuildError> {
         let converter = Converter {
-            zero: channel.adc.zero,
+            zero: channel.zero_word(),
             gain: (channel.lsb_si() / tables.unit) as f32,
             lowest: (-(1_i64 << (channel.adc.bits - 1))) as i32,
             highest: ((1_i64 << (channel.adc.bits - 1)) - 1) as i32,

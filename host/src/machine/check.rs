@@ -134,6 +134,15 @@ impl Machine {
                 (Some(sensitivity), None) => nonzero(&field("sensitivity"), sensitivity)?,
                 (None, _) => {}
             }
+            if channel.bridge.is_some() {
+                let strain = channel.unit.quantity() == Quantity::Strain;
+                within(
+                    &field("unit"),
+                    channel.unit,
+                    strain,
+                    "a unit of strain, as there is a bridge",
+                )?;
+            }
             nonzero(&field("adc.lsb"), channel.adc.lsb)?;
             let bits = channel.adc.bits;
             within(

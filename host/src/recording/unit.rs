@@ -242,6 +242,8 @@ impl Unit {
     pub const RADIAN: Self = Self(&unit("rad", Q::Angle, 1.0, 1.0, &[]));
     /// The newton metre.
     pub const NEWTON_METRE: Self = Self(&unit("Nm", Q::Torque, 1.0, 1.0, &[]));
+    /// Bridge output over excitation.
+    pub const VOLT_PER_VOLT: Self = Self(&unit("V/V", Q::BridgeRatio, 1.0, 1.0, &[]));
     /// A plain number.
     pub const ONE: Self = Self(&unit("1", Q::Number, 1.0, 1.0, &[]));
     /// Raw words of a converter or counter.

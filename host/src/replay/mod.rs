@@ -2,6 +2,7 @@
 
 mod estimates;
 mod figures;
+mod page;
 mod samples;
 
 use std::path::Path;
@@ -13,6 +14,7 @@ use thiserror::Error;
 
 pub use estimates::EstimateWriter;
 pub use figures::{Figures, LoadFigures};
+pub use page::ReportPage;
 pub use samples::{Sample, Samples};
 
 use crate::build::{self, BuildError, Sensors};

@@ -13,12 +13,23 @@ use crate::recording::{Block, Quantity, Reader, Unit, Wanted};
 pub struct Samples {
     reader: Reader,
     channels: Vec<Channel>,
-    words: Vec<bool>,
+    forms: Vec<Form>,
     encoders: Vec<Encoder>,
     angles: Vec<bool>,
     index: Option<IndexColumn>,
     references: Vec<Reference>,
     tick: u32,
+}
+
+/// What the column of an analogue channel holds.
+#[derive(Clone, Copy)]
+enum Form {
+    /// The converter's words themselves.
+    Word,
+    /// The output of the channel's bridge.
+    Ratio,
+    /// The reading.
+    Reading,
 }
 
 /// What the index column holds.
@@ -56,11 +67,14 @@ impl Samples {
                 .ok()
                 .map(Unit::quantity)
         };
-        // A column in counts holds the converter's words themselves.
-        let words: Vec<bool> = sensors
+        let forms: Vec<Form> = sensors
             .channels
             .iter()
-            .map(|c| quantity(&c.name) == Some(Quantity::Counts))
+            .map(|channel| match quantity(&channel.name) {
+                Some(Quantity::Counts) => Form::Word,
+                Some(Quantity::BridgeRatio) if channel.bridge.is_some() => Form::Ratio,
+                _ => Form::Reading,
+            })
             .collect();
         let angles: Vec<bool> = sensors
             .encoders
@@ -85,11 +99,11 @@ impl Samples {
         });
 
         let mut wanted = Vec::new();
-        for (channel, is_word) in sensors.channels.iter().zip(&words) {
-            let unit = if *is_word {
-                Unit::COUNTS
-            } else {
-                channel.unit.si()
+        for (channel, form) in sensors.channels.iter().zip(&forms) {
+            let unit = match form {
+                Form::Word => Unit::COUNTS,
+                Form::Ratio => Unit::VOLT_PER_VOLT,
+                Form::Reading => channel.unit.si(),
             };
             wanted.push(Wanted {
                 name: &channel.name,
@@ -135,7 +149,7 @@ impl Samples {
             references: machine.references.clone(),
             index: index.map(|(_, column)| column),
             reader,
-            words,
+            forms,
             angles,
             tick: 0,
         })
@@ -185,17 +199,15 @@ impl Samples {
             .columns
             .iter()
             .map(|column| column.as_ref().map_or(f64::NAN, |c| c[i]));
-        for (k, (channel, is_word)) in self.channels.iter().zip(&self.words).enumerate() {
+        for (k, (channel, form)) in self.channels.iter().zip(&self.forms).enumerate() {
             let value = columns.next().unwrap_or(f64::NAN);
             if !value.is_nan() {
-                raw.set_word(
-                    k,
-                    if *is_word {
-                        value as i32
-                    } else {
-                        word(channel, value)
-                    },
-                );
+                let word = match form {
+                    Form::Word => value as i32,
+                    Form::Ratio => channel.word_of_ratio(value),
+                    Form::Reading => channel.word(value),
+                };
+                raw.set_word(k, word);
             }
         }
         for (k, (encoder, is_angle)) in self.encoders.iter().zip(&self.angles).enumerate() {
@@ -226,13 +238,6 @@ impl Samples {
         }
         raw
     }
-}
-
-/// The converter's word for a value in SI units.
-fn word(channel: &Channel, value: f64) -> i32 {
-    let full = 1_i64 << (channel.adc.bits - 1);
-    let word = (value / channel.lsb_si()).round() as i64 + i64::from(channel.adc.zero);
-    word.clamp(-full, full - 1) as i32
 }
 
 /// The hardware counter's value for a count.

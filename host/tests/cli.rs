@@ -1,0 +1,328 @@
+//! The real binary: figures, and one clear line for bad input.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const MACHINE: &str = include_str!("data/two_inertias.toml");
+const MAP: &str = include_str!("data/two_inertias_map.csv");
+
+struct Bench {
+    folder: tempfile::TempDir,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let bench = Self {
+            folder: tempfile::tempdir().unwrap(),
+        };
+        bench.write("machine.toml", MACHINE);
+        bench.write("two_inertias_map.csv", MAP);
+        bench.write("good.csv", recording(3000));
+        bench
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn write(&self, name: &str, text: impl AsRef<[u8]>) {
+        std::fs::write(self.path(name), text).unwrap();
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        Command::new(env!("CARGO_BIN_EXE_loadtwin"))
+            .args(arguments)
+            .current_dir(self.folder.path())
+            .output()
+            .unwrap()
+    }
+
+    /// Runs a replay that must fail with exit code 1, one line that holds all
+    /// `expected`, and no output left behind.
+    fn refused(&self, machine: &str, recording: &str, expected: &[&str]) {
+        let arguments = [
+            "replay",
+            machine,
+            recording,
+            "--estimates",
+            "estimates.csv",
+            "--report",
+            "report.html",
+        ];
+        let output = self.run(&arguments);
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{message}");
+        assert_eq!(message.trim_end().lines().count(), 1, "{message}");
+        for part in expected {
+            assert!(message.contains(part), "no {part:?} in: {message}");
+        }
+        for name in ["estimates.csv", "report.html"] {
+            assert!(
+                !self.path(name).exists(),
+                "{name} was left behind: {message}"
+            );
+        }
+        let partial = std::fs::read_dir(self.folder.path()).unwrap().flatten();
+        let partial: Vec<_> = partial
+            .filter(|e| e.file_name().to_string_lossy().contains("partial"))
+            .collect();
+        assert!(partial.is_empty(), "{partial:?}");
+    }
+
+    fn refused_recording(&self, text: impl AsRef<[u8]>, expected: &[&str]) {
+        self.write("bad.csv", text);
+        self.refused("machine.toml", "bad.csv", expected);
+    }
+
+    fn refused_machine(&self, from: &str, to: &str, expected: &[&str]) {
+        assert!(MACHINE.contains(from), "{from}");
+        self.write("bad.toml", MACHINE.replacen(from, to, 1));
+        self.refused("bad.toml", "good.csv", expected);
+    }
+}
+
+/// `rows` samples of a standing machine under half its nominal torque.
+fn recording(rows: usize) -> String {
+    let mut text =
+        "t [s],constant [µm/m],varying [µm/m],encoder [counts],index [counts],torque_main [kNm]\n"
+            .to_owned();
+    for i in 0..rows {
+        let noise = [0.1, -0.2, 0.15, -0.05, 0.0][i % 5];
+        let index = if i == 5 { "0" } else { "" };
+        text += &format!(
+            "{:.3},{:.3},{:.3},0,{index},150\n",
+            i as f64 / 500.0,
+            50.0 + noise,
+            63.507 - noise
+        );
+    }
+    text
+}
+
+/// The good recording with line `line` (from 1) changed.
+fn changed(line: usize, change: impl Fn(&str) -> String) -> String {
+    let text = recording(3000);
+    let lines = text.lines().enumerate();
+    lines.map(|(i, text)| if i + 1 == line { change(text) } else { text.to_owned() } + "\n").collect()
+}
+
+#[test]
+fn replay_prints_the_same_figures_to_a_person_and_to_a_script() {
+    let bench = Bench::new();
+    let text = bench.run(&["replay", "machine.toml", "good.csv"]);
+    let text = String::from_utf8(text.stdout).unwrap();
+    let output = bench.run(&["replay", "machine.toml", "good.csv", "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(json["samples"], 3000);
+    let nmae = json["loads"]["main"]["nmae_percent"]["full"]
+        .as_f64()
+        .unwrap();
+    assert!(nmae < 3.0, "{nmae}");
+    assert!(text.contains(&format!("{nmae:.2}")), "{text}");
+    for key in [
+        "machine",
+        "recording",
+        "rate_hz",
+        "filter",
+        "samples_per_second",
+        "nis_mean",
+        "flags",
+    ] {
+        assert!(!json[key].is_null(), "{key}");
+    }
+    assert!(json["loads"]["high_speed"]["rmse"].is_null());
+}
+
+#[test]
+fn estimates_and_report_are_written_whole() {
+    let bench = Bench::new();
+    for name in ["estimates.csv", "estimates.parquet"] {
+        let output = bench.run(&[
+            "replay",
+            "machine.toml",
+            "good.csv",
+            "--estimates",
+            name,
+            "--report",
+            "report.html",
+        ]);
+        assert!(output.status.success());
+        assert!(bench.path(name).metadata().unwrap().len() > 10_000);
+        assert!(
+            std::fs::read_to_string(bench.path("report.html"))
+                .unwrap()
+                .trim_end()
+                .ends_with("</html>")
+        );
+    }
+    let estimates = std::fs::read_to_string(bench.path("estimates.csv")).unwrap();
+    let rows = estimates
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+        .count();
+    assert_eq!(rows, 3001);
+}
+
+#[test]
+fn a_recording_that_is_wrong_is_refused_with_its_place() {
+    let bench = Bench::new();
+    let good = recording(3000);
+    bench.refused_recording(good.replace(",varying", ",other"), &["bad.csv", "varying"]);
+    bench.refused_recording(
+        good.replace("varying [µm/m]", "varying [mm]"),
+        &["bad.csv", "varying", "mm"],
+    );
+    bench.refused_recording(
+        good.replace("varying [µm/m]", "constant [µm/m]"),
+        &["bad.csv", "constant"],
+    );
+    bench.refused_recording(
+        changed(1002, |line| line.replace("63.", "x3.")),
+        &["bad.csv", "1002", "x3."],
+    );
+    bench.refused_recording(
+        changed(1002, |line| {
+            line.replace("63.507", "NaN").replace("63.", "NaN#")
+        }),
+        &["bad.csv", "1002", "NaN"],
+    );
+    bench.refused_recording(
+        changed(1002, |line| format!("0.5{}", &line[5..])),
+        &["bad.csv", "1002", "0.5"],
+    );
+    bench.refused_recording(
+        changed(1002, |_| String::new()),
+        &["bad.csv", "1003", "gap"],
+    );
+    bench.refused_recording("", &["bad.csv", "empty"]);
+    bench.refused_recording(&good[..good.len() - 20], &["bad.csv", "3001"]);
+}
+
+#[test]
+fn random_bytes_are_refused_fast() {
+    let bench = Bench::new();
+    let mut state = 1_u64;
+    let bytes: Vec<u8> = (0..100_000_000 / 8)
+        .flat_map(|_| {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            (state ^ (state >> 29)).to_le_bytes()
+        })
+        .collect();
+    let started = std::time::Instant::now();
+    bench.refused_recording(&bytes, &["bad.csv"]);
+    assert!(started.elapsed().as_secs() < 20);
+    bench.write("bad.toml", &bytes[..1_000_000]);
+    bench.refused("bad.toml", "good.csv", &["bad.toml"]);
+}
+
+#[test]
+fn a_machine_that_is_wrong_is_refused_with_line_field_and_range() {
+    let bench = Bench::new();
+    bench.refused_machine(
+        "moment_kg_m2 = 40.0",
+        "moment_kg_m2 = -40.0",
+        &["bad.toml:14", "moment_kg_m2", "-40", "> 0"],
+    );
+    bench.refused_machine(
+        "moment_kg_m2 = 40.0",
+        "moment = 40.0",
+        &["bad.toml:14", "moment"],
+    );
+    bench.refused_machine(
+        "inertia = \"rotor\"",
+        "inertia = \"roter\"",
+        &["inertia", "roter", "rotor, generator"],
+    );
+    bench.refused_machine(
+        "unit = \"µm/m\"",
+        "unit = \"furlong\"",
+        &["bad.toml", "furlong"],
+    );
+    bench.refused_machine(
+        "rate_hz = 500.0",
+        "rate_hz = 0",
+        &["bad.toml:3", "rate_hz", "1 to 20000"],
+    );
+    bench.refused_machine("rate_hz = 500.0", "rate_hz = 100.0", &["0.002", "0.01"]);
+    bench.refused_machine("two_inertias_map.csv", "absent.csv", &["absent.csv"]);
+    bench.refused_machine("rate_hz = 500.0", "rate_hz = ", &["bad.toml:3"]);
+}
+
+#[test]
+fn a_bridge_in_mv_per_v_gives_the_same_torque_as_its_strain() {
+    let bench = Bench::new();
+    // Full bridge I, gauge factor 2: strain = -ratio / 2; tension reads positive here.
+    bench.write(
+        "bridge.toml",
+        MACHINE.replacen(
+            "adc = { lsb = 0.001, stuck_after = 8 }",
+            "adc = { lsb = 2e-6 }\nbridge = { bridge = \"full-1\", gauge_factor = 2.0, \
+             gauge_resistance_ohm = 350.0, tension_reads = \"positive\" }",
+            1,
+        ),
+    );
+    let mut lines = recording(3000)
+        .lines()
+        .map(str::to_owned)
+        .collect::<Vec<_>>();
+    lines[0] = lines[0].replace("constant [µm/m]", "constant [mV/V]");
+    for line in &mut lines[1..] {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        cells[1] = format!("{:.6}", cells[1].parse::<f64>().unwrap() * 2.0 * 1e-3);
+        *line = cells.join(",");
+    }
+    bench.write("ratio.csv", lines.join("\n") + "\n");
+    let nmae = |machine, recording| {
+        let output = bench.run(&["replay", machine, recording, "--json"]);
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout)
+            .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
+        json["loads"]["main"]["nmae_percent"]["full"]
+            .as_f64()
+            .unwrap()
+    };
+    let strain = nmae("machine.toml", "good.csv");
+    let ratio = nmae("bridge.toml", "ratio.csv");
+    assert!((strain - ratio).abs() < 0.01, "{strain} {ratio}");
+}
+
+#[test]
+fn wrong_usage_is_2_and_impossible_is_1() {
+    let bench = Bench::new();
+    assert_eq!(bench.run(&["replay"]).status.code(), Some(2));
+    assert_eq!(
+        bench
+            .run(&["replay", "machine.toml", "good.csv", "--filtre", "x"])
+            .status
+            .code(),
+        Some(2)
+    );
+    let output = bench.run(&["replay", "machine.toml", "good.csv", "--sensors", "none"]);
+    assert_eq!(output.status.code(), Some(1));
+    bench.refused("machine.toml", "absent.csv", &["absent.csv"]);
+    bench.refused("absent.toml", "good.csv", &["absent.toml"]);
+}
+
+#[test]
+fn the_committed_schema_is_that_of_the_code() {
+    let output = Bench::new().run(&["schema"]);
+    let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/machine.schema.json");
+    let committed = std::fs::read_to_string(committed).unwrap();
+    let current = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        committed == current,
+        "run: loadtwin schema > docs/machine.schema.json"
+    );
+}
+
+#[test]
+fn an_image_is_built_and_its_size_reported() {
+    let bench = Bench::new();
+    let output = bench.run(&["build", "machine.toml", "-o", "model.image", "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(
+        json["bytes"],
+        std::fs::metadata(bench.path("model.image")).unwrap().len()
+    );
+}
