@@ -10,17 +10,17 @@ use crate::simulate::gauge::{Disturbance, Gauge, Moment};
 /// that responds least.
 ///
 /// The amplitude is nearly the same on all its channels. On a group that reads
-/// 40 micrometre/m at nominal load: 6 micrometre/m in the end.
+/// 40 micrometre/m at nominal load: 5 micrometre/m in the end.
 ///
 /// Source: Bosmans et al. 2023, section 6.2.3.
 pub(super) const CREEP: Effect = Effect {
     name: "gauge-creep",
-    typical: "15 % of the group's mean reading at nominal load in the end, 30 s time constant",
+    typical: "12 % of the group's mean reading at nominal load in the end, 30 s time constant",
     apply: Apply::Gauges(Scope::WeakestGroup, |gauges, dose| {
         let mean = mean_span(gauges);
         for gauge in gauges {
             let n: f64 = dose.draw.individual.sample(StandardNormal);
-            let amplitude = 0.15 * dose.strength * mean * (1.0 + 0.1 * n);
+            let amplitude = 0.12 * dose.strength * mean * (1.0 + 0.1 * n);
             gauge
                 .disturbances
                 .push(Box::new(Creep { amplitude, z: 0.0 }));

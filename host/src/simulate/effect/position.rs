@@ -6,19 +6,20 @@ use rand_distr::StandardNormal;
 use super::{Apply, Dose, Effect, Scope};
 use crate::simulate::gauge::Gauge;
 
-/// The map is turned by `1 degree s n` and scaled by `1 + 0.02 s n'`.
+/// The map is turned by `0.5 degrees s n` (6 mm on a ring gear of 1.4 m) and
+/// scaled by `1 + 0.02 s n'`, `n` and `n'` normal.
 ///
 /// Source: Bosmans et al. 2023, section 4.2 (patch of candidate positions).
 pub(super) const POSITION: Effect = Effect {
     name: "gauge-position",
-    typical: "standard deviation of 1 degree around the carrier, and of 2 % on the response",
+    typical: "standard deviation of 0.5 degrees around the carrier, and of 2 % on the response",
     apply: Apply::Gauges(Scope::Every, apply),
 };
 
 fn apply(gauges: &mut [&mut Gauge], dose: &mut Dose) {
     for gauge in gauges {
         let mut n = || dose.draw.individual.sample::<f64, _>(StandardNormal);
-        gauge.shift += (dose.strength * n()).to_radians();
+        gauge.shift += (0.5 * dose.strength * n()).to_radians();
         gauge.gain *= 1.0 + 0.02 * dose.strength * n();
     }
 }
