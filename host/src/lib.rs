@@ -3,6 +3,7 @@
 
 pub mod atomic_file;
 pub mod build;
+pub mod calibrate;
 pub mod cli;
 pub mod exponential;
 pub mod gearbox;
@@ -15,4 +16,5 @@ pub mod report;
 pub mod seal;
 pub mod simulate;
 pub mod strain;
+pub mod tune;
 pub mod upload;

@@ -1,6 +1,7 @@
 //! The command line: one file for each command.
 
 mod build;
+mod calibrate;
 mod demo;
 mod manual;
 mod progress;
@@ -28,6 +29,8 @@ pub struct Cli {
 enum Command {
     /// Run the estimator on a recording and report its error.
     Replay(replay::Replay),
+    /// Fit gauges to recordings with reference loads.
+    Calibrate(calibrate::Calibrate),
     /// Make the model image that firmware and host run.
     Build(build::Build),
     /// Print the JSON schema of the machine description.
@@ -48,6 +51,7 @@ impl Cli {
         match self.command {
             None => demo::run(json),
             Some(Command::Replay(replay)) => replay.run(json),
+            Some(Command::Calibrate(calibrate)) => calibrate.run(json),
             Some(Command::Build(build)) => build.run(json),
             Some(Command::Schema) => schema::run(),
             Some(Command::Completions(completions)) => {

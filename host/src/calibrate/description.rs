@@ -1,0 +1,160 @@
+//! Changes to a machine description that leave the person's text as it is.
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+use toml_edit::{DocumentMut, Item, TableLike, Value};
+
+use crate::atomic_file::AtomicFile;
+
+/// Why a description cannot be changed.
+#[derive(Debug, Error)]
+pub enum DescriptionError {
+    /// A file cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// It is not TOML.
+    #[error("{}: {message}", path.display())]
+    Syntax {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
+}
+
+/// A machine description as text, with its comments.
+pub struct Description {
+    document: DocumentMut,
+}
+
+impl Description {
+    /// Reads the description in `path`.
+    ///
+    /// # Errors
+    /// When it cannot be read or is no TOML.
+    pub fn read(path: &Path) -> Result<Self, DescriptionError> {
+        let text = std::fs::read_to_string(path).map_err(|source| DescriptionError::File {
+            path: path.to_owned(),
+            source,
+        })?;
+        let document = text
+            .parse::<DocumentMut>()
+            .map_err(|error| DescriptionError::Syntax {
+                path: path.to_owned(),
+                message: error.to_string().replace('\n', " "),
+            })?;
+        Ok(Self { document })
+    }
+
+    /// Sets `key` of the entry called `name` in the list `list`, such as
+    /// `drivetrain.load`; nothing where there is no such entry.
+    pub fn set(&mut self, list: &str, name: &str, key: &str, value: impl Into<Value>) {
+        if let Some(entry) = self.entry(list, name) {
+            put(entry, key, value.into());
+        }
+    }
+
+    /// As [`Description::set`], with six digits.
+    pub fn set_number(&mut self, list: &str, name: &str, key: &str, value: f64) {
+        self.set(list, name, key, rounded(value));
+    }
+
+    /// Removes `key` of the entry called `name` in the list `list`.
+    pub fn remove(&mut self, list: &str, name: &str, key: &str) {
+        if let Some(entry) = self.entry(list, name) {
+            entry.remove(key);
+        }
+    }
+
+    /// The entry called `name` in `list`, in either way of writing a list of tables.
+    fn entry(&mut self, list: &str, name: &str) -> Option<&mut dyn TableLike> {
+        let mut item: &mut Item = self.document.as_item_mut();
+        for part in list.split('.') {
+            item = item.as_table_like_mut()?.get_mut(part)?;
+        }
+        let named = |table: &dyn TableLike| table.get("name").and_then(Item::as_str) == Some(name);
+        match item {
+            Item::ArrayOfTables(tables) => tables
+                .iter_mut()
+                .map(|table| table as &mut dyn TableLike)
+                .find(|table| named(*table)),
+            Item::Value(Value::Array(values)) => values
+                .iter_mut()
+                .filter_map(Value::as_inline_table_mut)
+                .map(|table| table as &mut dyn TableLike)
+                .find(|table| named(*table)),
+            _ => None,
+        }
+    }
+
+    /// Writes the description to `path`.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), DescriptionError> {
+        write(path, &self.document.to_string())
+    }
+}
+
+impl std::fmt::Display for Description {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.document.fmt(f)
+    }
+}
+
+/// Sets a value and keeps the comment that stands behind the old one.
+fn put(entry: &mut dyn TableLike, key: &str, mut value: Value) {
+    match entry.get_mut(key).and_then(Item::as_value_mut) {
+        Some(old) => {
+            *value.decor_mut() = old.decor().clone();
+            *old = value;
+        }
+        None => {
+            entry.insert(key, Item::Value(value));
+        }
+    }
+}
+
+/// Writes functions over the carrier angle in equal steps: name, unit and
+/// values of each column.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn map_file(path: &Path, columns: &[(&str, &str, Vec<f64>)]) -> Result<(), DescriptionError> {
+    let rows = columns.first().map_or(0, |column| column.2.len());
+    let mut text = String::from("carrier_angle [rad]");
+    for (name, unit, _) in columns {
+        text += &format!(",{name} [{unit}]");
+    }
+    text.push('\n');
+    for i in 0..rows {
+        text += &format!("{:.7}", std::f64::consts::TAU * i as f64 / rows as f64);
+        for (.., values) in columns {
+            text += &format!(",{:e}", rounded(values[i]));
+        }
+        text.push('\n');
+    }
+    write(path, &text)
+}
+
+fn write(path: &Path, text: &str) -> Result<(), DescriptionError> {
+    let failed = |source| DescriptionError::File {
+        path: path.to_owned(),
+        source,
+    };
+    let mut file = AtomicFile::create(path).map_err(failed)?;
+    file.write_all(text.as_bytes()).map_err(failed)?;
+    file.finish().map_err(failed)
+}
+
+/// Six significant digits.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.5e}").parse().unwrap_or(value)
+}

@@ -1,0 +1,367 @@
+//! `loadtwin calibrate`.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::{Args, ValueEnum};
+use serde_json::{Value, json};
+
+use super::progress::Progress;
+use crate::calibrate::{
+    self, Candidate, Description, Gauge, MapSource, Observations, fronts, map_file, select,
+};
+use crate::machine::{Channel, MAP_ENTRIES, Machine, resampled};
+use crate::tune::NOISE_BINS;
+
+/// Sizes of the sets that are proposed.
+const SET_SIZES: [usize; 3] = [1, 3, 5];
+
+/// Fronts from which gauges are proposed: on or near the Pareto front.
+const NEAR: usize = 2;
+
+/// Fit offset, sensitivity, position and noise of gauges to recordings with reference loads.
+///
+/// The recordings must turn the carrier at least once and vary the torque: a
+/// slow ramp, and a stretch at constant torque.
+#[derive(Debug, Args)]
+pub struct Calibrate {
+    /// Machine description (TOML).
+    machine: PathBuf,
+    /// Recordings (CSV, Parquet or MDF4) of the same machine.
+    #[arg(required = true)]
+    recordings: Vec<PathBuf>,
+    /// Write the calibrated description to FILE.toml, with its maps beside it.
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// How far a gauge may sit from its described angle [degrees of the carrier].
+    #[arg(long, value_name = "DEGREES", default_value_t = 6.0)]
+    patch: f64,
+    /// Sensitivity over the carrier angle that the output gets.
+    #[arg(long, value_enum, default_value_t = Maps::Placed)]
+    maps: Maps,
+    /// Largest mean absolute error of a gauge that is proposed for use [um/m];
+    /// for channels other than strain there is no limit.
+    #[arg(long, value_name = "UM_PER_M", default_value_t = 5.0)]
+    largest_mae: f64,
+}
+
+/// Sensitivity over the carrier angle that the output gets.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Maps {
+    /// The described one, at the position that fits best, with fitted gain.
+    Placed,
+    /// The measured surface itself.
+    Measured,
+}
+
+impl Calibrate {
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let started = Instant::now();
+        anyhow::ensure!(
+            self.patch > 0.0 && self.patch <= 180.0,
+            "--patch {}: allowed: above 0, up to 180",
+            self.patch
+        );
+        let machine = Machine::load(&self.machine)?;
+        let progress = Progress::new("calibrate");
+        let observations =
+            Observations::read(&machine, &self.recordings, |part| progress.show(part))?;
+        drop(progress);
+        let source = match self.maps {
+            Maps::Placed => MapSource::Placed,
+            Maps::Measured => MapSource::Measured,
+        };
+        let patch_rad = self.patch.to_radians();
+        let gauges = calibrate::calibrate(
+            &machine,
+            &observations,
+            &self.recordings[0],
+            patch_rad,
+            source,
+        )?;
+        if let Some(output) = &self.output {
+            write(&machine, &gauges, source, output)?;
+        }
+        let selection = self.selection(&machine, &gauges, source);
+        let seconds = started.elapsed().as_secs_f64();
+        if as_json {
+            let channels: Vec<Value> = gauges.iter().map(|g| report(&machine, g, source)).collect();
+            let recordings = &self.recordings;
+            let out = json!({
+                "machine": machine.name, "recordings": recordings, "samples": observations.samples,
+                "turns": observations.turns, "channels": channels, "selection": selection,
+                "machine_out": self.output, "seconds": seconds,
+            });
+            println!("{out}");
+        } else {
+            print(&machine, &gauges, source);
+            for (group, sets) in &selection {
+                println!("{group}: {}", sets.as_str().unwrap_or(&sets.to_string()));
+            }
+            println!("{:.0} turns, {:.1} s", observations.turns, seconds);
+        }
+        Ok(())
+    }
+
+    /// Proposed sets of each group and of all gauges.
+    fn selection(
+        &self,
+        machine: &Machine,
+        gauges: &[Gauge],
+        source: MapSource,
+    ) -> serde_json::Map<String, Value> {
+        let usable: Vec<&Gauge> = gauges
+            .iter()
+            .filter(|g| {
+                let channel = &machine.channels[g.channel];
+                let limit = if channel.unit.symbol() == "m/m" || channel.unit.si().symbol() == "m/m"
+                {
+                    1e-6 * self.largest_mae
+                } else {
+                    f64::INFINITY
+                };
+                g.fault.is_none() && g.placement.as_ref().is_some_and(|p| p.mae <= limit)
+            })
+            .collect();
+        let mut groups: Vec<Option<&String>> = Vec::new();
+        for gauge in &usable {
+            let group = machine.channels[gauge.channel].group.as_ref();
+            if !groups.contains(&group) {
+                groups.push(group);
+            }
+        }
+        let mut out = serde_json::Map::new();
+        let mut add = |name: &str, members: Vec<&Gauge>| {
+            let candidates: Vec<Candidate> = members
+                .iter()
+                .filter_map(|g| candidate(g, source))
+                .collect();
+            let names = |chosen: &[usize]| {
+                chosen
+                    .iter()
+                    .map(|&i| machine.channels[candidates[i].channel].name.clone())
+                    .collect::<Vec<_>>()
+            };
+            let order = select(&candidates, SET_SIZES[SET_SIZES.len() - 1], NEAR);
+            let front: Vec<usize> = fronts(&candidates)
+                .iter()
+                .enumerate()
+                .filter(|(_, front)| **front == 0)
+                .map(|(i, _)| i)
+                .collect();
+            let mut sets = serde_json::Map::new();
+            for size in SET_SIZES {
+                sets.insert(
+                    size.to_string(),
+                    json!(names(&order[..size.min(order.len())])),
+                );
+            }
+            sets.insert("front".into(), json!(names(&front)));
+            out.insert(name.to_owned(), Value::Object(sets));
+        };
+        for group in &groups {
+            let of = |g: &&Gauge| machine.channels[g.channel].group.as_ref() == *group;
+            add(
+                group.map_or("no group", |g| g),
+                usable.iter().copied().filter(of).collect(),
+            );
+        }
+        if groups.len() > 1 {
+            add("overall", usable);
+        }
+        out
+    }
+}
+
+fn candidate(gauge: &Gauge, source: MapSource) -> Option<Candidate> {
+    let (noise, (_, map)) = (gauge.noise.as_ref()?, gauge.model(source)?);
+    let map = if map.len() == 1 {
+        vec![map[0]; NOISE_BINS]
+    } else {
+        resampled(map, NOISE_BINS)
+    };
+    Some(Candidate {
+        channel: gauge.channel,
+        response: gauge.surface.as_ref()?.sensitivity().abs(),
+        mae: gauge.placement.as_ref()?.mae,
+        information: map
+            .iter()
+            .zip(&noise.scaled)
+            .map(|(m, sigma)| (m / sigma).powi(2))
+            .collect(),
+    })
+}
+
+/// One object for each channel, in its unit.
+fn report(machine: &Machine, gauge: &Gauge, source: MapSource) -> Value {
+    let channel = &machine.channels[gauge.channel];
+    let own = |si: f64| channel.unit.from_si(si);
+    let noise = gauge.noise.as_ref().map(|n| own(rms(&n.scaled)));
+    json!({
+        "name": channel.name,
+        "group": channel.group,
+        "unit": channel.unit.symbol(),
+        "sensitivity": gauge.surface.as_ref().map(|s| own(s.sensitivity())),
+        "nodes": gauge.surface.as_ref().map(|s| s.map.len()),
+        "rmse": gauge.surface.as_ref().map(|s| own(s.rmse)),
+        "adjusted_r2": gauge.surface.as_ref().map(|s| s.adjusted_r2),
+        "offset": gauge.model(source).map(|(offset, _)| own(offset)),
+        "gain": gauge.placement.as_ref().map(|p| p.gain),
+        "shift_deg": gauge.placement.as_ref().map(|p| p.shift_rad.to_degrees()),
+        "spread_deg": gauge.placement.as_ref().map(|p| p.spread_rad.to_degrees()),
+        "mae_before": gauge.placement.as_ref().map(|p| own(p.mae_before)),
+        "mae": gauge.placement.as_ref().map(|p| own(p.mae)),
+        "noise_std": noise,
+        "fault": gauge.fault.as_ref().map(ToString::to_string),
+    })
+}
+
+/// A line for each channel, the most sensitive first.
+fn print(machine: &Machine, gauges: &[Gauge], source: MapSource) {
+    let response = |g: &Gauge| g.surface.as_ref().map_or(0.0, |s| s.sensitivity().abs());
+    let mut ranked: Vec<&Gauge> = gauges.iter().collect();
+    ranked.sort_by(|a, b| response(b).total_cmp(&response(a)));
+    println!(
+        "{:<16}{:<20}{:>12}{:>10}{:>9}{:>10}{:>8}{:>8}{:>9}{:>10}{:>10}",
+        "channel",
+        "group",
+        "f_T",
+        "RMSE",
+        "adj.R2",
+        "offset",
+        "gain",
+        "deg",
+        "spread",
+        "MAE was",
+        "MAE"
+    );
+    for gauge in ranked {
+        let channel = &machine.channels[gauge.channel];
+        let own = |si: f64| channel.unit.from_si(si);
+        let mut line = format!(
+            "{:<16}{:<20}",
+            channel.name,
+            channel.group.as_deref().unwrap_or("-")
+        );
+        if let Some(s) = &gauge.surface {
+            line += &format!(
+                "{:>12.3e}{:>10.2e}{:>9.4}",
+                own(s.sensitivity()),
+                own(s.rmse),
+                s.adjusted_r2
+            );
+        }
+        if let (Some(p), Some((offset, _))) = (&gauge.placement, gauge.model(source)) {
+            line += &format!(
+                "{:>10.2e}{:>8.3}{:>8.2}{:>9.2}{:>10.2e}{:>10.2e}",
+                own(offset),
+                p.gain,
+                p.shift_rad.to_degrees(),
+                p.spread_rad.to_degrees(),
+                own(p.mae_before),
+                own(p.mae)
+            );
+        }
+        if let Some(fault) = &gauge.fault {
+            line += &format!("  {fault}");
+        }
+        println!("{line}");
+    }
+}
+
+/// Writes the calibrated description and its maps; faulty channels stay as described.
+fn write(
+    machine: &Machine,
+    gauges: &[Gauge],
+    source: MapSource,
+    output: &Path,
+) -> anyhow::Result<()> {
+    let mut description = Description::read(&machine.path)?;
+    let stem = output
+        .file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
+    let (map_name, noise_name) = (format!("{stem}-maps.csv"), format!("{stem}-noise.csv"));
+    let (mut maps, mut noises) = (Vec::new(), Vec::new());
+    for (i, channel) in machine.channels.iter().enumerate() {
+        let own = |values: &[f64]| {
+            values
+                .iter()
+                .map(|v| channel.unit.from_si(*v))
+                .collect::<Vec<_>>()
+        };
+        let sound = gauges.iter().find(|g| g.channel == i && g.fault.is_none());
+        let model = sound.and_then(|g| g.model(source));
+        if let Some((offset, _)) = model {
+            description.set_number(
+                "channel",
+                &channel.name,
+                "offset",
+                channel.unit.from_si(offset),
+            );
+        }
+        let map = match model {
+            Some((_, map)) => own(map),
+            None => own(&channel.sensitivity_over_angle(machine)?),
+        };
+        if map.len() > 1 {
+            description.remove("channel", &channel.name, "sensitivity");
+            description.set(
+                "channel",
+                &channel.name,
+                "sensitivity_map",
+                map_name.as_str(),
+            );
+            maps.push((channel, resampled(&map, MAP_ENTRIES)));
+        } else if model.is_some() {
+            description.set_number("channel", &channel.name, "sensitivity", map[0]);
+        }
+        let noise = match sound.and_then(|g| g.noise.as_ref()) {
+            Some(noise) => {
+                let std = channel.unit.from_si(rms(&noise.scaled));
+                description.set_number("channel", &channel.name, "noise_std", std);
+                (map.len() > 1).then(|| own(&noise.scaled))
+            }
+            None => channel
+                .noise_map
+                .is_some()
+                .then(|| channel.noise_over_angle(machine))
+                .transpose()?
+                .map(|noise| own(&noise)),
+        };
+        if let Some(noise) = noise {
+            description.set("channel", &channel.name, "noise_map", noise_name.as_str());
+            noises.push((channel, binned(&noise, NOISE_BINS)));
+        }
+    }
+    write_maps(&output.with_file_name(&map_name), &maps, "/Nm")?;
+    write_maps(&output.with_file_name(&noise_name), &noises, "")?;
+    description.write(output)?;
+    Ok(())
+}
+
+fn write_maps(path: &Path, columns: &[(&Channel, Vec<f64>)], per: &str) -> anyhow::Result<()> {
+    if columns.is_empty() {
+        return Ok(());
+    }
+    let units: Vec<String> = columns
+        .iter()
+        .map(|(c, _)| format!("{}{per}", c.unit.symbol()))
+        .collect();
+    let columns: Vec<(&str, &str, Vec<f64>)> = columns
+        .iter()
+        .zip(&units)
+        .map(|((channel, values), unit)| (channel.name.as_str(), unit.as_str(), values.clone()))
+        .collect();
+    Ok(map_file(path, &columns)?)
+}
+
+/// A step function over as many bins.
+fn binned(values: &[f64], bins: usize) -> Vec<f64> {
+    (0..bins).map(|i| values[i * values.len() / bins]).collect()
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
+}

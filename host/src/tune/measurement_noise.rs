@@ -1,0 +1,74 @@
+//! R over bins of the carrier angle, from the error of the model.
+
+use crate::calibrate::{Moments, fine};
+
+/// Bins of the carrier angle.
+pub const NOISE_BINS: usize = 128;
+
+/// Standard deviation of a channel about its model, over bins of the carrier angle.
+#[derive(Clone, Debug)]
+pub struct MeasurementNoise {
+    /// `sigma* = 2 |mean error| F + std of the error`, eq. (17).
+    pub scaled: Vec<f64>,
+    /// `sigma = 2 |mean error| + std of the error`, eq. (15).
+    pub plain: Vec<f64>,
+}
+
+impl MeasurementNoise {
+    /// From the errors between the readings and the model `offset + map s`.
+    ///
+    /// `F = (peak - |mean reading|) / peak`, with the mean reading of the bin
+    /// above `offset`, and its peak over the turn: where a gauge says most, its
+    /// mean error counts least. A bin without samples takes the mean of the
+    /// others; nothing is below `floor`, the converter's own noise.
+    ///
+    /// Source: Bosmans et al. 2023, eq. (15), (17), (18).
+    pub fn new(moments: &Moments, offset: f64, map: &[f64], floor: f64) -> Self {
+        let per_bin = moments.bins().len() / NOISE_BINS;
+        let offset = offset - moments.origin();
+        let map = fine(map, 0.0);
+        let statistics: Vec<Option<[f64; 3]>> = moments
+            .bins()
+            .chunks(per_bin)
+            .zip(map.chunks(per_bin))
+            .map(|(bins, map)| {
+                let n: f64 = bins.iter().map(|bin| bin.n).sum();
+                let pairs = || bins.iter().zip(map);
+                let error: f64 = pairs().map(|(bin, m)| bin.error(offset, *m)).sum::<f64>() / n;
+                let square: f64 = pairs()
+                    .map(|(bin, m)| bin.squared_error(offset, *m))
+                    .sum::<f64>()
+                    / n;
+                let reading = bins.iter().map(|bin| bin.y).sum::<f64>() / n - offset;
+                let deviation = (square - error * error).max(0.0).sqrt();
+                (n > 1.0).then_some([error.abs(), deviation, reading.abs()])
+            })
+            .collect();
+        let peak = statistics
+            .iter()
+            .flatten()
+            .fold(0.0_f64, |peak, s| peak.max(s[2]));
+        let filled = |sigma: &dyn Fn(&[f64; 3]) -> f64| {
+            let known: Vec<f64> = statistics
+                .iter()
+                .flatten()
+                .map(|s| sigma(s).max(floor))
+                .collect();
+            let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
+            let value =
+                |s: &Option<[f64; 3]>| s.as_ref().map_or(mean.max(floor), |s| sigma(s).max(floor));
+            statistics.iter().map(value).collect()
+        };
+        Self {
+            scaled: filled(&|[error, deviation, reading]| {
+                let factor = if peak > 0.0 {
+                    (peak - reading) / peak
+                } else {
+                    1.0
+                };
+                2.0 * error * factor + deviation
+            }),
+            plain: filled(&|[error, deviation, _]| 2.0 * error + deviation),
+        }
+    }
+}
