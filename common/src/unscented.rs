@@ -27,8 +27,7 @@ use crate::transition::ProcessNoise;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unscented<const NX: usize> {
     gamma: f32,
-    /// `1 / gamma^2`.
-    weight: f32,
+    inverse_gamma: f32,
     /// `beta - alpha^2`.
     even_weight: f32,
 }
@@ -37,9 +36,10 @@ impl<const NX: usize> Default for Unscented<NX> {
     /// `alpha = 1`, `beta = 2`, `kappa = 0`: points at `sqrt(NX)` standard deviations.
     fn default() -> Self {
         let n = NX as f32;
+        let gamma = libm::sqrtf(n);
         Self {
-            gamma: libm::sqrtf(n),
-            weight: 1.0 / n,
+            gamma,
+            inverse_gamma: 1.0 / gamma,
             even_weight: 1.0,
         }
     }
@@ -62,16 +62,15 @@ impl<const NX: usize> Unscented<NX> {
         if !(kappa > -n && kappa.is_finite()) {
             return Err(Error::OutOfRange("kappa"));
         }
-        let spread = alpha * alpha * (n + kappa);
+        let gamma = alpha * libm::sqrtf(n + kappa);
         Ok(Self {
-            gamma: libm::sqrtf(spread),
-            weight: 1.0 / spread,
+            gamma,
+            inverse_gamma: 1.0 / gamma,
             even_weight: beta - alpha * alpha,
         })
     }
 
-    /// Odd and even parts of `g` over the sigma points, column by column, and
-    /// its value in the middle.
+    /// Odd and even parts of `g` over the sigma points, and its value in the middle.
     #[inline]
     fn transform<const NY: usize>(
         &self,
@@ -80,10 +79,11 @@ impl<const NX: usize> Unscented<NX> {
         g: impl Fn(&SVector<f32, NX>) -> SVector<f32, NY>,
     ) -> Transformed<NX, NY> {
         let middle = g(state).data.0[0];
+        let half = 0.5 * self.inverse_gamma;
         let mut parts = Transformed {
             middle,
-            odd: [[0.0; NY]; NX],
-            even: [[0.0; NY]; NX],
+            odd: [[0.0; NX]; NY],
+            even: [[0.0; NX]; NY],
         };
         for j in 0..NX {
             let (mut above, mut below) = (*state, *state);
@@ -95,8 +95,8 @@ impl<const NX: usize> Unscented<NX> {
             let (above, below) = (g(&above), g(&below));
             for i in 0..NY {
                 let (above, below) = (above.data.0[0][i], below.data.0[0][i]);
-                parts.odd[j][i] = 0.5 * (above - below);
-                parts.even[j][i] = 0.5 * ((above - middle[i]) + (below - middle[i]));
+                parts.odd[i][j] = half * (above - below);
+                parts.even[i][j] = half * ((above - middle[i]) + (below - middle[i]));
             }
         }
         parts
@@ -118,17 +118,16 @@ impl<const NX: usize> Unscented<NX> {
         let mut next = *belief;
         let mut m = [0.0; NX];
         for i in 0..NX {
-            m[i] = parts.even_mean(i, self.weight);
+            m[i] = parts.even_mean(i, self.inverse_gamma);
             next.state.data.0[0][i] = parts.middle[i] + m[i];
         }
         for j in 0..NX {
             for i in 0..j + 1 {
                 let mut sum = 0.0;
                 for k in 0..NX {
-                    sum += parts.odd[k][i] * parts.odd[k][j] + parts.even[k][i] * parts.even[k][j];
+                    sum += parts.odd[i][k] * parts.odd[j][k] + parts.even[i][k] * parts.even[j][k];
                 }
-                next.upper[j][i] =
-                    sum * self.weight + self.even_weight * m[i] * m[j] + noise.columns[j][i];
+                next.upper[j][i] = sum + self.even_weight * m[i] * m[j] + noise.columns[j][i];
             }
         }
         commit(belief, next)
@@ -161,7 +160,7 @@ impl<const NX: usize> Unscented<NX> {
         gates: &mut [Gate; NY],
     ) -> Result<[Innovation; NY], Error> {
         let root = square_root(belief)?;
-        let parts = self.transform(&belief.state, &root, observe);
+        let mut parts = self.transform(&belief.state, &root, observe);
         let mut z = Gaussian::<NX> {
             state: SVector::zeros(),
             upper: [[0.0; NX]; NX],
@@ -171,50 +170,44 @@ impl<const NX: usize> Unscented<NX> {
         }
         let mut innovations = [Innovation::INVALID; NY];
         let mut m = [0.0; NY];
-        // Of the channels used so far: row of L, 1/d, whitened row and innovation.
+        // Of the channels used so far, 0 for the others: row of L, 1/d, innovation; the
+        // whitened row takes the place of the odd part.
         let mut lower = [[0.0; NY]; NY];
         let mut inverse = [0.0; NY];
-        let mut rows = [[0.0; NX]; NY];
         let mut nus = [0.0; NY];
-        let inverse_gamma = self.gamma * self.weight;
         for i in 0..NY {
-            m[i] = parts.even_mean(i, self.weight);
+            m[i] = parts.even_mean(i, self.inverse_gamma);
             let mut nu = measurement.data.0[0][i] - (parts.middle[i] + m[i]);
             let mut d = self.even_covariance(&parts, &m, i, i) + variance.data.0[0][i];
-            let mut row = [0.0; NX];
-            for j in 0..NX {
-                row[j] = parts.odd[j][i] * inverse_gamma;
-            }
-            // 1/d and with it the whole row stay 0 for channels not used.
+            let mut scaled = [0.0; NY]; // L_ik d_k
+            let mut row = parts.odd[i];
             for k in 0..i {
-                if inverse[k] > 0.0 {
-                    let mut c = self.even_covariance(&parts, &m, i, k);
-                    for q in 0..k {
-                        c -= lower[i][q] * lower[k][q];
-                    }
-                    // c = L_ik d_k; lower holds L_ik d_k^(1/2) scaled by 1/d on use.
-                    let l = c * inverse[k];
-                    d -= l * c;
-                    nu -= l * nus[k];
-                    for j in 0..NX {
-                        row[j] -= l * rows[k][j];
-                    }
-                    lower[i][k] = c * libm::sqrtf(inverse[k]);
+                let mut c = self.even_covariance(&parts, &m, i, k);
+                for q in 0..k {
+                    c -= scaled[q] * lower[k][q];
                 }
+                let l = c * inverse[k];
+                d -= l * c;
+                nu -= l * nus[k];
+                for j in 0..NX {
+                    row[j] -= l * parts.odd[k][j];
+                }
+                scaled[k] = c;
+                lower[i][k] = l;
             }
-            let mut predicted = 0.0;
-            for j in 0..NX {
-                predicted += row[j] * z.state.data.0[0][j];
-            }
-            let mut a = RowSVector::<f32, NX>::zeros();
-            for j in 0..NX {
-                a.data.0[j][0] = row[j];
-            }
+            let a = RowSVector::from_fn(|_, j| row[j]);
+            let predicted = (a * z.state)[0];
             innovations[i] = update(&mut z, &a, nu - predicted, d, &mut gates[i]);
             if innovations[i].used() && d > 0.0 {
                 inverse[i] = 1.0 / d;
-                rows[i] = row;
+                parts.odd[i] = row;
                 nus[i] = nu;
+            } else {
+                // Numbers that may be NaN leave no trace in the channels after.
+                parts.even[i] = [0.0; NX];
+                parts.odd[i] = [0.0; NX];
+                lower[i] = [0.0; NY];
+                m[i] = 0.0;
             }
         }
         let mut next = *belief;
@@ -222,7 +215,7 @@ impl<const NX: usize> Unscented<NX> {
         for i in 0..NX {
             for k in i..NX {
                 next.state.data.0[0][i] += root[k][i] * z.state.data.0[0][k];
-                for j in 0..NX {
+                for j in i..NX {
                     t[i][j] += root[k][i] * z.upper[k.max(j)][k.min(j)];
                 }
             }
@@ -251,28 +244,29 @@ impl<const NX: usize> Unscented<NX> {
     ) -> f32 {
         let mut sum = 0.0;
         for j in 0..NX {
-            sum += parts.even[j][i] * parts.even[j][k];
+            sum += parts.even[i][j] * parts.even[k][j];
         }
-        sum * self.weight + self.even_weight * m[i] * m[k]
+        sum + self.even_weight * m[i] * m[k]
     }
 }
 
-/// What a function makes of the sigma points.
+/// What a function makes of the sigma points: `o_ij / gamma` and
+/// `e_ij / gamma`, channel by channel.
 struct Transformed<const NX: usize, const NY: usize> {
     middle: [f32; NY],
-    odd: [[f32; NY]; NX],
-    even: [[f32; NY]; NX],
+    odd: [[f32; NX]; NY],
+    even: [[f32; NX]; NY],
 }
 
 impl<const NX: usize, const NY: usize> Transformed<NX, NY> {
     /// `m_i = sum_j e_ij / gamma^2`.
     #[inline]
-    fn even_mean(&self, i: usize, weight: f32) -> f32 {
+    fn even_mean(&self, i: usize, inverse_gamma: f32) -> f32 {
         let mut sum = 0.0;
         for j in 0..NX {
-            sum += self.even[j][i];
+            sum += self.even[i][j];
         }
-        sum * weight
+        sum * inverse_gamma
     }
 }
 
