@@ -1,0 +1,287 @@
+//! Instructions per step of each filter on the emulated Cortex-M4F.
+//!
+//! Prints `name instructions`, one line each: the mean over 1000 steps with
+//! the harness subtracted. Exact and repeatable under
+//! `qemu-system-arm -icount shift=10`, where one instruction takes 1024 ns of
+//! the time that the board's 25 MHz timer counts:
+//!
+//! ```sh
+//! cargo build --profile firmware --target thumbv7em-none-eabihf -p loadtwin-firmware \
+//!     --features emulated,peers --bin steps
+//! qemu-system-arm -M mps2-an386 -cpu cortex-m4 -display none -monitor none -icount shift=10 \
+//!     -semihosting-config enable=on,target=native \
+//!     -kernel target/thumbv7em-none-eabihf/firmware/steps
+//! ```
+//!
+//! The innovations are computed within the step; `unscented` contains eleven
+//! times `unscented_observation`.
+#![no_std]
+#![no_main]
+#![allow(unsafe_code, reason = "the timer of the board and the heap of a peer")]
+
+use core::hint::black_box;
+use core::mem::MaybeUninit;
+use core::panic::PanicInfo;
+use core::ptr::{read_volatile, write_volatile};
+
+use cortex_m_rt::entry;
+use cortex_m_semihosting::{debug, hprintln};
+use embedded_alloc::LlffHeap as Heap;
+use loadtwin_common::butterworth::{Butterworth, ButterworthState};
+use loadtwin_common::gaussian::Gaussian;
+use loadtwin_common::innovation::Gate;
+use loadtwin_common::kalman::{predict, predict_constant, update};
+use loadtwin_common::scheduled_gain::{GainBin, GainSchedule};
+use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
+use loadtwin_common::unscented::Unscented;
+use minikalman::prelude::*;
+use minikalman::regular::builder::KalmanFilterBuilder;
+use nalgebra::{RowSVector, SMatrix, SVector};
+
+#[global_allocator]
+static HEAP: Heap = Heap::empty();
+
+const STEPS: u32 = 1000;
+
+/// CMSDK timer 0 of the board: control, value, reload.
+const TIMER: *mut u32 = 0x4000_0000 as *mut u32;
+
+fn start_timer() {
+    // SAFETY: the addresses are the timer's registers on this board, and
+    // nothing else uses them.
+    unsafe {
+        write_volatile(TIMER.add(2), u32::MAX);
+        write_volatile(TIMER.add(1), u32::MAX);
+        write_volatile(TIMER, 1);
+    }
+}
+
+fn timer() -> u32 {
+    // SAFETY: as above.
+    unsafe { read_volatile(TIMER.add(1)) }
+}
+
+/// Instructions that `STEPS` calls take, loop included.
+#[inline(never)]
+fn count(mut step: impl FnMut(u32)) -> u64 {
+    let before = timer();
+    for k in 0..STEPS {
+        step(black_box(k));
+    }
+    u64::from(before - timer()) * 10 / 256
+}
+
+fn report(name: &str, step: impl FnMut(u32)) {
+    let harness = count(|k| {
+        black_box(k);
+    });
+    let total = count(step);
+    let per_step = (total - harness + u64::from(STEPS) / 2) / u64::from(STEPS);
+    hprintln!("{} {}", name, per_step);
+}
+
+/// A stable system of `NX` states, two of them loads, that couples everything.
+fn system<const NX: usize>() -> SMatrix<f32, NX, NX> {
+    SMatrix::from_fn(|i, j| match (i, j) {
+        _ if i == j => {
+            if i < NX - 2 {
+                0.9
+            } else {
+                1.0
+            }
+        }
+        _ if i < NX - 2 => 0.02 / (1.0 + i.abs_diff(j) as f32),
+        _ => 0.0,
+    })
+}
+
+/// Channel `i` sees every state.
+fn channel<const NX: usize>(i: usize) -> RowSVector<f32, NX> {
+    RowSVector::from_fn(|_, j| 1.0 / (1.0 + (i + 2 * j) as f32) + if i == j { 1.0 } else { 0.0 })
+}
+
+/// Sixteen samples of the channels, between -1 and 1.
+fn samples<const NY: usize>() -> [[f32; NY]; 16] {
+    core::array::from_fn(|k| {
+        core::array::from_fn(|i| ((k * 37 + i * 101) % 64) as f32 / 32.0 - 1.0)
+    })
+}
+
+fn kalman<const NX: usize, const NY: usize>(name: &str) {
+    let transition = Transition::<NX, 2>::try_new(&system::<NX>(), RandomWalk).unwrap();
+    let noise = ProcessNoise::independent(&SVector::repeat(1e-3)).unwrap();
+    let rows: [RowSVector<f32, NX>; NY] = core::array::from_fn(channel);
+    let (transition, noise, rows, samples) = black_box((transition, noise, rows, samples::<NY>()));
+    let mut belief = Gaussian::independent(SVector::zeros(), &SVector::repeat(1.0)).unwrap();
+    let mut gates = [Gate::try_new(1e6, 10).unwrap(); NY];
+    report(name, |k| {
+        let y = &samples[k as usize % 16];
+        predict(&mut belief, &transition, &noise);
+        let mut nis = 0.0;
+        for i in 0..NY {
+            let nu = y[i] - (rows[i] * belief.state)[0];
+            nis += update(&mut belief, &rows[i], nu, 0.01, &mut gates[i]).nis;
+        }
+        black_box(nis);
+    });
+    black_box(belief);
+}
+
+/// Five states that stay what they are, eight channels quadratic in them.
+fn unscented() {
+    let rows: [RowSVector<f32, 5>; 8] = core::array::from_fn(channel);
+    let noise = ProcessNoise::independent(&SVector::repeat(1e-3)).unwrap();
+    let (rows, noise, samples) = black_box((rows, noise, samples::<8>()));
+    let r = black_box(SVector::repeat(0.01));
+    let filter = black_box(Unscented::default());
+    let mut belief = Gaussian::independent(SVector::zeros(), &SVector::repeat(1.0)).unwrap();
+    let mut gates = [Gate::try_new(1e6, 10).unwrap(); 8];
+    let observe = |x: &SVector<f32, 5>| {
+        SVector::<f32, 8>::from_fn(|i, _| {
+            let linear = (rows[i] * x)[0];
+            linear + 0.1 * linear * linear
+        })
+    };
+    report("unscented_observation_5_8", |_| {
+        black_box(observe(black_box(&belief.state)));
+    });
+    report("unscented_5_8", |k| {
+        predict_constant(&mut belief, &noise);
+        let y = SVector::from(samples[k as usize % 16]);
+        let told = filter
+            .update(&mut belief, observe, &y, &r, &mut gates)
+            .unwrap();
+        black_box(told[7].nis);
+    });
+    black_box(belief);
+}
+
+/// Six states, four channels, 64 gains over the angle.
+fn scheduled_gain() {
+    let transition = Transition::<6, 2>::try_new(&system::<6>(), RandomWalk).unwrap();
+    let rows: [RowSVector<f32, 6>; 4] = core::array::from_fn(channel);
+    let bins: [GainBin<6, 4, 2>; 64] = core::array::from_fn(|bin| GainBin {
+        gain: SMatrix::repeat(0.001 * bin as f32),
+        load_variances: SVector::repeat(1.0 + bin as f32),
+    });
+    let (transition, rows, bins, samples) = black_box((transition, rows, bins, samples::<4>()));
+    let schedule = black_box(GainSchedule::try_new(&bins).unwrap());
+    let mut state = SVector::zeros();
+    report("scheduled_gain_6_4", |k| {
+        let y = &samples[k as usize % 16];
+        state = transition.propagate(&state);
+        let nu = SVector::<f32, 4>::from_fn(|i, _| y[i] - (rows[i] * state)[0]);
+        if let Some(place) = schedule.at(0.05 * k as f32) {
+            black_box(place.correct(&mut state, &nu));
+            black_box(place.load_variances());
+        }
+    });
+    black_box(state);
+}
+
+fn butterworth() {
+    let filter = black_box(Butterworth::try_new(10.0, 0.001).unwrap());
+    let mut state = ButterworthState::default();
+    report("butterworth", |k| {
+        black_box(filter.step(&mut state, k as f32));
+    });
+}
+
+/// The textbook extended filter with nalgebra's dense products, all channels
+/// at once: the peer that a first version would be.
+fn naive<const NX: usize, const NY: usize>(name: &str) {
+    let f = black_box(system::<NX>());
+    let q = black_box(SMatrix::<f32, NX, NX>::from_diagonal_element(1e-3));
+    let h = black_box(SMatrix::<f32, NY, NX>::from_fn(|i, j| channel::<NX>(i)[j]));
+    let r = black_box(SMatrix::<f32, NY, NY>::from_diagonal_element(0.01));
+    let samples = black_box(samples::<NY>());
+    let mut x = SVector::<f32, NX>::zeros();
+    let mut p = SMatrix::<f32, NX, NX>::identity();
+    report(name, |k| {
+        x = f * x;
+        p = f * p * f.transpose() + q;
+        let nu = SVector::from(samples[k as usize % 16]) - h * x;
+        let s = h * p * h.transpose() + r;
+        if let Some(inverse) = s.try_inverse() {
+            let gain = p * h.transpose() * inverse;
+            x += gain * nu;
+            p = (SMatrix::<f32, NX, NX>::identity() - gain * h) * p;
+        }
+    });
+    black_box((x, p));
+}
+
+/// The same step by minikalman; its builder needs a heap.
+fn minikalman<const NX: usize, const NY: usize>(name: &str) {
+    let f = system::<NX>();
+    let builder = KalmanFilterBuilder::<NX, f32>::default();
+    let mut filter = builder.build();
+    let mut measurement = builder.observations().build::<NY>();
+    filter
+        .state_transition_mut()
+        .apply(|a| fill::<NX, NX>(a, |i, j| f[(i, j)]));
+    filter.estimate_covariance_mut().make_identity();
+    filter.direct_process_noise_mut().make_scalar(1e-3);
+    measurement
+        .observation_matrix_mut()
+        .apply(|h| fill::<NY, NX>(h, |i, j| channel::<NX>(i)[j]));
+    measurement
+        .measurement_noise_covariance_mut()
+        .make_scalar(0.01);
+    let samples = black_box(samples::<NY>());
+    report(name, |k| {
+        let y = &samples[k as usize % 16];
+        measurement.measurement_vector_mut().apply(|z| {
+            for i in 0..NY {
+                z[i] = y[i];
+            }
+        });
+        filter.predict();
+        filter.correct(&mut measurement);
+    });
+}
+
+/// Fills a row-major matrix.
+fn fill<const ROWS: usize, const COLUMNS: usize>(
+    matrix: &mut impl core::ops::IndexMut<usize, Output = f32>,
+    entry: impl Fn(usize, usize) -> f32,
+) {
+    for i in 0..ROWS {
+        for j in 0..COLUMNS {
+            matrix[i * COLUMNS + j] = entry(i, j);
+        }
+    }
+}
+
+#[entry]
+fn main() -> ! {
+    static mut ROOM: [MaybeUninit<u8>; 64 * 1024] = [MaybeUninit::uninit(); 64 * 1024];
+    // SAFETY: the heap is set up once, before anything is allocated, and owns the memory.
+    unsafe { HEAP.init(ROOM.as_mut_ptr() as usize, 64 * 1024) };
+    start_timer();
+    kalman::<6, 4>("kalman_6_4");
+    kalman::<6, 1>("kalman_6_1");
+    kalman::<12, 4>("kalman_12_4");
+    unscented();
+    scheduled_gain();
+    butterworth();
+    minikalman::<6, 4>("minikalman_6_4");
+    minikalman::<6, 1>("minikalman_6_1");
+    minikalman::<12, 4>("minikalman_12_4");
+    naive::<6, 4>("naive_nalgebra_6_4");
+    naive::<6, 1>("naive_nalgebra_6_1");
+    naive::<12, 4>("naive_nalgebra_12_4");
+    debug::exit(debug::EXIT_SUCCESS);
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    hprintln!("{}", info);
+    debug::exit(debug::EXIT_FAILURE);
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
