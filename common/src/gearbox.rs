@@ -223,9 +223,8 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
     /// One sample: convert, predict, update with each usable reading.
     pub fn step(&self, state: &mut GearboxState<NX>, raw: &RawSample) -> Estimate {
         let index = self.model.index.as_ref();
-        let m = state
-            .unwrap
-            .convert(raw, &self.converters, &self.counters, index);
+        let lead = self.lead(state);
+        let m = (state.unwrap).convert(raw, &self.converters, &self.counters, index, lead);
         if !state.started || m.lost > LONGEST_GAP {
             self.restart(state, &m);
         } else {
@@ -281,6 +280,20 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         if let Some(Ok(angle)) = m.angles.first() {
             state.belief.state[0] = angle.to_rad();
         }
+    }
+
+    /// How far the carrier is ahead of the index's encoder by the estimate.
+    fn lead(&self, state: &GearboxState<NX>) -> Phase {
+        let encoder = self
+            .model
+            .index
+            .as_ref()
+            .map_or(0, |index| usize::from(index.encoder));
+        self.encoder_rows
+            .get(encoder)
+            .map_or(Phase::default(), |row| {
+                Phase::from_rad(state.belief.state[0] - dot(row, &state.belief.state))
+            })
     }
 
     fn predict(&self, state: &mut GearboxState<NX>) {
@@ -398,8 +411,11 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             r += unknown * unknown;
             (*map_mean, 0.0)
         };
+        // The angle is the encoder's business: what it is unsure of makes the
+        // reading less certain, but a gauge whose map is wrong must not turn it.
+        let by_angle = sensed * slope;
+        r += by_angle * by_angle * state.belief.variances()[0];
         let mut gradient = row * sensitivity;
-        gradient[0] += sensed * slope;
         let mut predicted = offset + sensitivity * sensed;
         if let Some(b) = bias_state.map(usize::from)
             && let (Some(g), Some(x)) = (gradient.get_mut(b), state.belief.state.get(b))

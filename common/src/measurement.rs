@@ -105,7 +105,8 @@ impl Counter {
 impl Unwrap {
     /// Converts one sample.
     ///
-    /// An encoder that was not delivered keeps its last angle inside; the
+    /// `lead`: how far the carrier is ahead of the index's encoder, by the
+    /// twist of the shafts between them. An encoder that was not delivered keeps its last angle inside; the
     /// next count is unwrapped against the last one that was.
     pub fn convert(
         &mut self,
@@ -113,6 +114,7 @@ impl Unwrap {
         converters: &[Converter],
         counters: &[Counter],
         index: Option<&IndexPulse>,
+        lead: Phase,
     ) -> Measurement {
         let lost = match self.last_tick {
             Some(last) => raw.tick.wrapping_sub(last).saturating_sub(1),
@@ -156,7 +158,7 @@ impl Unwrap {
             }
         }
 
-        let rehomed = index.and_then(|index| self.home(raw, index, counters));
+        let rehomed = index.and_then(|index| self.home(raw, index, counters, lead));
         if let Some(by) = rehomed {
             for angle in angles.iter_mut().flatten() {
                 *angle = angle.turned_by(by);
@@ -179,7 +181,13 @@ impl Unwrap {
     /// jitter of its latch. One outside it is either false or says that counts
     /// were lost. A false pulse is not repeated: only a second one with the
     /// same deviation turns the angles.
-    fn home(&mut self, raw: &RawSample, index: &IndexPulse, counters: &[Counter]) -> Option<Phase> {
+    fn home(
+        &mut self,
+        raw: &RawSample,
+        index: &IndexPulse,
+        counters: &[Counter],
+        lead: Phase,
+    ) -> Option<Phase> {
         let latched = raw.index?;
         let k = usize::from(index.encoder);
         let (counter, count) = (counters.get(k)?, (*self.counts.get(k)?)?);
@@ -188,7 +196,7 @@ impl Unwrap {
             .angles
             .get(k)?
             .advanced(since.wrapping_neg(), counter.step);
-        let by = index.angle.since(at_pulse);
+        let by = index.angle.since(at_pulse.turned_by(lead));
         let near = |phase: Phase| libm::fabsf(phase.to_rad()) <= index.tolerance_rad;
         if self.homed {
             if near(by) {
@@ -242,7 +250,13 @@ mod tests {
     }
 
     fn convert(unwrap: &mut Unwrap, raw: &RawSample) -> Measurement {
-        unwrap.convert(raw, &[CONVERTER], &[COUNTER], Some(&INDEX))
+        unwrap.convert(
+            raw,
+            &[CONVERTER],
+            &[COUNTER],
+            Some(&INDEX),
+            Phase::default(),
+        )
     }
 
     #[test]

@@ -7,6 +7,7 @@ mod manual;
 mod progress;
 mod replay;
 mod schema;
+mod simulate;
 
 use clap::{Parser, Subcommand};
 
@@ -31,6 +32,8 @@ enum Command {
     Replay(replay::Replay),
     /// Fit gauges to recordings with reference loads.
     Calibrate(calibrate::Calibrate),
+    /// Write a recording of a machine that is not there.
+    Simulate(simulate::Simulate),
     /// Make the model image that firmware and host run.
     Build(build::Build),
     /// Print the JSON schema of the machine description.
@@ -52,6 +55,7 @@ impl Cli {
             None => demo::run(json),
             Some(Command::Replay(replay)) => replay.run(json),
             Some(Command::Calibrate(calibrate)) => calibrate.run(json),
+            Some(Command::Simulate(simulate)) => simulate.run(json),
             Some(Command::Build(build)) => build.run(json),
             Some(Command::Schema) => schema::run(),
             Some(Command::Completions(completions)) => {
