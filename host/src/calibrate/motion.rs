@@ -106,7 +106,9 @@ impl Motion {
         let mut samples = Samples::open(machine, &sensors, recording)?;
         loop {
             let more = samples.next_block(|sample| {
-                let m = unwrap.convert(&sample.raw, &[], &counters, model.index.as_ref());
+                // The twist between carrier and encoder is small against what a map resolves.
+                let lead = loadtwin_common::phase::Phase::default();
+                let m = unwrap.convert(&sample.raw, &[], &counters, model.index.as_ref(), lead);
                 let phase = m.angles[0].ok();
                 if let Some(phase) = phase {
                     let mut moved = last.map_or(phase.0, |last: u64| phase.0.wrapping_sub(last));
