@@ -7,15 +7,21 @@ use std::path::PathBuf;
 
 fn main() {
     println!("cargo:rerun-if-changed=memory");
-    if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none")
-        || env::var_os("CARGO_FEATURE_EMULATED").is_none()
-    {
+    if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
     }
+    let board = ["emulated", "nucleo-g474re"].into_iter().find(|board| {
+        let feature = board.to_uppercase().replace('-', "_");
+        env::var_os(format!("CARGO_FEATURE_{feature}")).is_some()
+    });
+    let Some(board) = board else { return };
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
-    fs::copy("memory/emulated.x", out.join("memory.x")).expect("the board has a memory.x");
+    fs::copy(format!("memory/{board}.x"), out.join("memory.x")).expect("the board has a memory.x");
     println!("cargo:rustc-link-search={}", out.display());
     for argument in ["--nmagic", "-Tlink.x"] {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
+    // Only the boards' programs log.
+    let program = board.replace('-', "_");
+    println!("cargo:rustc-link-arg-bin={program}=-Tdefmt.x");
 }

@@ -1,1 +1,5 @@
 //! Tests that need more than one crate or a rig; see `tests/run`.
+
+pub mod emulator;
+pub mod firmware;
+pub mod gearbox;

@@ -1,7 +1,22 @@
 //! The loadtwin estimator on a microcontroller.
+//!
+//! [`app`] is what every board runs, over the one trait [`board::Board`]; the
+//! boards are the binaries of this package, one feature each.
 #![no_std]
 #![forbid(unsafe_code)]
 
+#[cfg(test)]
+#[macro_use]
+extern crate std;
+
+pub mod app;
+pub mod board;
+pub mod counters;
+pub mod driver;
+pub mod model;
+pub mod owned;
 pub mod simulated_flash;
+pub mod slcan;
+pub mod stimulus;
 pub mod store;
 pub mod upload;

@@ -175,6 +175,11 @@ impl<F: NorFlash> Store<F> {
         &self.flash
     }
 
+    /// The flash, to read a payload from.
+    pub fn flash_mut(&mut self) -> &mut F {
+        &mut self.flash
+    }
+
     /// Gives the flash back.
     pub fn release(self) -> F {
         self.flash

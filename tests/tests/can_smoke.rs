@@ -1,4 +1,4 @@
-//! The SocketCAN rig itself.
+//! The `SocketCAN` rig itself.
 
 use std::process::Command;
 

@@ -1,0 +1,136 @@
+//! The application: a model image and raw samples in, frames out.
+
+use core::sync::atomic::Ordering::Relaxed;
+
+use loadtwin_common::Error;
+use loadtwin_common::frame::{Encoder, Frame, State, Status};
+use loadtwin_common::image::Image;
+use loadtwin_common::line::Line;
+use loadtwin_common::raw::RawSample;
+
+use crate::board::Board;
+use crate::counters::{Counters, count};
+
+/// Most frames that one data-ready queues: a raw sample, the loads, a sensor,
+/// the status.
+pub const MAX_FRAMES: usize = 7 + loadtwin_common::estimate::MAX_LOADS + 1 + 1;
+
+/// The estimator of one machine and the frames it sends.
+///
+/// Load and sensor frames are the same on every board that gets the same image
+/// and the same samples; status frames tell what this board met.
+#[derive(Debug)]
+pub struct App<'a> {
+    line: Option<Line<'a>>,
+    encoder: Encoder,
+    status: Status,
+    rate_hz: f32,
+    /// Whether the raw samples are sent too, so that somebody on the bus can
+    /// recompute the estimates.
+    pub sends_raw: bool,
+}
+
+impl<'a> App<'a> {
+    /// The application with the model of `image`, before its first sample;
+    /// `image_hash` names the image in status frames.
+    ///
+    /// # Errors
+    /// Why the image is refused.
+    #[inline(never)]
+    pub fn try_new(image: &'a [u8], image_hash: u32) -> Result<Self, Error> {
+        let image = Image::from_bytes(image)?;
+        let encoder = Encoder::try_build(&image, image_hash)?;
+        let rate_hz = image.rate_hz;
+        Ok(Self {
+            line: Some(Line::try_build(image)?),
+            encoder,
+            status: Status {
+                state: State::Waiting,
+                ..Status::default()
+            },
+            rate_hz,
+            sends_raw: false,
+        })
+    }
+
+    /// The application of a board without a usable image: it says so.
+    pub fn without_image() -> Self {
+        Self {
+            line: None,
+            encoder: Encoder::without_image(),
+            status: Status::default(),
+            rate_hz: 1000.0,
+            sends_raw: false,
+        }
+    }
+
+    /// Rate of the sample clock [Hz], > 0.
+    pub fn rate_hz(&self) -> f32 {
+        self.rate_hz
+    }
+
+    /// First identifier of the machine's frames.
+    pub fn base(&self) -> u16 {
+        self.encoder.base()
+    }
+
+    /// Sets what status frames say of the last image that was offered: the
+    /// code of its refusal, or 0.
+    pub fn set_refused(&mut self, code: u8) {
+        self.status.refused = code;
+    }
+
+    /// One data-ready: takes the sample, steps, queues the frames.
+    ///
+    /// What goes wrong around the estimator is counted and never stops it.
+    pub fn on_data_ready(&mut self, board: &mut impl Board) {
+        let Some(raw) = board.acquire() else { return };
+        self.step(&raw, board);
+        if board.overrun() {
+            count(&board.counters().overruns);
+        }
+        self.count(board.counters());
+        if let Some(frame) = self.encoder.heartbeat(&self.status) {
+            queue(board, frame);
+        }
+    }
+
+    /// Queues the next page of the status, due or not; for a board whose
+    /// converter is silent.
+    pub fn announce(&mut self, board: &mut impl Board) {
+        self.count(board.counters());
+        let frame = self.encoder.status(&self.status);
+        queue(board, frame);
+    }
+
+    fn step(&mut self, raw: &RawSample, board: &mut impl Board) {
+        self.status.tick = raw.tick;
+        if self.sends_raw {
+            self.encoder.raw(raw, |frame| queue(board, frame));
+        }
+        let Some(line) = &mut self.line else { return };
+        let estimate = line.step(raw);
+        self.encoder
+            .estimate(&estimate, |frame| queue(board, frame));
+        board.counters().missed.fetch_add(estimate.lost, Relaxed);
+        self.status.sensors = estimate.sensors.len() as u8;
+        self.status.state = if estimate.homed {
+            State::Running
+        } else {
+            State::Homing
+        };
+    }
+
+    fn count(&mut self, counters: &Counters) {
+        self.status.overruns = counters.overruns.load(Relaxed);
+        self.status.missed = counters.missed.load(Relaxed);
+        self.status.bus_off = counters.bus_off.load(Relaxed);
+        self.status.queue_overflow = counters.queue_overflow.load(Relaxed);
+    }
+}
+
+fn queue(board: &mut impl Board, frame: Frame) {
+    if board.queue(frame).is_err() {
+        count(&board.counters().queue_overflow);
+    }
+}

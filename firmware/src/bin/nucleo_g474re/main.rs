@@ -1,0 +1,360 @@
+//! The application on a NUCLEO-G474RE with an ADS131M04 and an encoder.
+//!
+//! | signal            | pin  | connector |
+//! |-------------------|------|-----------|
+//! | SPI clock         | PA5  | D13       |
+//! | SPI to controller | PA6  | D12       |
+//! | SPI to converter  | PA7  | D11       |
+//! | SPI chip select   | PB6  | D10       |
+//! | data ready        | PC7  | D9        |
+//! | encoder A         | PB4  | D5        |
+//! | encoder B         | PB5  | D4        |
+//! | index pulse       | PB10 | D6        |
+//! | CAN receive       | PA11 | CN10-14   |
+//! | CAN transmit      | PA12 | CN10-12   |
+//!
+//! Interrupts, highest first: the index pulse, which latches the encoder's
+//! count; data-ready, which runs the estimator; then CAN and the time base.
+//! The thread sends and receives frames and takes new models.
+#![no_std]
+#![no_main]
+
+mod flash;
+
+use core::sync::atomic::{AtomicU8, AtomicU32, Ordering::Relaxed};
+
+use cortex_m::peripheral::NVIC;
+use defmt_rtt as _;
+use embassy_executor::Spawner;
+use embassy_stm32::can::enums::BusErrorMode;
+use embassy_stm32::can::{self, CanConfigurator, CanRx, CanTx, Properties};
+use embassy_stm32::exti::{ExtiInput, TriggerEdge};
+use embassy_stm32::gpio::{Level, Output, Pull, Speed};
+use embassy_stm32::interrupt::{InterruptExt as _, Priority};
+use embassy_stm32::mode::Blocking;
+use embassy_stm32::peripherals::{FDCAN1, IWDG, TIM3};
+use embassy_stm32::spi::{self, Spi, mode::Master};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::timer::qei::{self, Qei};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{bind_interrupts, interrupt, pac, rcc};
+use embassy_time::{Delay, Instant, Timer};
+use embedded_hal_bus::spi::{ExclusiveDevice, NoDelay};
+use heapless::spsc::{Consumer, Producer, Queue};
+use loadtwin_common::frame::Frame;
+use loadtwin_common::raw::RawSample;
+use loadtwin_firmware::app::App;
+use loadtwin_firmware::board::Board;
+use loadtwin_firmware::counters::{Counters, count};
+use loadtwin_firmware::driver::ads131m04::{Ads131m04, Config, Error, Gain, Oversampling};
+use loadtwin_firmware::model::{Models, Room};
+use loadtwin_firmware::owned::Owned;
+use loadtwin_firmware::upload::BLOCK_OVERHEAD;
+use panic_probe as _;
+use static_cell::{ConstStaticCell, StaticCell};
+
+/// 8.192 MHz at the converter's clock input / 2 / 2048: 2 kHz.
+const CONVERTER: Config = Config {
+    oversampling: Oversampling::X2048,
+    gain: [Gain::X32; 4],
+};
+const BITRATE: u32 = 500_000;
+const WATCHDOG_US: u32 = 500_000;
+/// Turn of the thread's slow work; a converter silent for that long is told.
+const TURN_MS: u64 = 20;
+/// Longest payload of an image [bytes].
+const IMAGE: usize = 24 * 1024;
+const OUTBOX: usize = 64;
+const INBOX: usize = 32;
+/// Set in `LATCHED` above the 16 bits of the count.
+const CAME: u32 = 1 << 31;
+
+static COUNTERS: Counters = Counters::new();
+static SAMPLER: Owned<Sampler> = Owned::new();
+/// Count at the index pulse since the last sample, with `CAME`.
+static LATCHED: AtomicU32 = AtomicU32::new(0);
+/// Samples taken; the thread looks whether the converter is silent.
+static SAMPLES: AtomicU32 = AtomicU32::new(0);
+/// What the status says of the image offered last.
+static REFUSED: AtomicU8 = AtomicU8::new(0);
+
+bind_interrupts!(struct Irqs {
+    FDCAN1_IT0 => can::IT0InterruptHandler<FDCAN1>;
+    FDCAN1_IT1 => can::IT1InterruptHandler<FDCAN1>;
+});
+
+type Bus = ExclusiveDevice<Spi<'static, Blocking, Master>, Output<'static>, NoDelay>;
+type BoardModels = Models<flash::Checked, { flash::PAGE + BLOCK_OVERHEAD }>;
+
+/// What the interrupt of data-ready owns.
+struct Sampler {
+    app: App<'static>,
+    board: Nucleo,
+}
+
+struct Nucleo {
+    converter: Ads131m04<Bus>,
+    ready: ExtiInput<'static, Blocking>,
+    outbox: Producer<'static, Frame>,
+    tick: u32,
+}
+
+/// The encoder's counter; a read, allowed at every priority.
+fn encoder() -> u16 {
+    pac::TIM3.cnt().read().cnt()
+}
+
+impl Board for Nucleo {
+    fn acquire(&mut self) -> Option<RawSample> {
+        let mut sample = RawSample {
+            tick: self.tick,
+            ..RawSample::default()
+        };
+        sample.set_encoder(0, u32::from(encoder()));
+        let latched = LATCHED.swap(0, Relaxed);
+        sample.index = (latched & CAME != 0).then_some(latched & 0xFFFF);
+        self.tick = self.tick.wrapping_add(1);
+        // A damaged frame leaves its channels marked as not delivered.
+        if let Err(Error::Restarted) = self.converter.read_into(&mut sample, 0) {
+            defmt::warn!("the converter restarted");
+            if self.converter.configure(CONVERTER, &mut Delay).is_err() {
+                defmt::error!("the converter does not take its configuration");
+            }
+        }
+        Some(sample)
+    }
+
+    fn queue(&mut self, frame: Frame) -> Result<(), Frame> {
+        self.outbox.enqueue(frame)
+    }
+
+    fn overrun(&mut self) -> bool {
+        self.ready.is_pending()
+    }
+
+    fn counters(&self) -> &Counters {
+        &COUNTERS
+    }
+}
+
+#[interrupt]
+fn EXTI15_10() {
+    LATCHED.store(CAME | u32::from(encoder()), Relaxed);
+    // Write 1 to clear: the line of PB10.
+    pac::EXTI.pr(0).write(|lines| lines.set_line(10, true));
+}
+
+#[interrupt]
+fn EXTI9_5() {
+    SAMPLER.with(|Sampler { app, board }| {
+        app.set_refused(REFUSED.load(Relaxed));
+        if board.ready.is_pending() {
+            board.ready.clear_pending();
+            app.on_data_ready(board);
+            SAMPLES.fetch_add(1, Relaxed);
+        } else {
+            // The thread asked: the converter is silent.
+            app.announce(board);
+        }
+    });
+}
+
+fn clocks() -> embassy_stm32::Config {
+    let mut config = embassy_stm32::Config::default();
+    config.rcc.hse = Some(rcc::Hse {
+        freq: Hertz(24_000_000),
+        mode: rcc::HseMode::Oscillator,
+    });
+    // 24 MHz / 6 * 85 = 340 MHz; / 2 = 170 MHz.
+    config.rcc.pll = Some(rcc::Pll {
+        source: rcc::PllSource::HSE,
+        prediv: rcc::PllPreDiv::DIV6,
+        mul: rcc::PllMul::MUL85,
+        divp: None,
+        divq: Some(rcc::PllQDiv::DIV4),
+        divr: Some(rcc::PllRDiv::DIV2),
+    });
+    config.rcc.sys = rcc::Sysclk::PLL1_R;
+    config.rcc.boost = true;
+    config.rcc.mux.fdcansel = rcc::mux::Fdcansel::PLL1_Q;
+    config
+}
+
+#[embassy_executor::main]
+async fn main(spawner: Spawner) {
+    static OUTBOX_QUEUE: StaticCell<Queue<Frame, OUTBOX>> = StaticCell::new();
+    static INBOX_QUEUE: StaticCell<Queue<Frame, INBOX>> = StaticCell::new();
+    static REPLIES_QUEUE: StaticCell<Queue<Frame, INBOX>> = StaticCell::new();
+    static RUNNING: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
+    static JUDGED: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
+    static SAMPLER_CELL: StaticCell<Sampler> = StaticCell::new();
+    static MODELS: StaticCell<BoardModels> = StaticCell::new();
+
+    let p = embassy_stm32::init(clocks());
+    let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
+    watchdog.unleash();
+
+    let room = Room {
+        running: RUNNING.take(),
+        judged: JUDGED.take(),
+    };
+    let mut flash = flash::Checked::new(p.FLASH);
+    let key = flash::key(&mut flash);
+    if key.is_none() {
+        defmt::error!("no key in its page: no model runs");
+    }
+    let (app, models) = Models::boot(flash, flash::LAYOUT, key, room)
+        .expect("the layout is constant and fits the flash");
+    watchdog.pet();
+
+    let mut spi_config = spi::Config::default();
+    spi_config.mode = spi::MODE_1;
+    spi_config.frequency = Hertz(20_000_000);
+    let spi = Spi::new_blocking(p.SPI1, p.PA5, p.PA7, p.PA6, spi_config);
+    let select = Output::new(p.PB6, Level::High, Speed::VeryHigh);
+    let Ok(bus) = ExclusiveDevice::new_no_delay(spi, select);
+    let converter = loop {
+        match Ads131m04::try_new(bus, CONVERTER, &mut Delay) {
+            Ok(converter) => break converter,
+            // Without a converter there is nothing to do but to start over,
+            // which the watchdog does.
+            Err(_) => defmt::panic!("the converter does not answer"),
+        }
+    };
+
+    // Held for ever: dropping the encoder's timer or the pins would stop them.
+    let encoder =
+        Qei::<TIM3>::new::<qei::Ch1, qei::Ch2>(p.TIM3, p.PB4, p.PB5, qei::Config::default());
+    core::mem::forget(encoder);
+    let index = ExtiInput::new_blocking(p.PB10, p.EXTI10, Pull::Down, TriggerEdge::Rising);
+    core::mem::forget(index);
+    let ready = ExtiInput::new_blocking(p.PC7, p.EXTI7, Pull::Up, TriggerEdge::Falling);
+
+    let mut can = CanConfigurator::new(p.FDCAN1, p.PA11, p.PA12, Irqs);
+    can.set_bitrate(BITRATE);
+    let (tx, rx, properties) = can.into_normal_mode().split();
+
+    let (outbox_in, outbox) = OUTBOX_QUEUE.init(Queue::new()).split();
+    let (inbox_in, inbox) = INBOX_QUEUE.init(Queue::new()).split();
+    let (replies_in, replies) = REPLIES_QUEUE.init(Queue::new()).split();
+    SAMPLER.give(SAMPLER_CELL.init(Sampler {
+        app,
+        board: Nucleo {
+            converter,
+            ready,
+            outbox: outbox_in,
+            tick: 0,
+        },
+    }));
+    start_interrupts();
+    spawner.spawn(send(tx, outbox, replies).expect("spawned once"));
+    spawner.spawn(receive(rx, inbox_in).expect("spawned once"));
+    spawner.spawn(take_models(MODELS.init(models), inbox, replies_in).expect("spawned once"));
+    watch(watchdog, properties).await;
+}
+
+/// The index above data-ready above everything else.
+fn start_interrupts() {
+    interrupt::EXTI15_10.set_priority(Priority::P1);
+    interrupt::EXTI9_5.set_priority(Priority::P2);
+    for other in [
+        interrupt::FDCAN1_IT0,
+        interrupt::FDCAN1_IT1,
+        interrupt::TIM2,
+    ] {
+        other.set_priority(Priority::P8);
+    }
+    #[allow(unsafe_code)]
+    // SAFETY: their data was given to them; both handlers may run from here on.
+    unsafe {
+        interrupt::EXTI15_10.enable();
+        interrupt::EXTI9_5.enable();
+    }
+}
+
+/// Frames to the bus: replies to an upload first, the sender of an image waits.
+#[embassy_executor::task]
+async fn send(
+    mut tx: CanTx<'static>,
+    mut outbox: Consumer<'static, Frame>,
+    mut replies: Consumer<'static, Frame>,
+) {
+    loop {
+        let Some(frame) = replies.dequeue().or_else(|| outbox.dequeue()) else {
+            Timer::after_micros(100).await;
+            continue;
+        };
+        let frame = can::frame::Frame::new_standard(frame.id, &frame.data);
+        if let Ok(frame) = frame {
+            tx.write(&frame).await;
+        }
+    }
+}
+
+/// Frames of 8 bytes with a standard identifier from the bus.
+#[embassy_executor::task]
+async fn receive(mut rx: CanRx<'static>, mut inbox: Producer<'static, Frame>) {
+    loop {
+        match rx.read().await {
+            Ok(envelope) => {
+                let embedded_can::Id::Standard(id) = *envelope.frame.id() else {
+                    continue;
+                };
+                let Ok(data) = envelope.frame.data().try_into() else {
+                    continue;
+                };
+                let id = id.as_raw();
+                // A full inbox drops a frame of an upload, which then fails by its own checks.
+                let _ = inbox.enqueue(Frame { id, data });
+            }
+            // Told by the counters in `watch`; a pause keeps a dead bus from taking the thread.
+            Err(_) => Timer::after_millis(1).await,
+        }
+    }
+}
+
+/// New models from the bus.
+#[embassy_executor::task]
+async fn take_models(
+    models: &'static mut BoardModels,
+    mut inbox: Consumer<'static, Frame>,
+    mut replies: Producer<'static, Frame>,
+) {
+    loop {
+        while let Some(frame) = inbox.dequeue() {
+            let now_us = Instant::now().as_micros() as u32;
+            if let Some(reply) = models.on_frame(&frame, now_us) {
+                let _ = replies.enqueue(reply);
+            }
+        }
+        let (reply, refused) = models.poll();
+        if let Some(reply) = reply {
+            let _ = replies.enqueue(reply);
+        }
+        if let Some(refused) = refused {
+            REFUSED.store(refused, Relaxed);
+        }
+        Timer::after_millis(1).await;
+    }
+}
+
+/// Feeds the watchdog while thread and interrupts run, counts bus-off, has a
+/// silent converter told.
+async fn watch(mut watchdog: IndependentWatchdog<'static, IWDG>, can: Properties) -> ! {
+    let mut samples = 0;
+    let mut was_off = false;
+    loop {
+        watchdog.pet();
+        let off = matches!(can.bus_error_mode(), BusErrorMode::BusOff);
+        if off && !was_off {
+            count(&COUNTERS.bus_off);
+        }
+        was_off = off;
+        let now = SAMPLES.load(Relaxed);
+        if now == samples {
+            NVIC::pend(pac::Interrupt::EXTI9_5);
+        }
+        samples = now;
+        Timer::after_millis(TURN_MS).await;
+    }
+}

@@ -1,0 +1,29 @@
+//! What the application needs of a board.
+
+use loadtwin_common::frame::Frame;
+use loadtwin_common::raw::RawSample;
+
+use crate::counters::Counters;
+
+/// A board at the priority of the sample clock; no call waits.
+///
+/// What happens on the bus is below that priority and not the application's:
+/// it takes frames from a queue, and counts its faults in the same counters.
+pub trait Board {
+    /// What data-ready latched: converter words, encoder counts, index pulse.
+    ///
+    /// `None` where there was no conversion.
+    fn acquire(&mut self) -> Option<RawSample>;
+
+    /// Queues a frame for the bus.
+    ///
+    /// # Errors
+    /// The frame, where the queue is full.
+    fn queue(&mut self, frame: Frame) -> Result<(), Frame>;
+
+    /// Whether data-ready has come again since [`Self::acquire`].
+    fn overrun(&mut self) -> bool;
+
+    /// The counters that the board's other parts count in.
+    fn counters(&self) -> &Counters;
+}

@@ -1,0 +1,3 @@
+//! Drivers over `embedded-hal` 1.0, tested on the host with exact bus transactions.
+
+pub mod ads131m04;

@@ -1,0 +1,115 @@
+//! The model that a board runs: found in its slots at start, replaced over the bus.
+
+use embedded_storage::nor_flash::NorFlash;
+use loadtwin_common::frame::Frame;
+use loadtwin_common::sealed::{Header, PublicKey};
+use loadtwin_common::uds;
+
+use crate::app::App;
+use crate::store::{Layout, Store};
+use crate::upload::{Event, Upload};
+
+/// The slots, and the upload that fills the one that does not run.
+///
+/// `N`: page of the flash plus [`BLOCK_OVERHEAD`](crate::upload::BLOCK_OVERHEAD).
+/// Belongs below the estimator: it erases and checks signatures.
+#[derive(Debug)]
+pub struct Models<F, const N: usize> {
+    store: Store<F>,
+    upload: Upload<N>,
+    judged: &'static mut [u8],
+}
+
+/// What an image is read into: one to run from, so that no erase of the flash
+/// stops the estimator, one to judge an upload in. Both set the longest payload.
+#[derive(Debug)]
+pub struct Room {
+    /// For the model that runs.
+    pub running: &'static mut [u8],
+    /// For the model that is uploaded.
+    pub judged: &'static mut [u8],
+}
+
+impl<F: NorFlash, const N: usize> Models<F, N> {
+    /// Finds the image to run and makes the application of it; one without
+    /// image where there is none.
+    ///
+    /// # Errors
+    /// As [`Store::boot`].
+    pub fn boot(
+        flash: F,
+        layout: Layout,
+        key: Option<PublicKey>,
+        room: Room,
+    ) -> Result<(App<'static>, Self), loadtwin_common::Error> {
+        let Room { running, judged } = room;
+        let mut store = Store::boot(flash, layout, key, |flash, at, len| {
+            judge(flash, at, len, judged)
+        })?;
+        let app = start(&mut store, running).unwrap_or_else(App::without_image);
+        let models = Self {
+            store,
+            upload: Upload::new(),
+            judged,
+        };
+        Ok((app, models))
+    }
+
+    /// Takes a frame from the bus; gives the one to send at once.
+    pub fn on_frame(&mut self, frame: &Frame, now_us: u32) -> Option<Frame> {
+        if frame.id != uds::REQUEST_ID {
+            return None;
+        }
+        self.upload.on_frame(&frame.data, now_us).map(answer)
+    }
+
+    /// Works on the upload; gives the frame to send, and the refusal's code
+    /// for the status frame where an image was judged (0: accepted).
+    pub fn poll(&mut self) -> (Option<Frame>, Option<u8>) {
+        let judged = &mut *self.judged;
+        let progress = self.upload.poll(&mut self.store, |flash, at, len| {
+            judge(flash, at, len, judged)
+        });
+        let refused = progress.event.map(|event| match event {
+            Event::Accepted(_) => 0,
+            Event::Refused(refusal) => refusal.code(),
+        });
+        (progress.answer.map(answer), refused)
+    }
+}
+
+fn answer(data: [u8; 8]) -> Frame {
+    Frame {
+        id: uds::ANSWER_ID,
+        data,
+    }
+}
+
+/// What status frames call an image.
+fn name(header: &Header) -> u32 {
+    let [a, b, c, d, ..] = header.digest;
+    u32::from_le_bytes([a, b, c, d])
+}
+
+fn read<'a, F: NorFlash>(flash: &mut F, at: u32, len: u32, room: &'a mut [u8]) -> Option<&'a [u8]> {
+    // Reads are whole units of the flash; the slot goes on behind the payload.
+    let whole = (len as usize).next_multiple_of(F::READ_SIZE);
+    let bytes = room.get_mut(..whole)?;
+    flash.read(at, bytes).ok()?;
+    bytes.get(..len as usize)
+}
+
+fn judge<F: NorFlash>(flash: &mut F, at: u32, len: u32, room: &mut [u8]) -> bool {
+    read(flash, at, len, room).is_some_and(|image| App::try_new(image, 0).is_ok())
+}
+
+fn start<F: NorFlash>(store: &mut Store<F>, room: &'static mut [u8]) -> Option<App<'static>> {
+    let active = *store.active()?;
+    let image = read(
+        store.flash_mut(),
+        active.payload,
+        active.header.length,
+        room,
+    )?;
+    App::try_new(image, name(&active.header)).ok()
+}

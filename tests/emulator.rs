@@ -1,0 +1,250 @@
+//! The application on an emulated Cortex-M4F, and its two serial lines.
+
+use std::fs;
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::OnceLock;
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use defmt_decoder::{DecodeError, Table};
+use loadtwin_common::frame::Frame;
+use loadtwin_common::raw::RawSample;
+use loadtwin_firmware::slcan;
+use loadtwin_firmware::stimulus::{LONGEST, Stimulus};
+use tempfile::TempDir;
+
+/// The board while it runs.
+pub struct Emulator {
+    qemu: Child,
+    place: TempDir,
+    log: JoinHandle<String>,
+    sensors: UnixStream,
+}
+
+/// How a run ended.
+#[derive(Debug)]
+pub struct End {
+    /// Success only where the test asked for the end.
+    pub status: ExitStatus,
+    /// What the firmware logged, a line a message, and what the emulator said.
+    pub log: String,
+}
+
+/// The emulated board's binary.
+pub fn binary() -> &'static Path {
+    static BINARY: OnceLock<PathBuf> = OnceLock::new();
+    BINARY.get_or_init(|| crate::firmware::build("emulated"))
+}
+
+impl Emulator {
+    /// Starts the board with a model image; it waits until [`Self::bus`] or
+    /// somebody else listens on its bus.
+    ///
+    /// # Panics
+    /// Where the rig does not start.
+    pub fn start(image: &[u8]) -> Self {
+        Self::start_binary(binary(), image)
+    }
+
+    /// As [`Self::start`], with another binary for the same board.
+    ///
+    /// # Panics
+    /// Where the rig does not start.
+    pub fn start_binary(binary: &Path, image: &[u8]) -> Self {
+        let place = TempDir::new().expect("a temporary directory");
+        let slot = place.path().join("model");
+        let length = u32::try_from(image.len()).expect("an image of less than 4 GiB");
+        fs::write(&slot, [&length.to_le_bytes(), image].concat()).expect("the model is written");
+        let line = |name: &str| {
+            let path = place.path().join(name);
+            format!("unix:{},server=on,wait=on", path.display())
+        };
+        let mut qemu = Command::new("qemu-system-arm")
+            .args(["-M", "mps2-an386", "-cpu", "cortex-m4", "-no-reboot"])
+            .args(["-display", "none", "-monitor", "none"])
+            // 8 ns an instruction, and the time between two samples is skipped.
+            .args(["-icount", "shift=3,sleep=off"])
+            .args(["-serial", &line("sensors"), "-serial", &line("bus")])
+            .args(["-semihosting-config", "enable=on,target=native"])
+            .arg("-device")
+            .arg(format!(
+                "loader,file={},addr=0x300000,force-raw=on",
+                slot.display()
+            ))
+            .arg("-kernel")
+            .arg(binary)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("qemu-system-arm starts; tests/run installs it");
+        let elf = fs::read(binary).expect("the binary was built");
+        let mut logged = qemu.stdout.take().expect("piped");
+        let mut said = qemu.stderr.take().expect("piped");
+        let log = thread::spawn(move || {
+            let mut bytes = Vec::new();
+            logged.read_to_end(&mut bytes).expect("a pipe");
+            let mut text = decode(&elf, &bytes);
+            said.read_to_string(&mut text).expect("text");
+            text
+        });
+        let sensors = connect(&place.path().join("sensors"));
+        Self {
+            qemu,
+            place,
+            log,
+            sensors,
+        }
+    }
+
+    /// Path of the socket on which one other program finds the board's bus.
+    pub fn bus_socket(&self) -> PathBuf {
+        self.place.path().join("bus")
+    }
+
+    /// The board's bus.
+    ///
+    /// # Panics
+    /// Where the board does not offer it.
+    pub fn bus(&self) -> Bus {
+        let stream = connect(&self.bus_socket());
+        Bus {
+            reader: BufReader::new(stream.try_clone().expect("a socket")),
+            writer: stream,
+        }
+    }
+
+    /// The line to the sensors; write to it from a thread of its own, for it
+    /// takes no more than the board has room for.
+    ///
+    /// # Panics
+    /// Where the socket cannot be cloned.
+    pub fn sensors(&self) -> Sensors {
+        Sensors(self.sensors.try_clone().expect("a socket"))
+    }
+
+    /// Waits for the end, `within` at most.
+    ///
+    /// # Panics
+    /// Where the board still runs after that time.
+    pub fn end(mut self, within: Duration) -> End {
+        let latest = Instant::now() + within;
+        loop {
+            if let Some(status) = self.qemu.try_wait().expect("the emulator is ours") {
+                let log = self.log.join().expect("the log is text");
+                return End { status, log };
+            }
+            if Instant::now() > latest {
+                self.qemu.kill().expect("the emulator is ours");
+                let log = self.log.join().expect("the log is text");
+                panic!("the emulated board still runs after {within:?}; its log:\n{log}");
+            }
+            thread::sleep(Duration::from_millis(5));
+        }
+    }
+}
+
+/// The world that the board's sensors see.
+pub struct Sensors(UnixStream);
+
+impl Sensors {
+    /// Sends one message.
+    ///
+    /// # Panics
+    /// Where the board is gone.
+    pub fn send(&mut self, stimulus: &Stimulus) {
+        let mut frame = [0; LONGEST];
+        let frame =
+            postcard::to_slice_cobs(stimulus, &mut frame).expect("it fits, by its own test");
+        self.0.write_all(frame).expect("the board takes it");
+    }
+
+    /// Sends bytes as they are.
+    ///
+    /// # Panics
+    /// Where the board is gone.
+    pub fn send_bytes(&mut self, bytes: &[u8]) {
+        self.0.write_all(bytes).expect("the board takes them");
+    }
+
+    /// Sends samples and then the end, from a thread of its own.
+    pub fn send_all(mut self, samples: Vec<RawSample>) -> JoinHandle<()> {
+        thread::spawn(move || {
+            for sample in samples {
+                self.send(&Stimulus::Sample(sample));
+            }
+            self.send(&Stimulus::End);
+        })
+    }
+}
+
+/// The board's bus as this process sees it.
+pub struct Bus {
+    reader: BufReader<UnixStream>,
+    writer: UnixStream,
+}
+
+impl Bus {
+    /// Puts a frame on the bus.
+    ///
+    /// # Panics
+    /// Where the board is gone.
+    pub fn send(&mut self, frame: &Frame) {
+        self.writer
+            .write_all(&slcan::encode(frame))
+            .expect("the board takes it");
+    }
+}
+
+impl Iterator for Bus {
+    type Item = Frame;
+
+    /// The next frame; none after the end.
+    fn next(&mut self) -> Option<Frame> {
+        let mut line = Vec::new();
+        self.reader.read_until(b'\r', &mut line).ok()?;
+        let mut decoder = slcan::Decoder::default();
+        match line.iter().find_map(|byte| decoder.push(*byte))? {
+            slcan::Line::Frame(frame) => Some(frame),
+            other => panic!(
+                "the board sent {other:?}: {:?}",
+                String::from_utf8_lossy(&line)
+            ),
+        }
+    }
+}
+
+fn connect(path: &Path) -> UnixStream {
+    let latest = Instant::now() + Duration::from_secs(20);
+    loop {
+        match UnixStream::connect(path) {
+            Ok(stream) => return stream,
+            Err(error) if Instant::now() > latest => {
+                panic!("{}: {error}", path.display());
+            }
+            Err(_) => thread::sleep(Duration::from_millis(5)),
+        }
+    }
+}
+
+fn decode(elf: &[u8], bytes: &[u8]) -> String {
+    let Ok(Some(table)) = Table::parse(elf) else {
+        return "(no log in this binary)\n".into();
+    };
+    let mut decoder = table.new_stream_decoder();
+    decoder.received(bytes);
+    let mut text = String::new();
+    loop {
+        match decoder.decode() {
+            Ok(frame) => {
+                text += &frame.display(false).to_string();
+                text.push('\n');
+            }
+            Err(DecodeError::UnexpectedEof) => return text,
+            Err(DecodeError::Malformed) => text += "(damaged log)\n",
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! A small gearbox, its sensors, and what the application on the host says of them.
+
+use std::path::Path;
+
+use loadtwin::build::{self, Sensors};
+use loadtwin::machine::Machine;
+use loadtwin_common::frame::{Frame, layout};
+use loadtwin_common::raw::RawSample;
+use loadtwin_firmware::app::App;
+use loadtwin_firmware::board::Board;
+use loadtwin_firmware::counters::Counters;
+
+/// The model image of `tests/machines/gearbox.toml`.
+///
+/// # Panics
+/// Where it cannot be built.
+pub fn image() -> Vec<u8> {
+    let path = Path::new(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/machines/gearbox.toml"
+    ));
+    let machine = Machine::load(path).expect("the description is valid");
+    let sensors = Sensors::choose(&machine, None).expect("few enough sensors");
+    build::image(&machine, &sensors).expect("the machine fits an image")
+}
+
+/// Whether the frame is the same wherever it is computed: all but the status.
+pub fn is_estimate(frame: &Frame) -> bool {
+    frame.id % loadtwin_common::frame::BLOCK != layout::status::OFFSET
+}
+
+/// A torque that ramps and swings, a shaft that turns, and the faults that
+/// a converter and an encoder have.
+pub fn samples(count: u32) -> Vec<RawSample> {
+    let mut angle = 0.0_f64;
+    (0..count)
+        .filter(|tick| tick % 977 != 976)
+        .map(|tick| {
+            let t = f64::from(tick) * 1e-3;
+            let torque = 400.0 * (t / 2.0).min(1.0) + 100.0 * (7.0 * t).sin();
+            angle += 1e-3 * (8.0 + (0.5 * t).sin());
+            let counts = (angle / std::f64::consts::TAU * 4096.0).floor() as i64;
+            let ripple = i64::from(tick.wrapping_mul(2_654_435_761) >> 20) - 2048;
+            let mut raw = RawSample {
+                tick,
+                ..RawSample::default()
+            };
+            raw.set_word(0, (torque * 100.0) as i32 + ripple as i32 / 8);
+            if tick % 311 != 310 {
+                raw.set_word(1, 10_000 - (torque * 200.0) as i32 - ripple as i32 / 6);
+            }
+            if tick % 1009 == 1008 {
+                raw.set_word(0, 0x7F_FFFF);
+            }
+            raw.set_encoder(0, counts as u32 & 0xFFFF);
+            if counts % 4096 < 6 && tick % 3 == 0 {
+                raw.index = Some((counts - counts % 4096) as u32 & 0xFFFF);
+            }
+            raw
+        })
+        .collect()
+}
+
+/// The host in the board's place.
+struct Host<'a> {
+    sample: Option<RawSample>,
+    frames: &'a mut Vec<Frame>,
+    counters: Counters,
+}
+
+impl Board for Host<'_> {
+    fn acquire(&mut self) -> Option<RawSample> {
+        self.sample.take()
+    }
+
+    fn queue(&mut self, frame: Frame) -> Result<(), Frame> {
+        self.frames.push(frame);
+        Ok(())
+    }
+
+    fn overrun(&mut self) -> bool {
+        false
+    }
+
+    fn counters(&self) -> &Counters {
+        &self.counters
+    }
+}
+
+/// The frames of the same application on the host, with the raw samples too
+/// where they are wanted.
+///
+/// # Panics
+/// Where the image is refused.
+pub fn on_host(image: &[u8], samples: &[RawSample], with_raw: bool) -> Vec<Frame> {
+    let mut app = App::try_new(image, 0).expect("the image is valid");
+    app.sends_raw = with_raw;
+    let mut frames = Vec::new();
+    let mut host = Host {
+        sample: None,
+        frames: &mut frames,
+        counters: Counters::new(),
+    };
+    for sample in samples {
+        host.sample = Some(*sample);
+        app.on_data_ready(&mut host);
+    }
+    frames
+}
