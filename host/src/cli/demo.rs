@@ -8,13 +8,20 @@ use serde_json::json;
 use super::replay;
 use crate::machine::Machine;
 
-/// The example's recordings: with the effects that the model lacks, and without.
-const RECORDINGS: [(&str, &str); 2] = [
+/// The example's recordings, each with the description of its machine: with the
+/// effects that the model lacks, calibrated on other recordings of that machine;
+/// and of a machine that is as described.
+const RECORDINGS: [(&str, &str, &str); 2] = [
     (
+        "calibrated.toml",
         "start-stop.parquet",
         "start-stop cycle, with the effects that the model lacks",
     ),
-    ("start-stop-clean.parquet", "the same without those effects"),
+    (
+        "machine.toml",
+        "start-stop-clean.parquet",
+        "the same without those effects",
+    ),
 ];
 
 /// Replays the shipped recordings with every set of sensors.
@@ -23,9 +30,9 @@ const RECORDINGS: [(&str, &str); 2] = [
 /// When the example is not there or cannot be replayed.
 pub fn run(as_json: bool) -> anyhow::Result<()> {
     let folder = example()?;
-    let machine = Machine::load(&folder.join("machine.toml"))?;
     let mut recordings = Vec::new();
-    for (file, title) in RECORDINGS {
+    for (description, file, title) in RECORDINGS {
+        let machine = Machine::load(&folder.join(description))?;
         let recording = folder.join(file);
         let outcomes = replay::every_set(&machine, &recording)?;
         if as_json {
@@ -42,10 +49,14 @@ pub fn run(as_json: bool) -> anyhow::Result<()> {
     }
     let page = Path::new("out/report.html");
     std::fs::create_dir_all("out").context("out")?;
-    replay::write_page(&machine, &folder.join(RECORDINGS[0].0), page)?;
+    let (description, file, _) = RECORDINGS[0];
+    replay::write_page(
+        &Machine::load(&folder.join(description))?,
+        &folder.join(file),
+        page,
+    )?;
     if as_json {
-        let report = json!({ "machine": machine.name, "recordings": recordings, "report": page });
-        println!("{report}");
+        println!("{}", json!({ "recordings": recordings, "report": page }));
     } else {
         println!("report: {}", page.display());
     }
