@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
+use anyhow::Context;
 use clap::Args;
 use loadtwin_common::image::Image;
 use loadtwin_common::line::Line;
@@ -10,7 +11,9 @@ use serde_json::json;
 
 use crate::atomic_file::AtomicFile;
 use crate::build::{self, Sensors};
+use crate::key::SigningKey;
 use crate::machine::Machine;
+use crate::seal::seal;
 
 /// Make the model image that firmware and host run.
 #[derive(Debug, Args)]
@@ -20,6 +23,16 @@ pub struct Build {
     /// Set of sensors; the first of the description where absent.
     #[arg(long, value_name = "NAME")]
     sensors: Option<String>,
+    /// Signs the image, so that a board takes it.
+    #[arg(long, value_name = "FILE")]
+    key: Option<PathBuf>,
+    /// Number of the image, higher with each one that is published; the
+    /// seconds since 1970 where absent.
+    #[arg(long, value_name = "N")]
+    issue: Option<u32>,
+    /// A newer image, by its number, that this older one may replace on a board.
+    #[arg(long, value_name = "N", requires = "key")]
+    replaces: Option<u32>,
     /// The image.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
@@ -32,24 +45,47 @@ impl Build {
         let sensors = Sensors::choose(&machine, self.sensors.as_deref())?;
         let payload = build::image(&machine, &sensors)?;
         Line::try_build(Image::from_bytes(&payload)?)?;
-        let mut file = AtomicFile::create(&self.output)?;
-        file.write_all(&payload)?;
-        file.finish()?;
+        let issue = self.issue.map_or_else(seconds_since_1970, Ok)?;
+        let key = self.key.as_deref().map(SigningKey::read).transpose()?;
+        let image = seal(&payload, issue, self.replaces, key.as_ref())?;
+        let written = AtomicFile::create(&self.output).and_then(|mut file| {
+            file.write_all(&image)?;
+            file.finish()
+        });
+        written.with_context(|| self.output.display().to_string())?;
         let seconds = started.elapsed().as_secs_f64();
         if as_json {
             let names = |names: Vec<&String>| json!(names);
             let report = json!({
                 "machine": machine.name,
                 "image": self.output,
-                "bytes": payload.len(),
+                "bytes": image.len(),
+                "issue": issue,
+                "signed": key.is_some(),
                 "channels": names(sensors.channels.iter().map(|c| &c.name).collect()),
                 "encoders": names(sensors.encoders.iter().map(|e| &e.name).collect()),
                 "seconds": seconds,
             });
             println!("{report}");
         } else {
-            println!("{}: {} bytes", self.output.display(), payload.len());
+            let signed = if key.is_some() {
+                "signed"
+            } else {
+                "not signed: for the host only"
+            };
+            println!(
+                "{}: {} bytes, issue {issue}, {signed}",
+                self.output.display(),
+                image.len()
+            );
         }
         Ok(())
     }
+}
+
+fn seconds_since_1970() -> anyhow::Result<u32> {
+    let since = std::time::UNIX_EPOCH
+        .elapsed()
+        .context("the clock is before 1970; give --issue")?;
+    u32::try_from(since.as_secs()).context("the clock is past 2106; give --issue")
 }

@@ -3,6 +3,7 @@
 mod build;
 mod calibrate;
 mod demo;
+mod key;
 mod manual;
 mod progress;
 mod replay;
@@ -36,6 +37,8 @@ enum Command {
     Simulate(simulate::Simulate),
     /// Make the model image that firmware and host run.
     Build(build::Build),
+    /// Make a key pair that signs model images.
+    Key(key::Key),
     /// Print the JSON schema of the machine description.
     Schema,
     /// Print shell completions.
@@ -57,6 +60,7 @@ impl Cli {
             Some(Command::Calibrate(calibrate)) => calibrate.run(json),
             Some(Command::Simulate(simulate)) => simulate.run(json),
             Some(Command::Build(build)) => build.run(json),
+            Some(Command::Key(key)) => key.run(json),
             Some(Command::Schema) => schema::run(),
             Some(Command::Completions(completions)) => {
                 completions.run();

@@ -1,0 +1,34 @@
+//! `loadtwin key`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+
+use crate::key::SigningKey;
+
+/// Make a key pair that signs model images.
+#[derive(Debug, Args)]
+pub struct Key {
+    /// The private key; the public one and the board's key page get their
+    /// names from it. None may be there yet.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+}
+
+impl Key {
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let files = SigningKey::generate()?.save(&self.output)?;
+        if as_json {
+            println!(
+                "{}",
+                json!({ "private": files.private, "public": files.public, "page": files.page })
+            );
+        } else {
+            println!("private key: {}", files.private.display());
+            println!("public key: {}", files.public.display());
+            println!("key page of the board: {}", files.page.display());
+        }
+        Ok(())
+    }
+}
