@@ -4,6 +4,8 @@
 //! of the layout. A load or sensor frame is a pure function of the estimate
 //! and of its tick: who knows the raw samples can recompute every bit.
 
+#[cfg(test)]
+mod bytes;
 pub mod e2e;
 pub mod layout;
 mod load;
@@ -33,14 +35,8 @@ pub const DEFAULT_BASE: u16 = 0x500;
 /// Identifiers that one machine takes; the base is a multiple of it.
 pub const BLOCK: u16 = 32;
 
-/// Highest base.
-pub const MAX_BASE: u16 = 0x7E0;
-
-/// Offset of the identifier of image uploads to the machine.
-pub const UPLOAD_REQUEST: u16 = 16;
-
-/// Offset of the identifier of the machine's replies to an upload.
-pub const UPLOAD_REPLY: u16 = 17;
+/// Highest base: above it are the identifiers of image uploads.
+pub const MAX_BASE: u16 = 0x7C0;
 
 /// Load frames a second that a machine does not exceed: half of a bus with 500 kbit/s.
 const MAX_LOAD_FRAMES_PER_S: f32 = 2000.0;
@@ -218,7 +214,7 @@ impl Encoder {
     /// status frames.
     ///
     /// # Errors
-    /// `OutOfRange("can_base")` unless it is a multiple of 32 up to 0x7E0;
+    /// `OutOfRange("can_base")` unless it is a multiple of 32 up to 0x7C0;
     /// `NotPositive("full_scale")`, `NotPositive("rate_hz")`.
     pub fn try_build(image: &Image, image_hash: u32) -> Result<Self, Error> {
         Self::try_new(
@@ -288,6 +284,11 @@ impl Encoder {
     /// First identifier of the machine's block.
     pub fn base(&self) -> u16 {
         self.base
+    }
+
+    /// Load frames come for every sample whose tick is a multiple of 2 to this power.
+    pub fn load_every_log2(&self) -> u32 {
+        self.loads_every.log2
     }
 
     /// The load and sensor frames that are due for this estimate, in the order

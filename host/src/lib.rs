@@ -4,6 +4,7 @@
 pub mod atomic_file;
 pub mod build;
 pub mod calibrate;
+pub mod can;
 pub mod cli;
 pub mod exponential;
 pub mod gearbox;

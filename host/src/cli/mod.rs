@@ -2,6 +2,7 @@
 
 mod build;
 mod calibrate;
+mod can;
 mod demo;
 mod key;
 mod manual;
@@ -39,6 +40,18 @@ enum Command {
     Build(build::Build),
     /// Make a key pair that signs model images.
     Key(key::Key),
+    /// Stand in for the microcontroller on a CAN bus.
+    Node(can::Node),
+    /// Put a recording's raw samples on a CAN bus.
+    Send(can::Send),
+    /// Recompute what a machine sends on a CAN bus and compare it bit for bit.
+    Twin(can::Twin),
+    /// Watch a machine's frames on a CAN bus.
+    Monitor(can::Monitor),
+    /// As twin, on a candump log taken earlier.
+    Prove(can::Prove),
+    /// Print the DBC file that describes the frames.
+    Dbc(can::Dbc),
     /// Print the JSON schema of the machine description.
     Schema,
     /// Print shell completions.
@@ -61,6 +74,12 @@ impl Cli {
             Some(Command::Simulate(simulate)) => simulate.run(json),
             Some(Command::Build(build)) => build.run(json),
             Some(Command::Key(key)) => key.run(json),
+            Some(Command::Node(node)) => node.run(json),
+            Some(Command::Send(send)) => send.run(json),
+            Some(Command::Twin(twin)) => twin.run(json),
+            Some(Command::Monitor(monitor)) => monitor.run(json),
+            Some(Command::Prove(prove)) => prove.run(json),
+            Some(Command::Dbc(dbc)) => dbc.run(),
             Some(Command::Schema) => schema::run(),
             Some(Command::Completions(completions)) => {
                 completions.run();

@@ -1,0 +1,226 @@
+//! A CAN bus, and a link over it that outlives its faults.
+
+use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use serde::Serialize;
+use socketcan::CanAnyFrame;
+use thiserror::Error;
+
+/// A frame and when it came [us].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Received {
+    /// Time, since the epoch or since the start of the bus [us].
+    pub t_us: u64,
+    /// The frame; error frames tell what the controller met.
+    pub frame: CanAnyFrame,
+}
+
+/// Why a frame did not come or go.
+#[derive(Debug, Error)]
+pub enum BusError {
+    /// The queue to the bus is full; it empties by itself.
+    #[error("the queue to the bus is full")]
+    Full,
+    /// The interface is down or gone; it may come back.
+    #[error("the interface is down")]
+    Down,
+    /// The controller has left the bus after too many errors.
+    #[error("the controller is bus-off")]
+    Off,
+    /// There will never be another frame: the log has ended.
+    #[error("the log has ended")]
+    Ended,
+    /// Anything else.
+    #[error("CAN: {0}")]
+    Io(#[from] io::Error),
+}
+
+/// A CAN bus: a socket, a log, a simulated controller.
+pub trait Bus {
+    /// The next frame; `None` when none came within `timeout`.
+    ///
+    /// # Errors
+    /// Why there is none.
+    fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError>;
+
+    /// Puts a frame into the queue to the bus.
+    ///
+    /// # Errors
+    /// Why it was not taken.
+    fn send(&mut self, frame: &CanAnyFrame) -> Result<(), BusError>;
+
+    /// Asks a controller that is bus-off to come back.
+    ///
+    /// # Errors
+    /// `Off` while it cannot.
+    fn restart(&mut self) -> Result<(), BusError>;
+
+    /// Time on a clock that never goes back.
+    fn now(&self) -> Duration;
+
+    /// Lets time pass.
+    fn wait(&mut self, time: Duration);
+
+    /// Frames of others that the bus carried but did not deliver here.
+    fn foreign(&self) -> u64 {
+        0
+    }
+}
+
+/// Delays that double from the first to the last.
+#[derive(Clone, Copy, Debug)]
+pub struct Backoff {
+    first: Duration,
+    last: Duration,
+    next: Duration,
+}
+
+impl Backoff {
+    /// From `first` to `last`.
+    pub fn new(first: Duration, last: Duration) -> Self {
+        Self {
+            first,
+            last,
+            next: first,
+        }
+    }
+
+    /// How long to wait this time.
+    pub fn delay(&mut self) -> Duration {
+        let delay = self.next;
+        self.next = (2 * self.next).min(self.last);
+        delay
+    }
+
+    /// Starts over.
+    pub fn reset(&mut self) {
+        self.next = self.first;
+    }
+}
+
+/// What a link met.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LinkCounts {
+    /// Frames that the bus took.
+    pub sent: u64,
+    /// Frames given up after the link's patience.
+    pub dropped: u64,
+    /// Times that the queue was full.
+    pub full: u64,
+    /// Times that the interface went down.
+    pub down: u64,
+    /// Times that the controller went bus-off.
+    pub bus_off: u64,
+    /// Times that it came back from either.
+    pub recovered: u64,
+}
+
+/// A bus on which sending is retried with bounded back-off.
+#[derive(Debug)]
+pub struct Link<B> {
+    bus: B,
+    patience: Duration,
+    queue: Backoff,
+    fault: Backoff,
+    faulty: bool,
+    counts: LinkCounts,
+}
+
+impl<B: Bus> Link<B> {
+    /// A link that gives a frame up after `patience`.
+    pub fn new(bus: B, patience: Duration) -> Self {
+        Self {
+            bus,
+            patience,
+            queue: Backoff::new(Duration::from_micros(100), Duration::from_millis(10)),
+            fault: Backoff::new(Duration::from_millis(10), Duration::from_secs(1)),
+            faulty: false,
+            counts: LinkCounts::default(),
+        }
+    }
+
+    /// What was met so far.
+    pub fn counts(&self) -> LinkCounts {
+        self.counts
+    }
+
+    /// The bus below.
+    pub fn bus(&self) -> &B {
+        &self.bus
+    }
+
+    /// The bus below.
+    pub fn bus_mut(&mut self) -> &mut B {
+        &mut self.bus
+    }
+
+    /// Sends a frame; `false` when it was given up or `stop` was set.
+    ///
+    /// # Errors
+    /// Only what does not pass by itself.
+    pub fn send(&mut self, frame: &CanAnyFrame, stop: &AtomicBool) -> Result<bool, BusError> {
+        let deadline = self.bus.now() + self.patience;
+        loop {
+            let delay = match self.bus.send(frame) {
+                Ok(()) => {
+                    self.counts.sent += 1;
+                    self.counts.recovered += u64::from(self.faulty);
+                    self.faulty = false;
+                    self.queue.reset();
+                    self.fault.reset();
+                    return Ok(true);
+                }
+                Err(BusError::Full) => {
+                    self.counts.full += 1;
+                    self.queue.delay()
+                }
+                Err(BusError::Down) => {
+                    self.counts.down += u64::from(!self.faulty);
+                    self.faulty = true;
+                    self.fault.delay()
+                }
+                Err(BusError::Off) => {
+                    self.counts.bus_off += u64::from(!self.faulty);
+                    self.faulty = true;
+                    let delay = self.fault.delay();
+                    self.bus.wait(delay);
+                    match self.bus.restart() {
+                        Ok(()) | Err(BusError::Off) => Duration::ZERO,
+                        Err(error) => return Err(error),
+                    }
+                }
+                Err(error) => return Err(error),
+            };
+            if self.bus.now() + delay >= deadline || stop.load(Ordering::Relaxed) {
+                self.counts.dropped += 1;
+                return Ok(false);
+            }
+            self.bus.wait(delay);
+        }
+    }
+
+    /// The next frame; `None` when none came within `timeout`, or the
+    /// interface is down.
+    ///
+    /// # Errors
+    /// `Ended` at the end of a log, or what does not pass by itself.
+    pub fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {
+        match self.bus.receive(timeout) {
+            Err(BusError::Down) => {
+                self.counts.down += u64::from(!self.faulty);
+                self.faulty = true;
+                Ok(None)
+            }
+            Ok(Some(received)) => {
+                if !matches!(received.frame, CanAnyFrame::Error(_)) {
+                    self.counts.recovered += u64::from(self.faulty);
+                    self.faulty = false;
+                }
+                Ok(Some(received))
+            }
+            other => other,
+        }
+    }
+}

@@ -1,0 +1,172 @@
+//! Watches a machine's frames, with or without its model.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use loadtwin_common::frame::e2e::{Counter, Sequence};
+use loadtwin_common::frame::{
+    self, DEFAULT_BASE, Message, RawAssembler, Rejected, Status, StatusPage,
+};
+use serde::Serialize;
+use socketcan::CanAnyFrame;
+
+use super::bus::{Bus, BusError, Link, LinkCounts};
+use super::page::{Page, View};
+use super::{CanError, Model, standard};
+
+/// How a bus is watched.
+#[derive(Clone, Debug, clap::Args)]
+pub struct MonitorArgs {
+    /// CAN interface, such as can0
+    pub interface: String,
+    /// First identifier of the machine, hexadecimal; 500, or that of its model
+    #[arg(long, value_parser = base, value_name = "HEX")]
+    pub base: Option<u16>,
+    /// End after so many seconds without a frame, once one has come
+    #[arg(long, value_name = "SECONDS")]
+    pub idle: Option<f64>,
+}
+
+/// A base identifier from the command line.
+fn base(text: &str) -> Result<u16, String> {
+    u16::from_str_radix(text.trim_start_matches("0x"), 16)
+        .ok()
+        .filter(|base| *base <= frame::MAX_BASE && base % frame::BLOCK == 0)
+        .ok_or_else(|| "a multiple of 20 (hexadecimal), at most 7C0".to_owned())
+}
+
+/// What came by.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct MonitorSummary {
+    /// Frames for each identifier of the machine.
+    pub frames: BTreeMap<u16, u64>,
+    /// Frames missing by their counters.
+    pub lost_frames: u64,
+    /// Frames sent twice.
+    pub repeated_frames: u64,
+    /// Frames whose check or content is wrong.
+    pub damaged_frames: u64,
+    /// Frames of another length or format.
+    pub malformed_frames: u64,
+    /// Frames of others.
+    pub foreign_frames: u64,
+    /// Error frames of the controller.
+    pub error_frames: u64,
+    /// Whole raw samples.
+    pub samples: u64,
+    /// Name of the model that the machine runs.
+    pub machine_model: Option<u32>,
+    /// State of the machine.
+    pub state: Option<&'static str>,
+    /// What the bus did.
+    pub bus: LinkCounts,
+}
+
+/// Watches until `stop` is set or the log ends.
+///
+/// # Errors
+/// When the bus fails for good.
+pub fn run<B: Bus>(
+    model: Option<&Model<'_>>,
+    bus: B,
+    args: &MonitorArgs,
+    view: &mut dyn View,
+    stop: &AtomicBool,
+) -> Result<MonitorSummary, CanError> {
+    let base = args
+        .base
+        .or(model.map(|m| m.image.can_base))
+        .unwrap_or(DEFAULT_BASE);
+    let mut link = Link::new(bus, Duration::ZERO);
+    let mut page = model.map_or_else(
+        || Page::empty("monitor"),
+        |model| Page::new("monitor", model),
+    );
+    let mut counters = BTreeMap::<u16, Counter>::new();
+    let mut assembler = RawAssembler::new(base);
+    let mut status = None::<Status>;
+    let mut summary = MonitorSummary::default();
+    let mut last = None;
+    while !stop.load(Ordering::Relaxed) {
+        let received = match link.receive(Duration::from_millis(100)) {
+            Ok(received) => received,
+            Err(BusError::Ended) => break,
+            Err(error) => return Err(error.into()),
+        };
+        let now = link.bus().now();
+        if let Some(received) = received {
+            last = Some(now);
+            match standard(&received.frame) {
+                Some((id, data)) => {
+                    assembler.push(id, data);
+                    // A raw sample's FD frame is the assembler's alone.
+                    let fd = id == base + frame::layout::raw_fd::OFFSET;
+                    match frame::decode(base, id, data) {
+                        _ if fd => *summary.frames.entry(id).or_default() += 1,
+                        Ok((message, counter)) => {
+                            *summary.frames.entry(id).or_default() += 1;
+                            if let Some(counter) = counter {
+                                match counters.entry(id).or_default().follow(counter) {
+                                    Sequence::Lost(lost) => summary.lost_frames += u64::from(lost),
+                                    Sequence::Repeated => summary.repeated_frames += 1,
+                                    Sequence::First | Sequence::Next => {}
+                                }
+                            }
+                            show(&mut page, &mut status, &mut summary, message);
+                        }
+                        Err(Rejected::Foreign) => summary.foreign_frames += 1,
+                        Err(Rejected::Length) => summary.malformed_frames += 1,
+                        Err(Rejected::Check | Rejected::Content) => summary.damaged_frames += 1,
+                    }
+                }
+                None if matches!(received.frame, CanAnyFrame::Error(_)) => {
+                    summary.error_frames += 1;
+                }
+                None => summary.foreign_frames += 1,
+            }
+        }
+        let idle = args.idle.map(Duration::from_secs_f64);
+        if idle
+            .zip(last)
+            .is_some_and(|(idle, last)| now.saturating_sub(last) > idle)
+        {
+            break;
+        }
+        if view.due(now) {
+            page.status(status);
+            page.count("frames", summary.frames.values().sum());
+            page.count("lost", summary.lost_frames);
+            page.count("damaged", summary.damaged_frames + summary.malformed_frames);
+            page.count("foreign", summary.foreign_frames + link.bus().foreign());
+            page.count("raw samples", assembler.counts().samples);
+            if view.show(&page).map_err(CanError::Terminal)?.is_break() {
+                break;
+            }
+        }
+    }
+    summary.samples = assembler.counts().samples;
+    summary.foreign_frames += link.bus().foreign();
+    summary.state = status.map(|status| status.state.name());
+    summary.bus = link.counts();
+    Ok(summary)
+}
+
+fn show(
+    page: &mut Page,
+    status: &mut Option<Status>,
+    summary: &mut MonitorSummary,
+    message: Message,
+) {
+    match message {
+        Message::Load(index, load) => page.load(index, &load),
+        Message::Sensor(index, sensor) => page.sensor(index, &sensor),
+        Message::Status(newer, told) => {
+            status.get_or_insert_default().merge(&newer, told);
+            if let StatusPage::Image(hash) = told {
+                summary.machine_model = Some(hash);
+            }
+        }
+        Message::Raw => {}
+    }
+}

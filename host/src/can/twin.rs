@@ -1,0 +1,182 @@
+//! The twin: recomputes what a machine sends and compares every bit, on a bus
+//! or in a log.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use serde::Serialize;
+
+use super::bus::{Bus, BusError, Link, LinkCounts};
+use super::comparison::{Comparison, Figures, Verdict};
+use super::log::{LogBus, LogWriter};
+use super::page::{Page, View};
+use super::{CanError, Model};
+
+/// How long the loop sleeps at most without a frame.
+const POLL: Duration = Duration::from_millis(100);
+
+/// How a twin runs.
+#[derive(Clone, Debug, clap::Args)]
+pub struct TwinArgs {
+    /// CAN interface, such as can0
+    pub interface: String,
+    /// Write what the bus carries for the machine to a candump log
+    #[arg(long, value_name = "FILE")]
+    pub log: Option<PathBuf>,
+    /// End after so many seconds without a frame, once one has come
+    #[arg(long, value_name = "SECONDS")]
+    pub idle: Option<f64>,
+    /// End after so many raw samples
+    #[arg(long, value_name = "N")]
+    pub samples: Option<u64>,
+}
+
+/// How a log is proved.
+#[derive(Clone, Debug, clap::Args)]
+pub struct ProveArgs {
+    /// Log written by candump -L, or by twin --log
+    pub log: PathBuf,
+    /// Only the frames of this interface
+    #[arg(long)]
+    pub interface: Option<String>,
+}
+
+/// What a twin found.
+#[derive(Clone, Debug, Serialize)]
+pub struct TwinSummary {
+    /// What it amounts to.
+    pub verdict: Verdict,
+    /// Name of the model used here.
+    pub model: u32,
+    /// The figures behind it.
+    #[serde(flatten)]
+    pub figures: Figures,
+    /// What the bus did.
+    pub bus: LinkCounts,
+    /// Lines of the log that are no frame.
+    pub malformed_lines: u64,
+    /// The first of them.
+    pub first_malformed_line: Option<u64>,
+}
+
+/// Compares until `stop` is set, the log ends, or what `args` says.
+///
+/// # Errors
+/// When the model is refused, the log cannot be written, or the bus fails for good.
+pub fn run<B: Bus>(
+    model: &Model<'_>,
+    bus: B,
+    args: &TwinArgs,
+    view: &mut dyn View,
+    stop: &AtomicBool,
+) -> Result<TwinSummary, CanError> {
+    let mut writer = match &args.log {
+        Some(path) => Some(LogWriter::create(path, &args.interface)?),
+        None => None,
+    };
+    let mut link = Link::new(bus, POLL);
+    let mut last = None;
+    let summary = compare(model, &mut link, view, |link, received, figures| {
+        let now = link.bus().now();
+        if let Some(received) = received {
+            last = Some(now);
+            if let Some(writer) = &mut writer {
+                writer.write(received)?;
+            }
+        }
+        let idle = args.idle.map(Duration::from_secs_f64);
+        let quiet = idle
+            .zip(last)
+            .is_some_and(|(idle, last)| now.saturating_sub(last) > idle);
+        let enough = args
+            .samples
+            .is_some_and(|most| figures.samples >= most && figures.waiting_frames == 0);
+        Ok(!quiet && !enough && !stop.load(Ordering::Relaxed))
+    })?;
+    if let Some(writer) = writer {
+        writer.finish()?;
+    }
+    Ok(summary)
+}
+
+/// Compares a log taken earlier.
+///
+/// # Errors
+/// When the model is refused or the log cannot be read.
+pub fn prove(
+    model: &Model<'_>,
+    args: &ProveArgs,
+    view: &mut dyn View,
+    stop: &AtomicBool,
+) -> Result<TwinSummary, CanError> {
+    let bus = LogBus::open(&args.log, args.interface.as_deref())?;
+    let mut link = Link::new(bus, POLL);
+    let mut summary = compare(model, &mut link, view, |_, _, _| {
+        Ok(!stop.load(Ordering::Relaxed))
+    })?;
+    (summary.malformed_lines, summary.first_malformed_line) = link.bus().malformed();
+    Ok(summary)
+}
+
+fn compare<B: Bus>(
+    model: &Model<'_>,
+    link: &mut Link<B>,
+    view: &mut dyn View,
+    mut more: impl FnMut(&Link<B>, Option<&super::bus::Received>, &Progress) -> Result<bool, CanError>,
+) -> Result<TwinSummary, CanError> {
+    let mut comparison = Comparison::new(model.clone())?;
+    let mut page = Page::new("twin", model);
+    loop {
+        let received = match link.receive(POLL) {
+            Ok(received) => received,
+            Err(BusError::Ended) => break,
+            Err(error) => return Err(error.into()),
+        };
+        if let Some(received) = &received {
+            comparison.take(received);
+        }
+        if !more(link, received.as_ref(), &comparison.progress())? {
+            break;
+        }
+        if view.due(link.bus().now()) {
+            fill(&mut page, &comparison);
+            if view.show(&page).map_err(CanError::Terminal)?.is_break() {
+                break;
+            }
+        }
+    }
+    let mut figures = comparison.figures();
+    figures.foreign_frames += link.bus().foreign();
+    Ok(TwinSummary {
+        verdict: comparison.verdict(true),
+        model: model.hash,
+        figures,
+        bus: link.counts(),
+        malformed_lines: 0,
+        first_malformed_line: None,
+    })
+}
+
+/// What the end of a comparison is decided by.
+pub use super::comparison::Progress;
+
+fn fill(page: &mut Page, comparison: &Comparison<'_>) {
+    let figures = comparison.figures();
+    page.estimate(comparison.estimate());
+    page.status(comparison.status());
+    page.verdict(comparison.verdict(false));
+    page.count("samples", figures.samples);
+    page.count("frames compared", figures.compared_frames);
+    page.count("bits differing", figures.differing_bits);
+    page.count("frames lost", figures.lost_frames);
+    page.count("ticks missing", figures.missing_ticks);
+    page.count("damaged", figures.damaged_frames + figures.malformed_frames);
+    page.lag(figures.lag_mean_ms, figures.lag_max_ms);
+    if let Some(first) = &figures.first_difference {
+        page.note(format!(
+            "first difference: tick {}, {:03X}: {}",
+            first.tick, first.id, first.what
+        ));
+    }
+}

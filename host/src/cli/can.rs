@@ -1,0 +1,283 @@
+//! `loadtwin node`, `send`, `twin`, `monitor`, `prove`, `dbc`.
+
+use std::collections::VecDeque;
+use std::error::Error;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use clap::Args;
+use loadtwin_common::raw::RawSample;
+use loadtwin_common::sealed;
+use serde::Serialize;
+
+use crate::build::{self, Sensors};
+use crate::can::comparison::Verdict;
+use crate::can::dbc::{self, LoadScale};
+use crate::can::monitor::{self, MonitorArgs};
+use crate::can::node::{self, NodeArgs};
+use crate::can::send::{self, SendArgs};
+use crate::can::socket::SocketBus;
+use crate::can::twin::{self, ProveArgs, TwinArgs, TwinSummary};
+use crate::can::{Model, page, stop_on_signal};
+use crate::machine::Machine;
+use crate::replay::Samples;
+
+/// The model to run.
+#[derive(Debug, Args)]
+struct ModelArgs {
+    /// Machine description (TOML) or model image.
+    machine: PathBuf,
+    /// Set of sensors; the first of the description where absent.
+    #[arg(long, value_name = "NAME")]
+    sensors: Option<String>,
+}
+
+impl ModelArgs {
+    /// The payload of the model image.
+    fn load(&self) -> anyhow::Result<Vec<u8>> {
+        if self.machine.extension().is_some_and(|end| end == "toml") {
+            let machine = Machine::load(&self.machine)?;
+            let sensors = Sensors::choose(&machine, self.sensors.as_deref())?;
+            return Ok(build::image(&machine, &sensors)?);
+        }
+        let bytes =
+            std::fs::read(&self.machine).with_context(|| self.machine.display().to_string())?;
+        if !bytes.starts_with(&sealed::MAGIC) {
+            return Ok(bytes);
+        }
+        let (_, payload) =
+            sealed::open(&bytes).with_context(|| self.machine.display().to_string())?;
+        Ok(payload.to_vec())
+    }
+}
+
+/// Stand in for the microcontroller: raw frames in, estimate frames out.
+#[derive(Debug, Args)]
+pub struct Node {
+    #[command(flatten)]
+    model: ModelArgs,
+    #[command(flatten)]
+    args: NodeArgs,
+}
+
+/// Put a recording's raw samples on a bus.
+#[derive(Debug, Args)]
+pub struct Send {
+    /// Machine description (TOML).
+    machine: PathBuf,
+    /// The recording.
+    recording: PathBuf,
+    #[command(flatten)]
+    args: SendArgs,
+    /// Set of sensors; the first of the description where absent.
+    #[arg(long, value_name = "NAME")]
+    sensors: Option<String>,
+}
+
+/// Recompute what a machine sends and compare it bit for bit.
+#[derive(Debug, Args)]
+pub struct Twin {
+    #[command(flatten)]
+    model: ModelArgs,
+    #[command(flatten)]
+    args: TwinArgs,
+}
+
+/// Watch a bus.
+#[derive(Debug, Args)]
+pub struct Monitor {
+    #[command(flatten)]
+    args: MonitorArgs,
+    /// Machine description (TOML) or model image, for names and units.
+    machine: Option<PathBuf>,
+}
+
+/// As twin, on a candump log taken earlier.
+#[derive(Debug, Args)]
+pub struct Prove {
+    #[command(flatten)]
+    model: ModelArgs,
+    #[command(flatten)]
+    args: ProveArgs,
+}
+
+/// Print the DBC file.
+#[derive(Debug, Args)]
+pub struct Dbc {
+    /// Machine description (TOML) or model image, for its identifiers, names
+    /// and units; in % of full scale where absent.
+    machine: Option<PathBuf>,
+}
+
+/// Prints a summary; as text, one key a line.
+fn print(summary: &impl Serialize, as_json: bool) -> anyhow::Result<()> {
+    let value = serde_json::to_value(summary)?;
+    match value.as_object() {
+        Some(entries) if !as_json => {
+            for (key, value) in entries.iter().filter(|(_, value)| !value.is_null()) {
+                println!("{:24} {value}", key.replace('_', " "));
+            }
+        }
+        _ => println!("{value}"),
+    }
+    Ok(())
+}
+
+impl Node {
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let image = self.model.load()?;
+        let model = Model::from_bytes(&image)?;
+        let stop = stop_on_signal()?;
+        let bus = SocketBus::open(&self.args.interface, Some(model.image.can_base))?;
+        let summary = node::run(&model, bus, &self.args, &mut *page::live()?, &stop)?;
+        print(&summary, as_json)
+    }
+}
+
+impl Send {
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let machine = Machine::load(&self.machine)?;
+        let sensors = Sensors::choose(&machine, self.sensors.as_deref())?;
+        let image = build::image(&machine, &sensors)?;
+        let model = Model::from_bytes(&image)?;
+        let samples = RawSamples::open(&machine, &sensors, &self.recording)?;
+        let stop = stop_on_signal()?;
+        let bus = SocketBus::open(&self.args.interface, Some(model.image.can_base))?;
+        let summary = send::run(&model, bus, samples, &self.args, &mut *page::live()?, &stop)?;
+        print(&summary, as_json)
+    }
+}
+
+/// The raw samples of a recording, one by one.
+struct RawSamples {
+    samples: Samples,
+    block: VecDeque<RawSample>,
+}
+
+impl RawSamples {
+    fn open(machine: &Machine, sensors: &Sensors, path: &Path) -> anyhow::Result<Self> {
+        Ok(Self {
+            samples: Samples::open(machine, sensors, path)?,
+            block: VecDeque::new(),
+        })
+    }
+}
+
+impl Iterator for RawSamples {
+    type Item = Result<RawSample, Box<dyn Error + std::marker::Send + Sync>>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while self.block.is_empty() {
+            let block = &mut self.block;
+            match self
+                .samples
+                .next_block(|sample| block.push_back(sample.raw))
+            {
+                Ok(true) => {}
+                Ok(false) => return None,
+                Err(error) => return Some(Err(error.into())),
+            }
+        }
+        self.block.pop_front().map(Ok)
+    }
+}
+
+/// Prints what a comparison found; anything but identity is a failure.
+fn judge(summary: &TwinSummary, as_json: bool) -> anyhow::Result<()> {
+    print(summary, as_json)?;
+    let f = &summary.figures;
+    match summary.verdict {
+        Verdict::Identical => Ok(()),
+        Verdict::Different => match &f.first_difference {
+            Some(d) => bail!(
+                "frames differ; the first: tick {}, {:03X}: {}",
+                d.tick,
+                d.id,
+                d.what
+            ),
+            None => bail!("frames differ"),
+        },
+        Verdict::OtherModel => bail!(
+            "the machine runs model {:08x}, this is {:08x}",
+            f.machine_model.unwrap_or(0),
+            summary.model
+        ),
+        Verdict::Incomplete => {
+            bail!("not everything could be compared: frames are missing or damaged")
+        }
+        Verdict::Nothing => {
+            bail!("nothing to compare: no raw samples with estimates of this machine")
+        }
+    }
+}
+
+impl Twin {
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let image = self.model.load()?;
+        let model = Model::from_bytes(&image)?;
+        let stop = stop_on_signal()?;
+        let bus = SocketBus::open(&self.args.interface, Some(model.image.can_base))?;
+        let summary = twin::run(&model, bus, &self.args, &mut *page::live()?, &stop)?;
+        judge(&summary, as_json)
+    }
+}
+
+impl Prove {
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let image = self.model.load()?;
+        let model = Model::from_bytes(&image)?;
+        let stop = stop_on_signal()?;
+        judge(
+            &twin::prove(&model, &self.args, &mut page::Quiet, &stop)?,
+            as_json,
+        )
+    }
+}
+
+impl Monitor {
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let image = match &self.machine {
+            Some(machine) => Some(
+                ModelArgs {
+                    machine: machine.clone(),
+                    sensors: None,
+                }
+                .load()?,
+            ),
+            None => None,
+        };
+        let model = image.as_deref().map(Model::from_bytes).transpose()?;
+        let stop = stop_on_signal()?;
+        // The whole bus: what is not the machine's is counted too.
+        let bus = SocketBus::open(&self.args.interface, None)?;
+        let summary = monitor::run(model.as_ref(), bus, &self.args, &mut *page::live()?, &stop)?;
+        print(&summary, as_json)
+    }
+}
+
+impl Dbc {
+    pub(super) fn run(&self) -> anyhow::Result<()> {
+        let Some(machine) = &self.machine else {
+            print!("{}", dbc::DBC);
+            return Ok(());
+        };
+        let image = ModelArgs {
+            machine: machine.clone(),
+            sensors: None,
+        }
+        .load()?;
+        let model = Model::from_bytes(&image)?;
+        let loads: Vec<_> = model
+            .image
+            .loads()
+            .iter()
+            .map(|load| LoadScale {
+                name: &load.name,
+                unit: "Nm",
+                full_scale: load.full_scale,
+            })
+            .collect();
+        print!("{}", dbc::of_machine(model.image.can_base, &loads));
+        Ok(())
+    }
+}

@@ -1,0 +1,7 @@
+//! Frames, their description, and the commands on a bus without a bus.
+
+mod dbc;
+mod fuzz;
+mod layout;
+mod machine;
+mod proof;
