@@ -7,7 +7,12 @@ use std::path::PathBuf;
 
 fn main() {
     println!("cargo:rerun-if-changed=memory");
+    println!("cargo:rustc-check-cfg=cfg(control)");
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
+        return;
+    }
+    if env::var_os("CARGO_FEATURE_PANIC_FREE").is_some() {
+        println!("cargo:rustc-link-arg-bin=panic_free=--entry=on_data_ready");
         return;
     }
     let board = ["emulated", "nucleo-g474re"].into_iter().find(|board| {
