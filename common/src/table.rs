@@ -8,8 +8,8 @@ use crate::phase::Phase;
 /// A periodic function over one turn: 2^k equally spaced f32, little endian,
 /// left where the image lies (flash) and read entry by entry.
 ///
-/// A table costs the same for any shape of map; harmonics are cheaper only
-/// below about four orders, and a ring gear's gauge has more than thirty.
+/// A table costs the same for any shape of map and less than the sine and
+/// cosine that harmonics begin with; a ring gear's gauge would need 48 orders.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PeriodicTable<'a> {
     #[serde(borrow)]
