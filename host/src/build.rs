@@ -1,5 +1,7 @@
 //! `loadtwin build`: machine description to model image.
 
+use std::collections::BTreeMap;
+
 use thiserror::Error;
 
 use crate::gearbox;
@@ -15,6 +17,8 @@ pub struct Sensors {
     pub channels: Vec<Channel>,
     /// Counting encoders.
     pub encoders: Vec<Encoder>,
+    /// Random walk of loads by name, in place of the load's own [N m/sqrt(s)].
+    pub walks: BTreeMap<String, f64>,
 }
 
 /// Why no image can be made.
@@ -88,6 +92,7 @@ impl Sensors {
                 name: "all".into(),
                 channels: machine.channels.clone(),
                 encoders: machine.encoders.clone(),
+                walks: BTreeMap::new(),
             },
             |set| Self::of_set(machine, set),
         );
@@ -117,6 +122,7 @@ impl Sensors {
         Self {
             name: set.name.clone(),
             channels: set.channels.iter().filter_map(channel).collect(),
+            walks: set.walk_nm_per_sqrt_s.clone(),
             encoders: match &set.encoders {
                 Some(names) => names.iter().filter_map(encoder).collect(),
                 None => machine.encoders.clone(),

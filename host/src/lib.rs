@@ -14,6 +14,7 @@ pub mod metrics;
 pub mod recording;
 pub mod replay;
 pub mod report;
+pub mod riccati;
 pub mod seal;
 pub mod simulate;
 pub mod strain;

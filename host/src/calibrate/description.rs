@@ -4,9 +4,10 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
-use toml_edit::{DocumentMut, Item, TableLike, Value};
+use toml_edit::{DocumentMut, InlineTable, Item, TableLike, Value};
 
 use crate::atomic_file::AtomicFile;
+use crate::machine::Channel;
 
 /// Why a description cannot be changed.
 #[derive(Debug, Error)]
@@ -66,6 +67,20 @@ impl Description {
         self.set(list, name, key, rounded(value));
     }
 
+    /// As [`Description::set`], a table of numbers by name.
+    pub fn set_numbers<'a>(
+        &mut self,
+        list: &str,
+        name: &str,
+        key: &str,
+        values: impl Iterator<Item = (&'a str, f64)>,
+    ) {
+        let table: InlineTable = values
+            .map(|(name, value)| (name, Value::from(rounded(value))))
+            .collect();
+        self.set(list, name, key, table);
+    }
+
     /// Removes `key` of the entry called `name` in the list `list`.
     pub fn remove(&mut self, list: &str, name: &str, key: &str) {
         if let Some(entry) = self.entry(list, name) {
@@ -122,21 +137,30 @@ fn put(entry: &mut dyn TableLike, key: &str, mut value: Value) {
     }
 }
 
-/// Writes functions over the carrier angle in equal steps: name, unit and
-/// values of each column.
+/// Writes functions over the carrier angle in equal steps, a column for each
+/// channel, in the channel's unit followed by `per`; no file without columns.
 ///
 /// # Errors
 /// When the file cannot be written.
-pub fn map_file(path: &Path, columns: &[(&str, &str, Vec<f64>)]) -> Result<(), DescriptionError> {
-    let rows = columns.first().map_or(0, |column| column.2.len());
+pub fn map_file(
+    path: &Path,
+    columns: &[(&Channel, Vec<f64>)],
+    per: &str,
+) -> Result<(), DescriptionError> {
+    let Some((_, first)) = columns.first() else {
+        return Ok(());
+    };
     let mut text = String::from("carrier_angle [rad]");
-    for (name, unit, _) in columns {
-        text += &format!(",{name} [{unit}]");
+    for (channel, _) in columns {
+        text += &format!(",{} [{}{per}]", channel.name, channel.unit.symbol());
     }
     text.push('\n');
-    for i in 0..rows {
-        text += &format!("{:.7}", std::f64::consts::TAU * i as f64 / rows as f64);
-        for (.., values) in columns {
+    for i in 0..first.len() {
+        text += &format!(
+            "{:.7}",
+            std::f64::consts::TAU * i as f64 / first.len() as f64
+        );
+        for (_, values) in columns {
             text += &format!(",{:e}", rounded(values[i]));
         }
         text.push('\n');

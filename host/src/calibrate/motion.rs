@@ -1,5 +1,6 @@
 //! Carrier angle, speeds and loads of a recording, and what each channel senses.
 
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::path::Path;
 
@@ -71,6 +72,7 @@ impl Motion {
             channels: Vec::new(),
             encoders: homing.map_or(encoders, |encoder| vec![encoder]),
             name: String::new(),
+            walks: BTreeMap::new(),
         };
         let payload = build::image(machine, &sensors).map_err(ReplayError::from)?;
         let Model::Gearbox(model) = Image::from_bytes(&payload)

@@ -10,8 +10,8 @@ use super::progress::Progress;
 use crate::calibrate::{
     self, Candidate, Description, Gauge, MapSource, Observations, fronts, map_file, select,
 };
-use crate::machine::{Channel, MAP_ENTRIES, Machine, resampled};
-use crate::tune::NOISE_BINS;
+use crate::machine::{MAP_ENTRIES, Machine, resampled};
+use crate::tune::{NOISE_BINS, rms, step_function};
 
 /// Sizes of the sets that are proposed.
 const SET_SIZES: [usize; 3] = [1, 3, 5];
@@ -332,36 +332,11 @@ fn write(
         };
         if let Some(noise) = noise {
             description.set("channel", &channel.name, "noise_map", noise_name.as_str());
-            noises.push((channel, binned(&noise, NOISE_BINS)));
+            noises.push((channel, step_function(&noise, NOISE_BINS)));
         }
     }
-    write_maps(&output.with_file_name(&map_name), &maps, "/Nm")?;
-    write_maps(&output.with_file_name(&noise_name), &noises, "")?;
+    map_file(&output.with_file_name(&map_name), &maps, "/Nm")?;
+    map_file(&output.with_file_name(&noise_name), &noises, "")?;
     description.write(output)?;
     Ok(())
-}
-
-fn write_maps(path: &Path, columns: &[(&Channel, Vec<f64>)], per: &str) -> anyhow::Result<()> {
-    if columns.is_empty() {
-        return Ok(());
-    }
-    let units: Vec<String> = columns
-        .iter()
-        .map(|(c, _)| format!("{}{per}", c.unit.symbol()))
-        .collect();
-    let columns: Vec<(&str, &str, Vec<f64>)> = columns
-        .iter()
-        .zip(&units)
-        .map(|((channel, values), unit)| (channel.name.as_str(), unit.as_str(), values.clone()))
-        .collect();
-    Ok(map_file(path, &columns)?)
-}
-
-/// A step function over as many bins.
-fn binned(values: &[f64], bins: usize) -> Vec<f64> {
-    (0..bins).map(|i| values[i * values.len() / bins]).collect()
-}
-
-fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }

@@ -10,6 +10,7 @@ mod progress;
 mod replay;
 mod schema;
 mod simulate;
+mod tune;
 
 use clap::{Parser, Subcommand};
 
@@ -36,6 +37,8 @@ enum Command {
     Calibrate(calibrate::Calibrate),
     /// Write a recording of a machine that is not there.
     Simulate(simulate::Simulate),
+    /// Choose the noise of the filter from recordings and from the wanted bandwidth.
+    Tune(tune::Tune),
     /// Make the model image that firmware and host run.
     Build(build::Build),
     /// Make a key pair that signs model images.
@@ -72,6 +75,7 @@ impl Cli {
             Some(Command::Replay(replay)) => replay.run(json),
             Some(Command::Calibrate(calibrate)) => calibrate.run(json),
             Some(Command::Simulate(simulate)) => simulate.run(json),
+            Some(Command::Tune(tune)) => tune.run(json),
             Some(Command::Build(build)) => build.run(json),
             Some(Command::Key(key)) => key.run(json),
             Some(Command::Node(node)) => node.run(json),

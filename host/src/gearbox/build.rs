@@ -247,8 +247,11 @@ impl Plan {
         }
         let mut load_noise = [1e-18_f32; LOADS];
         for (slot, load) in load_noise.iter_mut().zip(&drivetrain.loads) {
-            let walk = load
-                .walk_nm_per_sqrt_s
+            let walk = sensors
+                .walks
+                .get(&load.name)
+                .copied()
+                .or(load.walk_nm_per_sqrt_s)
                 .unwrap_or(DEFAULT_WALK * load.nominal_nm);
             *slot = (walk * walk * self.dt_s / (load.nominal_nm * load.nominal_nm)) as f32;
         }

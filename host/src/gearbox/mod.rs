@@ -5,5 +5,5 @@ mod process_noise;
 mod torsion;
 
 pub use build::image;
-pub use process_noise::process_noise;
+pub use process_noise::{operating_points, process_noise};
 pub use torsion::Torsion;

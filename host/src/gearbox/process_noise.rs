@@ -53,9 +53,9 @@ pub fn process_noise(
     q
 }
 
-/// States and loads: all loads nominal, then each one alone; nominal speed,
+/// States and loads, in SI units: all loads nominal, then each one alone; nominal speed,
 /// twists as in rigid-body motion under those loads.
-fn operating_points(drivetrain: &Drivetrain, torsion: &Torsion) -> Vec<Vec<f64>> {
+pub fn operating_points(drivetrain: &Drivetrain, torsion: &Torsion) -> Vec<Vec<f64>> {
     let nominal: Vec<f64> = drivetrain.loads.iter().map(|l| l.nominal_nm).collect();
     let mut cases = vec![nominal.clone()];
     for (j, load) in nominal.iter().enumerate() {

@@ -30,6 +30,7 @@ impl Machine {
             "0 to 0x7e0",
         )?;
         range("tuning.parameter_std", self.tuning.parameter_std, 0.0, 1.0)?;
+        positive("tuning.cutoff_hz", self.tuning.cutoff_hz)?;
         at_least("tuning.gate_nis", self.tuning.gate_nis, 1.0)?;
         let Some(drivetrain) = &self.drivetrain else {
             return refuse(
@@ -43,7 +44,7 @@ impl Machine {
         self.check_channels(drivetrain)?;
         self.check_encoders(drivetrain)?;
         self.check_references(drivetrain)?;
-        self.check_sets()?;
+        self.check_sets(drivetrain)?;
         for (i, segment) in self.segments.iter().enumerate() {
             let field = format!("segment[{}]", i + 1);
             finite(&format!("{field}.from_s"), segment.from_s)?;
@@ -198,9 +199,10 @@ impl Machine {
         Ok(())
     }
 
-    fn check_sets(&self) -> Checked {
+    fn check_sets(&self, drivetrain: &Drivetrain) -> Checked {
         let channels = names(&self.channels, |c| &c.name);
         let encoders = names(&self.encoders, |e| &e.name);
+        let loads = names(&drivetrain.loads, |l| &l.name);
         for (i, set) in self.sensor_sets.iter().enumerate() {
             let field = |name: &str| format!("sensor_set[{}].{name}", i + 1);
             let first = self
@@ -214,6 +216,10 @@ impl Machine {
                 first,
                 "a name that no other set has",
             )?;
+            for (name, walk) in &set.walk_nm_per_sqrt_s {
+                one_of(&field("walk_nm_per_sqrt_s"), name, &loads)?;
+                positive(&field("walk_nm_per_sqrt_s"), *walk)?;
+            }
             for name in &set.channels {
                 one_of(&field("channels"), name, &channels)?;
             }

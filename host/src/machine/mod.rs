@@ -10,6 +10,7 @@ mod check;
 mod drivetrain;
 mod error;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
@@ -84,6 +85,10 @@ pub struct SensorSet {
     pub channels: Vec<String>,
     /// Encoders by name, at most 2; all of the machine's where absent.
     pub encoders: Option<Vec<String>>,
+    /// Random walk of each load by name with these sensors [N m/sqrt(s)], > 0, in
+    /// place of the load's own. `loadtwin tune` finds it.
+    #[serde(default)]
+    pub walk_nm_per_sqrt_s: BTreeMap<String, f64>,
 }
 
 /// A stretch of the recording, from `from_s` up to but without `to_s`.
@@ -105,6 +110,10 @@ pub struct Tuning {
     /// Relative standard deviation of the drivetrain's parameters, from which
     /// the process noise follows (paper: 0.1), 0 to 1.
     pub parameter_std: f64,
+    /// Highest frequency at which a load is wanted [Hz], > 0, below half the
+    /// sample rate: the pass band for which `loadtwin tune` chooses the random
+    /// walks (paper: 10).
+    pub cutoff_hz: f64,
     /// A channel is left out of a sample when its normalised innovation
     /// squared exceeds this, >= 1. 25 is five standard deviations.
     pub gate_nis: f64,
@@ -114,6 +123,7 @@ impl Default for Tuning {
     fn default() -> Self {
         Self {
             parameter_std: 0.1,
+            cutoff_hz: 10.0,
             gate_nis: 25.0,
         }
     }

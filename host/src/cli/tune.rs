@@ -1,0 +1,380 @@
+//! `loadtwin tune`.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::{Args, ValueEnum};
+use serde_json::{Map, Value, json};
+
+use super::progress::Progress;
+use crate::build::Sensors;
+use crate::calibrate::{Description, Observations, map_file};
+use crate::machine::{Channel, Machine};
+use crate::tune::{
+    LoadNoise, MeasurementNoise, Method, NOISE_BINS, Tuned, rms, sampled_process_noise,
+    step_function, tune_loads,
+};
+
+/// Draws of the Monte Carlo check of the process noise.
+const DRAWS: usize = 2000;
+
+/// Choose the noise of the filter from recordings and from the wanted bandwidth.
+///
+/// R over the carrier angle from the errors of the model in the first
+/// recording, which should be at constant load and have reference loads; Qd of
+/// the loads for each set of sensors.
+#[derive(Debug, Args)]
+pub struct Tune {
+    /// Machine description (TOML), calibrated.
+    machine: PathBuf,
+    /// Recordings (CSV, Parquet or MDF4); the first at constant load.
+    #[arg(required = true)]
+    recordings: Vec<PathBuf>,
+    /// Only this set of sensors.
+    #[arg(long, value_name = "NAME")]
+    sensors: Option<String>,
+    /// How the variance of the loads' steps is chosen.
+    #[arg(long, value_enum, default_value_t = Choice::Frf)]
+    method: Choice,
+    /// Also say what the other methods would choose.
+    #[arg(long)]
+    compare: bool,
+    /// Highest frequency at which the loads are wanted [Hz]; the description's where absent.
+    #[arg(long, value_name = "HZ")]
+    cutoff: Option<f64>,
+    /// Leave R as described.
+    #[arg(long)]
+    keep_r: bool,
+    /// Write the response of the estimated to the true loads to FILE.csv.
+    #[arg(long, value_name = "FILE")]
+    response: Option<PathBuf>,
+    /// Write the tuned description to FILE.toml, with its noise map beside it.
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+/// How the variance of the loads' steps is chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Choice {
+    /// Closed-loop frequency response near 1 below the cut-off and near 0
+    /// above, weighed by bandwidth (the paper's eq. (23)).
+    Frf,
+    /// The same with each band averaged by itself: faster and noisier.
+    FrfPerBand,
+    /// Least norm of the innovations.
+    Innovation,
+    /// Corner of the L-curve.
+    LCurve,
+    /// Largest likelihood of the innovations.
+    Likelihood,
+}
+
+impl Choice {
+    fn method(self) -> Method {
+        match self {
+            Self::Frf => Method::Frf,
+            Self::FrfPerBand => Method::FrfPerBand,
+            Self::Innovation => Method::Innovation,
+            Self::LCurve => Method::LCurve,
+            Self::Likelihood => Method::Likelihood,
+        }
+    }
+}
+
+/// One tuned set of sensors.
+struct Set {
+    name: String,
+    tuned: Tuned,
+    seconds: f64,
+}
+
+impl Tune {
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let mut machine = Machine::load(&self.machine)?;
+        let cutoff_hz = self.cutoff.unwrap_or(machine.tuning.cutoff_hz);
+        // Relative paths of the description stay those of the person.
+        let described = machine.clone();
+        let folder = tempfile::tempdir()?;
+        let started = Instant::now();
+        let noise = if self.keep_r {
+            Vec::new()
+        } else {
+            measure_noise(&mut machine, &self.recordings[0], folder.path())?
+        };
+        let noise_seconds = started.elapsed().as_secs_f64();
+        let method = self.method.method();
+        let mut methods = vec![method];
+        if self.compare {
+            methods.extend(Method::ALL.into_iter().filter(|m| *m != method));
+        }
+        let names: Vec<Option<String>> = match (&self.sensors, machine.sensor_sets.as_slice()) {
+            (Some(name), _) => vec![Some(name.clone())],
+            (None, []) => vec![None],
+            (None, sets) => sets.iter().map(|set| Some(set.name.clone())).collect(),
+        };
+        let progress = Progress::new("tune");
+        let mut sets = Vec::new();
+        for (k, name) in names.iter().enumerate() {
+            let started = Instant::now();
+            let sensors = Sensors::choose(&machine, name.as_deref())?;
+            let tuned = tune_loads(
+                &machine,
+                &sensors,
+                &self.recordings,
+                cutoff_hz,
+                &methods,
+                |part| {
+                    progress.show((k as f64 + part) / names.len() as f64);
+                },
+            )?;
+            sets.push(Set {
+                name: sensors.name,
+                tuned,
+                seconds: started.elapsed().as_secs_f64(),
+            });
+        }
+        drop(progress);
+        if let Some(output) = &self.output {
+            write(&described, &machine, &noise, &names, &sets, output)?;
+        }
+        if let Some(path) = &self.response {
+            write_response(&machine, &sets, path)?;
+        }
+        if as_json {
+            let out = json!({
+                "machine": machine.name,
+                "recordings": self.recordings,
+                "cutoff_hz": cutoff_hz,
+                "method": method.name(),
+                "noise": noise.iter().map(|(c, n)| json!({
+                    "channel": c.name, "unit": c.unit.symbol(),
+                    "std": c.unit.from_si(rms(&n.scaled)),
+                    "std_eq_15": c.unit.from_si(rms(&n.plain)),
+                })).collect::<Vec<_>>(),
+                "noise_seconds": noise_seconds,
+                "process_noise": process_noise(&machine),
+                "sets": sets.iter().map(|set| report(&machine, set)).collect::<Vec<_>>(),
+                "machine_out": self.output,
+                "seconds": started.elapsed().as_secs_f64(),
+            });
+            println!("{out}");
+        } else {
+            print(&machine, &sets);
+        }
+        Ok(())
+    }
+}
+
+/// R of every channel from `recording`; the machine gets it as a map in `folder`.
+fn measure_noise(
+    machine: &mut Machine,
+    recording: &PathBuf,
+    folder: &Path,
+) -> anyhow::Result<Vec<(Channel, MeasurementNoise)>> {
+    let progress = Progress::new("noise");
+    let observations = Observations::read(machine, std::slice::from_ref(recording), |part| {
+        progress.show(part);
+    })?;
+    let mut noise = Vec::new();
+    for (channel, moments) in machine.channels.iter().zip(&observations.channels) {
+        if let Some(moments) = moments.as_ref().filter(|m| m.total().n > 0.0) {
+            let map = channel.sensitivity_over_angle(machine)?;
+            let floor = channel.lsb_si().abs() / 12.0_f64.sqrt();
+            let offset = channel.to_si(channel.offset);
+            noise.push((
+                channel.clone(),
+                MeasurementNoise::new(moments, offset, &map, floor),
+            ));
+        }
+    }
+    let path = folder.join("noise.csv");
+    let columns: Vec<(&Channel, Vec<f64>)> = noise
+        .iter()
+        .map(|(c, n)| (c, n.scaled.iter().map(|v| c.unit.from_si(*v)).collect()))
+        .collect();
+    map_file(&path, &columns, "")?;
+    for (channel, found) in &noise {
+        if let Some(own) = machine.channels.iter_mut().find(|c| c.name == channel.name) {
+            own.noise_map = Some(path.clone());
+            own.noise_std = own.unit.from_si(rms(&found.scaled));
+        }
+    }
+    Ok(noise)
+}
+
+/// Largest ratio of drawn to first-order standard deviations over the states.
+fn process_noise(machine: &Machine) -> Value {
+    let Some(drivetrain) = &machine.drivetrain else {
+        return Value::Null;
+    };
+    let (dt_s, std) = (1.0 / machine.rate_hz, machine.tuning.parameter_std);
+    let drawn = sampled_process_noise(drivetrain, dt_s, std, DRAWS, 1);
+    let zero = vec![0.0; drawn.nrows()];
+    let first = crate::gearbox::process_noise(drivetrain, dt_s, std, &zero);
+    let ratios: Vec<f64> = (0..drawn.nrows())
+        .filter(|i| first[(*i, *i)] > 0.0)
+        .map(|i| (drawn[(i, i)] / first[(i, i)]).sqrt())
+        .collect();
+    json!({ "parameter_std": std, "draws": DRAWS, "drawn_to_first_order_std": ratios })
+}
+
+fn report(machine: &Machine, set: &Set) -> Value {
+    let loads = |noise: &LoadNoise| -> Map<String, Value> {
+        let names = machine
+            .drivetrain
+            .iter()
+            .flat_map(|d| &d.loads)
+            .map(|l| l.name.clone());
+        names
+            .zip(noise.walk.iter().zip(&noise.log10_qd))
+            .map(|(name, (walk, qd))| (name, json!({ "walk_nm_per_sqrt_s": walk, "log10_qd": qd })))
+            .collect()
+    };
+    let methods: Map<String, Value> = set
+        .tuned
+        .methods
+        .iter()
+        .map(|(method, noise)| {
+            let mut entry = loads(noise);
+            if let Some(outcome) = noise.outcome {
+                entry.insert("misfit".into(), json!(outcome.misfit));
+                entry.insert("innovation_norm".into(), json!(outcome.innovation));
+                entry.insert("solution_norm".into(), json!(outcome.load));
+            }
+            (method.name().to_owned(), Value::Object(entry))
+        })
+        .collect();
+    json!({ "sensors": set.name, "methods": methods, "seconds": set.seconds })
+}
+
+fn print(machine: &Machine, sets: &[Set]) {
+    let mut header = format!("{:<24}{:<13}", "log10 Qd", "method");
+    for load in machine.drivetrain.iter().flat_map(|d| &d.loads) {
+        header += &format!("{:>18}", load.name);
+    }
+    println!("{header}{:>12}{:>12}{:>8}", "misfit", "innovation", "s");
+    for set in sets {
+        for (method, noise) in &set.tuned.methods {
+            let mut line = format!("{:<24}{:<13}", set.name, method.name());
+            for qd in &noise.log10_qd {
+                line += &format!("{qd:>18.2}");
+            }
+            if let Some(outcome) = noise.outcome {
+                line += &format!("{:>12.3}{:>12.3}", outcome.misfit, outcome.innovation);
+            } else {
+                line += &format!("{:>12}{:>12}", "-", "-");
+            }
+            println!("{line}{:>8.1}", set.seconds);
+        }
+    }
+}
+
+/// Writes the description with the walks of each set and R.
+fn write(
+    described: &Machine,
+    machine: &Machine,
+    noise: &[(Channel, MeasurementNoise)],
+    names: &[Option<String>],
+    sets: &[Set],
+    output: &Path,
+) -> anyhow::Result<()> {
+    let mut description = Description::read(&described.path)?;
+    let loads: Vec<&str> = machine
+        .drivetrain
+        .iter()
+        .flat_map(|d| &d.loads)
+        .map(|l| l.name.as_str())
+        .collect();
+    for (name, set) in names.iter().zip(sets) {
+        let Some((_, found)) = set.tuned.methods.first() else {
+            continue;
+        };
+        match name {
+            Some(name) => description.set_numbers(
+                "sensor_set",
+                name,
+                "walk_nm_per_sqrt_s",
+                loads.iter().copied().zip(found.walk.iter().copied()),
+            ),
+            None => {
+                for (load, walk) in loads.iter().zip(&found.walk) {
+                    description.set_number("drivetrain.load", load, "walk_nm_per_sqrt_s", *walk);
+                }
+            }
+        }
+    }
+    let stem = output
+        .file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
+    let noise_name = format!("{stem}-noise.csv");
+    let map_name = format!("{stem}-maps.csv");
+    let (mut noises, mut maps) = (Vec::new(), Vec::new());
+    for (channel, own) in described.channels.iter().zip(&machine.channels) {
+        let found = noise.iter().find(|(c, _)| c.name == channel.name);
+        let in_unit = |values: Vec<f64>| {
+            values
+                .into_iter()
+                .map(|v| channel.unit.from_si(v))
+                .collect::<Vec<f64>>()
+        };
+        if found.is_some() {
+            description.set_number("channel", &channel.name, "noise_std", own.noise_std);
+        }
+        if found.is_some() || channel.noise_map.is_some() {
+            let values = in_unit(own.noise_over_angle(machine)?);
+            description.set("channel", &channel.name, "noise_map", noise_name.as_str());
+            noises.push((channel, step_function(&values, NOISE_BINS)));
+        }
+        // Beside the new description, so that it can be moved.
+        if channel.sensitivity_map.is_some() {
+            let values = in_unit(channel.sensitivity_over_angle(described)?);
+            description.set(
+                "channel",
+                &channel.name,
+                "sensitivity_map",
+                map_name.as_str(),
+            );
+            maps.push((
+                channel,
+                crate::machine::resampled(&values, crate::machine::MAP_ENTRIES),
+            ));
+        }
+    }
+    map_file(&output.with_file_name(noise_name), &noises, "")?;
+    map_file(&output.with_file_name(map_name), &maps, "/Nm")?;
+    description.write(output)?;
+    Ok(())
+}
+
+/// `|H|` of each load and set over the frequency.
+fn write_response(machine: &Machine, sets: &[Set], path: &Path) -> anyhow::Result<()> {
+    let loads: Vec<&str> = machine
+        .drivetrain
+        .iter()
+        .flat_map(|d| &d.loads)
+        .map(|l| l.name.as_str())
+        .collect();
+    let mut text = String::from("f [Hz]");
+    for set in sets {
+        for load in &loads {
+            text += &format!(",{} {load} [1]", set.name);
+        }
+    }
+    text.push('\n');
+    let rows = sets.first().map_or(0, |set| set.tuned.response.len());
+    for i in 0..rows {
+        text += &format!("{:.4}", sets[0].tuned.response[i].0);
+        for set in sets {
+            for magnitude in &set.tuned.response[i].1 {
+                text += &format!(",{magnitude:.5}");
+            }
+        }
+        text.push('\n');
+    }
+    let mut file = crate::atomic_file::AtomicFile::create(path)?;
+    std::io::Write::write_all(&mut file, text.as_bytes())?;
+    file.finish()?;
+    Ok(())
+}
