@@ -53,13 +53,12 @@ proptest! {
         std::fs::write(folder.path().join("two_inertias_map.csv"), MAP).unwrap();
         let path = folder.path().join("machine.toml");
         std::fs::File::create(&path).unwrap().write_all(&text).unwrap();
-        if let Ok(machine) = Machine::load(&path) {
-            if let Ok(sensors) = Sensors::choose(&machine, None)
-                && let Ok(payload) = build::image(&machine, &sensors)
-            {
-                // What was built must be a whole image.
-                loadtwin_common::image::Image::from_bytes(&payload).unwrap();
-            }
+        if let Ok(machine) = Machine::load(&path)
+            && let Ok(sensors) = Sensors::choose(&machine, None)
+            && let Ok(payload) = build::image(&machine, &sensors)
+        {
+            // What was built must be a whole image.
+            loadtwin_common::image::Image::from_bytes(&payload).unwrap();
         }
     }
 }
