@@ -75,6 +75,17 @@ impl<const NX: usize> Gaussian<NX> {
         SVector::from_fn(|i, _| self.upper[i][i])
     }
 
+    /// Sets the variance of a state that nothing depends on; `state < NX`.
+    pub(crate) fn reset_variance(&mut self, state: usize, variance: f32) {
+        if let Some(p) = self
+            .upper
+            .get_mut(state)
+            .and_then(|column| column.get_mut(state))
+        {
+            *p = variance;
+        }
+    }
+
     /// The estimated loads: the last `ND` states.
     pub fn load<const ND: usize>(&self) -> SVector<f32, ND> {
         const { assert!(ND <= NX, "there are no more loads than states") };

@@ -155,41 +155,28 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
     /// must be, or of the wrong length for `NX` states.
     pub fn try_build(model: GearboxModel<'a>) -> Result<Self, Error> {
         const { assert!(NX > LOADS && NX <= MAX_STATES, "states of a gearbox") };
-        let top = NX - LOADS;
-        finite(&model.scale, NX, "scale")?;
-        positive(model.scale.iter().copied(), "scale")?;
-        finite(&model.transition, top * NX, "transition")?;
-        finite(&model.process_noise, top * (top + 1) / 2, "process_noise")?;
-        finite(&model.load_noise, LOADS, "load_noise")?;
-        finite(&model.initial_state, NX, "initial_state")?;
-        finite(&model.initial_std, NX, "initial_std")?;
-        if model.loads.is_empty() {
-            return Err(Error::OutOfRange("loads"));
-        }
-        for load in &model.loads {
-            positive([load.full_scale, load.valid_std], "load")?;
-        }
-        let mut channel_rows = Vec::new();
-        let mut converters = Vec::new();
-        for channel in &model.channels {
-            channel.validate::<NX>()?;
-            let _ = converters.push(channel.converter);
-            let _ = channel_rows.push(RowSVector::from_row_slice(&channel.row));
-        }
-        let mut encoder_rows = Vec::new();
-        let mut counters = Vec::new();
-        for encoder in &model.encoders {
-            finite(&encoder.row, NX, "encoder row")?;
-            positive([encoder.variance], "encoder variance")?;
-            if !(1..=32).contains(&encoder.counter.bits) {
-                return Err(Error::OutOfRange("encoder bits"));
-            }
-            let _ = counters.push(encoder.counter);
-            let _ = encoder_rows.push(RowSVector::from_row_slice(&encoder.row));
-        }
-        if let Some(index) = &model.index {
-            positive([index.tolerance_rad], "index tolerance")?;
-        }
+        model.check(NX)?;
+        let rows = |row: &StateVec<f32>| RowSVector::from_row_slice(row);
+        let converters = model
+            .channels
+            .iter()
+            .map(|channel| channel.converter)
+            .collect();
+        let channel_rows = model
+            .channels
+            .iter()
+            .map(|channel| rows(&channel.row))
+            .collect();
+        let counters = model
+            .encoders
+            .iter()
+            .map(|encoder| encoder.counter)
+            .collect();
+        let encoder_rows = model
+            .encoders
+            .iter()
+            .map(|encoder| rows(&encoder.row))
+            .collect();
         let initial_std = SVector::<f32, NX>::from_row_slice(&model.initial_std);
         Ok(Self {
             transition: Transition::try_new(&augmented(&model.transition), RandomWalk)?,
@@ -269,6 +256,8 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
                 .loads
                 .push(self.load(state, j, signal, homed, m.slipped));
         }
+        // Days without any sensor overflow a variance; what follows is a new start.
+        state.started = estimate.loads.iter().all(|load| load.std < f32::MAX);
         estimate
     }
 
@@ -298,6 +287,12 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
 
     fn predict(&self, state: &mut GearboxState<NX>) {
         kalman::predict(&mut state.belief, &self.transition, &self.process_noise);
+        if self.model.loads.len() < LOADS {
+            // Nothing measures the absent load: what is not known of it must not pile up.
+            state
+                .belief
+                .reset_variance(NX - 1, self.model.load_noise[LOADS - 1]);
+        }
         for ((channel, row), drive) in self
             .model
             .channels
@@ -443,8 +438,15 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         let scale = self.model.scale.get(d).copied().unwrap_or(1.0);
         let value = state.belief.state[d] * scale;
         let std = libm::sqrtf(state.belief.load_variances::<LOADS>()[j % LOADS]) * scale;
-        // Written so that a NaN is not valid.
-        let fault = if !(std <= signal.valid_std && value.is_finite()) {
+        if !(value.is_finite() && std.is_finite()) {
+            return LoadEstimate {
+                value: 0.0,
+                std: f32::MAX,
+                age: state.age,
+                fault: Fault::NotValid,
+            };
+        }
+        let fault = if std > signal.valid_std {
             Fault::NotValid
         } else if slipped {
             Fault::Slipped
@@ -462,9 +464,44 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
     }
 }
 
+// Not generic over the number of states: compiled once, not for each of them.
+impl GearboxModel<'_> {
+    /// Checks every length and range for `states` states.
+    fn check(&self, states: usize) -> Result<(), Error> {
+        let top = states - LOADS;
+        finite(&self.scale, states, "scale")?;
+        positive(self.scale.iter().copied(), "scale")?;
+        finite(&self.transition, top * states, "transition")?;
+        finite(&self.process_noise, top * (top + 1) / 2, "process_noise")?;
+        finite(&self.load_noise, LOADS, "load_noise")?;
+        finite(&self.initial_state, states, "initial_state")?;
+        finite(&self.initial_std, states, "initial_std")?;
+        if self.loads.is_empty() {
+            return Err(Error::OutOfRange("loads"));
+        }
+        for load in &self.loads {
+            positive([load.full_scale, load.valid_std], "load")?;
+        }
+        for channel in &self.channels {
+            channel.check(states)?;
+        }
+        for encoder in &self.encoders {
+            finite(&encoder.row, states, "encoder row")?;
+            positive([encoder.variance], "encoder variance")?;
+            if !(1..=32).contains(&encoder.counter.bits) {
+                return Err(Error::OutOfRange("encoder bits"));
+            }
+        }
+        match &self.index {
+            Some(index) => positive([index.tolerance_rad], "index tolerance"),
+            None => Ok(()),
+        }
+    }
+}
+
 impl Channel<'_> {
-    fn validate<const NX: usize>(&self) -> Result<(), Error> {
-        finite(&self.row, NX, "channel row")?;
+    fn check(&self, states: usize) -> Result<(), Error> {
+        finite(&self.row, states, "channel row")?;
         positive([self.unit], "channel unit")?;
         if !(self.converter.gain.is_finite() && self.converter.gain != 0.0) {
             return Err(Error::OutOfRange("channel gain"));
@@ -488,7 +525,7 @@ impl Channel<'_> {
             "channel variance",
         )?;
         // The angle is no bias, the loads are none either.
-        if bias_state.is_some_and(|b| !(1..NX - LOADS).contains(&usize::from(b))) {
+        if bias_state.is_some_and(|b| !(1..states - LOADS).contains(&usize::from(b))) {
             return Err(Error::OutOfRange("bias state"));
         }
         Ok(())

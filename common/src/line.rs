@@ -6,6 +6,10 @@ use crate::gearbox::{Gearbox, GearboxModel, GearboxState};
 use crate::image::{Image, Model};
 use crate::raw::RawSample;
 
+/// Numbers of states that filters are compiled for; a model with another one
+/// is filled up with states that nothing depends on.
+pub const STATES: [usize; 4] = [6, 8, 12, 16];
+
 /// The estimator of one machine and its state.
 ///
 /// Which machine and how many states it has is known only from the image;
@@ -25,15 +29,9 @@ pub struct Line<'a> {
     reason = "there is one line in a program, and no heap"
 )]
 enum Kind<'a> {
-    Gearbox4(Gearbox<'a, 4>, GearboxState<4>),
     Gearbox6(Gearbox<'a, 6>, GearboxState<6>),
-    Gearbox7(Gearbox<'a, 7>, GearboxState<7>),
     Gearbox8(Gearbox<'a, 8>, GearboxState<8>),
-    Gearbox9(Gearbox<'a, 9>, GearboxState<9>),
-    Gearbox10(Gearbox<'a, 10>, GearboxState<10>),
-    Gearbox11(Gearbox<'a, 11>, GearboxState<11>),
     Gearbox12(Gearbox<'a, 12>, GearboxState<12>),
-    Gearbox14(Gearbox<'a, 14>, GearboxState<14>),
     Gearbox16(Gearbox<'a, 16>, GearboxState<16>),
 }
 
@@ -56,15 +54,9 @@ impl<'a> Line<'a> {
         }
         let Model::Gearbox(model) = image.model;
         let kind = match model.scale.len() {
-            4 => start(model).map(|(g, s)| Kind::Gearbox4(g, s)),
             6 => start(model).map(|(g, s)| Kind::Gearbox6(g, s)),
-            7 => start(model).map(|(g, s)| Kind::Gearbox7(g, s)),
             8 => start(model).map(|(g, s)| Kind::Gearbox8(g, s)),
-            9 => start(model).map(|(g, s)| Kind::Gearbox9(g, s)),
-            10 => start(model).map(|(g, s)| Kind::Gearbox10(g, s)),
-            11 => start(model).map(|(g, s)| Kind::Gearbox11(g, s)),
             12 => start(model).map(|(g, s)| Kind::Gearbox12(g, s)),
-            14 => start(model).map(|(g, s)| Kind::Gearbox14(g, s)),
             16 => start(model).map(|(g, s)| Kind::Gearbox16(g, s)),
             _ => Err(Error::OutOfRange("number of states")),
         }?;
@@ -74,15 +66,9 @@ impl<'a> Line<'a> {
     /// Takes one sample and gives the estimate.
     pub fn step(&mut self, raw: &RawSample) -> Estimate {
         match &mut self.kind {
-            Kind::Gearbox4(g, s) => g.step(s, raw),
             Kind::Gearbox6(g, s) => g.step(s, raw),
-            Kind::Gearbox7(g, s) => g.step(s, raw),
             Kind::Gearbox8(g, s) => g.step(s, raw),
-            Kind::Gearbox9(g, s) => g.step(s, raw),
-            Kind::Gearbox10(g, s) => g.step(s, raw),
-            Kind::Gearbox11(g, s) => g.step(s, raw),
             Kind::Gearbox12(g, s) => g.step(s, raw),
-            Kind::Gearbox14(g, s) => g.step(s, raw),
             Kind::Gearbox16(g, s) => g.step(s, raw),
         }
     }

@@ -326,3 +326,27 @@ fn an_image_is_built_and_its_size_reported() {
         std::fs::metadata(bench.path("model.image")).unwrap().len()
     );
 }
+
+#[test]
+fn a_reader_that_leaves_early_is_no_error() {
+    use std::io::Read;
+    use std::process::Stdio;
+    let bench = Bench::new();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_loadtwin"))
+        .args(["schema"])
+        .current_dir(bench.folder.path())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let mut errors = String::new();
+    child
+        .stderr
+        .take()
+        .unwrap()
+        .read_to_string(&mut errors)
+        .unwrap();
+    child.wait().unwrap();
+    assert_eq!(errors, "");
+}

@@ -9,6 +9,7 @@ use loadtwin_common::image::Image;
 use loadtwin_common::line::Line;
 use serde_json::json;
 
+use super::output::say;
 use crate::atomic_file::AtomicFile;
 use crate::build::{self, Sensors};
 use crate::key::SigningKey;
@@ -66,14 +67,14 @@ impl Build {
                 "encoders": names(sensors.encoders.iter().map(|e| &e.name).collect()),
                 "seconds": seconds,
             });
-            println!("{report}");
+            say!("{report}");
         } else {
             let signed = if key.is_some() {
                 "signed"
             } else {
                 "not signed: for the host only"
             };
-            println!(
+            say!(
                 "{}: {} bytes, issue {issue}, {signed}",
                 self.output.display(),
                 image.len()

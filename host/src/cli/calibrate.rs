@@ -6,6 +6,7 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
+use super::output::say;
 use super::progress::Progress;
 use crate::calibrate::{
     self, Candidate, Description, Gauge, MapSource, Observations, fronts, map_file, select,
@@ -92,13 +93,13 @@ impl Calibrate {
                 "turns": observations.turns, "channels": channels, "selection": selection,
                 "machine_out": self.output, "seconds": seconds,
             });
-            println!("{out}");
+            say!("{out}");
         } else {
             print(&machine, &gauges, source);
             for (group, sets) in &selection {
-                println!("{group}: {}", sets.as_str().unwrap_or(&sets.to_string()));
+                say!("{group}: {}", sets.as_str().unwrap_or(&sets.to_string()));
             }
-            println!("{:.0} turns, {:.1} s", observations.turns, seconds);
+            say!("{:.0} turns, {:.1} s", observations.turns, seconds);
         }
         Ok(())
     }
@@ -221,7 +222,7 @@ fn print(machine: &Machine, gauges: &[Gauge], source: MapSource) {
     let response = |g: &Gauge| g.surface.as_ref().map_or(0.0, |s| s.sensitivity().abs());
     let mut ranked: Vec<&Gauge> = gauges.iter().collect();
     ranked.sort_by(|a, b| response(b).total_cmp(&response(a)));
-    println!(
+    say!(
         "{:<16}{:<20}{:>12}{:>10}{:>9}{:>10}{:>8}{:>8}{:>9}{:>10}{:>10}",
         "channel",
         "group",
@@ -265,7 +266,7 @@ fn print(machine: &Machine, gauges: &[Gauge], source: MapSource) {
         if let Some(fault) = &gauge.fault {
             line += &format!("  {fault}");
         }
-        println!("{line}");
+        say!("{line}");
     }
 }
 

@@ -10,6 +10,7 @@ use loadtwin_common::raw::RawSample;
 use loadtwin_common::sealed;
 use serde::Serialize;
 
+use super::output::say;
 use crate::build::{self, Sensors};
 use crate::can::comparison::Verdict;
 use crate::can::dbc::{self, LoadScale};
@@ -115,10 +116,10 @@ fn print(summary: &impl Serialize, as_json: bool) -> anyhow::Result<()> {
     match value.as_object() {
         Some(entries) if !as_json => {
             for (key, value) in entries.iter().filter(|(_, value)| !value.is_null()) {
-                println!("{:24} {value}", key.replace('_', " "));
+                say!("{:24} {value}", key.replace('_', " "));
             }
         }
-        _ => println!("{value}"),
+        _ => say!("{value}"),
     }
     Ok(())
 }

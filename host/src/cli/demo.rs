@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde_json::json;
 
+use super::output::say;
 use super::replay;
 use crate::machine::Machine;
 
@@ -42,9 +43,9 @@ pub fn run(as_json: bool) -> anyhow::Result<()> {
                 .collect();
             recordings.push(json!({ "recording": recording, "sets": sets }));
         } else {
-            println!("{}: {title}", machine.name);
+            say!("{}: {title}", machine.name);
             replay::print_table(&machine, &outcomes);
-            println!();
+            say!();
         }
     }
     let page = Path::new("out/report.html");
@@ -56,9 +57,9 @@ pub fn run(as_json: bool) -> anyhow::Result<()> {
         page,
     )?;
     if as_json {
-        println!("{}", json!({ "recordings": recordings, "report": page }));
+        say!("{}", json!({ "recordings": recordings, "report": page }));
     } else {
-        println!("report: {}", page.display());
+        say!("report: {}", page.display());
     }
     Ok(())
 }

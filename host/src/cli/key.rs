@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
+use super::output::say;
 use crate::key::SigningKey;
 
 /// Make a key pair that signs model images.
@@ -20,14 +21,14 @@ impl Key {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let files = SigningKey::generate()?.save(&self.output)?;
         if as_json {
-            println!(
+            say!(
                 "{}",
                 json!({ "private": files.private, "public": files.public, "page": files.page })
             );
         } else {
-            println!("private key: {}", files.private.display());
-            println!("public key: {}", files.public.display());
-            println!("key page of the board: {}", files.page.display());
+            say!("private key: {}", files.private.display());
+            say!("public key: {}", files.public.display());
+            say!("key page of the board: {}", files.page.display());
         }
         Ok(())
     }

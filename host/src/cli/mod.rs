@@ -6,6 +6,7 @@ mod can;
 mod demo;
 mod key;
 mod manual;
+mod output;
 mod progress;
 mod replay;
 mod schema;

@@ -7,6 +7,7 @@ use clap::Args;
 use loadtwin_common::estimate::Estimate;
 use serde_json::{Value, json};
 
+use super::output::say;
 use super::progress::Progress;
 use crate::build::Sensors;
 use crate::machine::Machine;
@@ -50,7 +51,7 @@ impl Replay {
                     .iter()
                     .map(|o| report(&machine, &self.recording, o))
                     .collect();
-                println!("{}", json!({ "machine": machine.name, "sets": sets }));
+                say!("{}", json!({ "machine": machine.name, "sets": sets }));
             } else {
                 print_table(&machine, &outcomes);
             }
@@ -58,7 +59,7 @@ impl Replay {
         }
         let outcome = self.replay(&machine)?;
         if as_json {
-            println!("{}", report(&machine, &self.recording, &outcome));
+            say!("{}", report(&machine, &self.recording, &outcome));
         } else {
             print_table(&machine, std::slice::from_ref(&outcome));
             print_flags(&outcome.figures);
@@ -188,7 +189,7 @@ pub(super) fn print_table(machine: &Machine, outcomes: &[Outcome]) {
     for segment in &machine.segments {
         header += &format!("{:>11}", segment.name);
     }
-    println!("{header}{:>8}{:>8}", "RMSE", "NIS");
+    say!("{header}{:>8}{:>8}", "RMSE", "NIS");
     for outcome in outcomes {
         for (name, load) in outcome.figures.loads() {
             if load.rmse.is_none()
@@ -210,7 +211,7 @@ pub(super) fn print_table(machine: &Machine, outcomes: &[Outcome]) {
                     cell(load.nmae_percent.get(&segment.name).copied().flatten())
                 );
             }
-            println!(
+            say!(
                 "{line}{:>8}{:>8}",
                 cell(load.rmse_percent),
                 cell(outcome.figures.nis_mean())
@@ -221,6 +222,6 @@ pub(super) fn print_table(machine: &Machine, outcomes: &[Outcome]) {
 
 fn print_flags(figures: &Figures) {
     for (fault, count) in figures.flags() {
-        println!("flagged {fault}: {count}");
+        say!("flagged {fault}: {count}");
     }
 }

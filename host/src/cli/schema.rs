@@ -1,5 +1,6 @@
 //! `loadtwin schema`.
 
+use super::output::say;
 use crate::machine::Machine;
 
 /// The schema that editors complete and check a machine description with.
@@ -7,7 +8,7 @@ use crate::machine::Machine;
 /// # Errors
 /// When the schema cannot be written.
 pub fn run() -> anyhow::Result<()> {
-    println!(
+    say!(
         "{}",
         serde_json::to_string_pretty(&schemars::schema_for!(Machine))?
     );

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
+use super::output::say;
 use super::progress::Progress;
 use crate::machine::Machine;
 use crate::simulate::{Applied, EFFECTS, Scenario, Simulation};
@@ -62,9 +63,9 @@ impl Simulate {
                 "rate_hz": machine.rate_hz,
                 "seconds": seconds,
             });
-            println!("{report}");
+            say!("{report}");
         } else {
-            println!(
+            say!(
                 "{}: {rows} samples at {} Hz",
                 self.output.display(),
                 machine.rate_hz

@@ -4,6 +4,7 @@ use faer::Mat;
 use heapless::Vec as FixedVec;
 use loadtwin_common::gearbox::{Channel, Encoder, GearboxModel, LOADS, Role};
 use loadtwin_common::image::{Image, LoadSignal, Model, VERSION};
+use loadtwin_common::line::STATES;
 use loadtwin_common::measurement::{Converter, Counter, IndexPulse};
 use loadtwin_common::phase::{Phase, PhaseStep};
 use loadtwin_common::table::PeriodicTable;
@@ -67,7 +68,10 @@ struct Plan {
     /// SI size of the unit of each state: mechanics, zeros of encoders, loads.
     scale: Vec<f64>,
     mechanical: usize,
+    /// Zeros of the encoders after the first.
     zeros: usize,
+    /// States that nothing depends on.
+    fill: usize,
     loads: usize,
     nominal: Vec<f64>,
     nominal_speed: f64,
@@ -88,15 +92,23 @@ impl Plan {
         scale.extend(std::iter::repeat_n(drivetrain.nominal_speed_rad_s, n));
         let mechanical = scale.len();
         let zeros = sensors.encoders.len().saturating_sub(1);
-        scale.extend(std::iter::repeat_n(ZERO_SCALE, zeros));
+        // Up to a number of states that a filter is compiled for.
+        let needed = mechanical + zeros + LOADS;
+        let compiled = STATES
+            .into_iter()
+            .find(|states| *states >= needed)
+            .unwrap_or(needed);
+        let fill = compiled - needed;
+        scale.extend(std::iter::repeat_n(ZERO_SCALE, zeros + fill));
         scale.extend(&nominal);
-        scale.resize(mechanical + zeros + LOADS, 1.0);
+        scale.resize(compiled, 1.0);
         Self {
             torsion,
             dt_s: 1.0 / machine.rate_hz,
             scale,
             mechanical,
             zeros,
+            fill,
             loads: nominal.len(),
             nominal,
             nominal_speed: drivetrain.nominal_speed_rad_s,
@@ -109,7 +121,7 @@ impl Plan {
     }
 
     fn first_load(&self) -> usize {
-        self.mechanical + self.zeros
+        self.mechanical + self.zeros + self.fill
     }
 
     /// A row over mechanics and loads, in the scale of the filter.
@@ -222,7 +234,8 @@ impl Plan {
         for i in 0..top {
             for j in 0..n {
                 let entry = if i >= self.mechanical {
-                    f64::from(u8::from(i == j))
+                    // A zero stays; a state that nothing depends on is forgotten.
+                    f64::from(u8::from(i == j && i < self.mechanical + self.zeros))
                 } else if j < self.mechanical {
                     f[(i, j)]
                 } else if (top..top + self.loads).contains(&j) {
