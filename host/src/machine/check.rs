@@ -26,8 +26,8 @@ impl Machine {
         within(
             "can_base",
             self.can_base,
-            self.can_base <= 0x7e0,
-            "0 to 0x7e0",
+            self.can_base <= 0x7c0 && self.can_base.is_multiple_of(32),
+            "a multiple of 32, 0 to 0x7c0",
         )?;
         range("tuning.parameter_std", self.tuning.parameter_std, 0.0, 1.0)?;
         positive("tuning.cutoff_hz", self.tuning.cutoff_hz)?;

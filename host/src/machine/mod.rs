@@ -35,7 +35,7 @@ pub struct Machine {
     pub name: String,
     /// Sample rate of the estimator [Hz], 1 to 20000.
     pub rate_hz: f64,
-    /// First identifier of the machine's frames on the CAN bus, 0 to 0x7e0.
+    /// First identifier of the machine's frames on the CAN bus, a multiple of 32, 0 to 0x7c0.
     #[serde(default = "can_base")]
     pub can_base: u16,
     /// A gearbox or another torsional drivetrain.
