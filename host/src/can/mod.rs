@@ -18,6 +18,7 @@ mod screen;
 pub mod send;
 pub mod socket;
 pub mod twin;
+pub mod upload;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -56,6 +57,12 @@ pub enum CanError {
     /// The samples to send cannot be read.
     #[error("{0}")]
     Samples(Box<dyn std::error::Error + Send + Sync>),
+    /// The board did not take the image.
+    #[error("upload: {0}")]
+    Upload(#[from] crate::upload::UploadError),
+    /// Ended by the user before it was done.
+    #[error("stopped before the end")]
+    Stopped,
     /// The terminal cannot be drawn on.
     #[error("terminal: {0}")]
     Terminal(std::io::Error),

@@ -1,4 +1,4 @@
-//! `loadtwin node`, `send`, `twin`, `monitor`, `prove`, `dbc`.
+//! `loadtwin node`, `send`, `twin`, `monitor`, `prove`, `upload`, `dbc`.
 
 use std::collections::VecDeque;
 use std::error::Error;
@@ -11,6 +11,7 @@ use loadtwin_common::sealed;
 use serde::Serialize;
 
 use super::output::say;
+use super::progress::Progress;
 use crate::build::{self, Sensors};
 use crate::can::comparison::Verdict;
 use crate::can::dbc::{self, LoadScale};
@@ -19,9 +20,10 @@ use crate::can::node::{self, NodeArgs};
 use crate::can::send::{self, SendArgs};
 use crate::can::socket::SocketBus;
 use crate::can::twin::{self, ProveArgs, TwinArgs, TwinSummary};
-use crate::can::{Model, page, stop_on_signal};
+use crate::can::{Model, page, stop_on_signal, upload};
 use crate::machine::Machine;
 use crate::replay::Samples;
+use crate::upload::Uploader;
 
 /// The model to run.
 #[derive(Debug, Args)]
@@ -102,6 +104,15 @@ pub struct Prove {
     args: ProveArgs,
 }
 
+/// Send a signed model image to a board; it runs after the board's restart.
+#[derive(Debug, Args)]
+pub struct Upload {
+    /// The image, from `loadtwin build --key`.
+    image: PathBuf,
+    /// CAN interface, such as can0.
+    interface: String,
+}
+
 /// Print the DBC file.
 #[derive(Debug, Args)]
 pub struct Dbc {
@@ -145,6 +156,20 @@ impl Send {
         let stop = stop_on_signal()?;
         let bus = SocketBus::open(&self.args.interface, Some(model.image.can_base))?;
         let summary = send::run(&model, bus, samples, &self.args, &mut *page::live()?, &stop)?;
+        print(&summary, as_json)
+    }
+}
+
+impl Upload {
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let name = self.image.display().to_string();
+        let image = std::fs::read(&self.image).with_context(|| name.clone())?;
+        let uploader = Uploader::new(image).context(name)?;
+        let stop = stop_on_signal()?;
+        let bus = SocketBus::open(&self.interface, None)?;
+        let progress = Progress::new("upload");
+        let summary = upload::run(uploader, bus, |part| progress.show(part), &stop)?;
+        drop(progress);
         print(&summary, as_json)
     }
 }

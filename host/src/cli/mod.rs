@@ -54,6 +54,8 @@ enum Command {
     Monitor(can::Monitor),
     /// As twin, on a candump log taken earlier.
     Prove(can::Prove),
+    /// Send a signed model image to a board.
+    Upload(can::Upload),
     /// Print the DBC file that describes the frames.
     Dbc(can::Dbc),
     /// Print the JSON schema of the machine description.
@@ -84,6 +86,7 @@ impl Cli {
             Some(Command::Twin(twin)) => twin.run(json),
             Some(Command::Monitor(monitor)) => monitor.run(json),
             Some(Command::Prove(prove)) => prove.run(json),
+            Some(Command::Upload(upload)) => upload.run(json),
             Some(Command::Dbc(dbc)) => dbc.run(),
             Some(Command::Schema) => schema::run(),
             Some(Command::Completions(completions)) => {
