@@ -18,5 +18,6 @@ pub mod riccati;
 pub mod seal;
 pub mod simulate;
 pub mod strain;
+pub mod tables;
 pub mod tune;
 pub mod upload;

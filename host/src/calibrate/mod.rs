@@ -5,6 +5,7 @@
 
 mod description;
 mod fault;
+mod gauge_model;
 mod moments;
 mod motion;
 mod placement;
@@ -16,8 +17,9 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use thiserror::Error;
 
-pub use description::{Description, DescriptionError, map_file};
+pub use description::{Description, DescriptionError};
 pub use fault::GaugeFault;
+pub use gauge_model::{calibrated, with_noise};
 pub use moments::{BINS, Moments, Sums};
 pub use motion::Motion;
 pub use placement::{Placement, fine};
@@ -239,7 +241,7 @@ pub struct Gauge {
     pub surface: Option<Surface>,
     /// Its updated model.
     pub placement: Option<Placement>,
-    /// Its noise about the model that `calibrated` chose.
+    /// Its noise about the model that was asked for.
     pub noise: Option<MeasurementNoise>,
     /// What is wrong with it.
     pub fault: Option<GaugeFault>,

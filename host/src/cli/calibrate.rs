@@ -1,6 +1,6 @@
 //! `loadtwin calibrate`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
@@ -9,10 +9,10 @@ use serde_json::{Value, json};
 use super::output::say;
 use super::progress::Progress;
 use crate::calibrate::{
-    self, Candidate, Description, Gauge, MapSource, Observations, fronts, map_file, select,
+    self, Candidate, Description, Gauge, MapSource, Observations, calibrated, fronts, select,
 };
-use crate::machine::{MAP_ENTRIES, Machine, resampled};
-use crate::tune::{NOISE_BINS, rms, step_function};
+use crate::machine::{Machine, resampled};
+use crate::tune::{NOISE_BINS, rms};
 
 /// Sizes of the sets that are proposed.
 const SET_SIZES: [usize; 3] = [1, 3, 5];
@@ -81,7 +81,9 @@ impl Calibrate {
             source,
         )?;
         if let Some(output) = &self.output {
-            write(&machine, &gauges, source, output)?;
+            let folder = tempfile::tempdir()?;
+            let calibrated = calibrated(&machine, &gauges, source, folder.path())?;
+            Description::read(&machine.path)?.write_with_gauges(&machine, &calibrated, output)?;
         }
         let selection = self.selection(&machine, &gauges, source);
         let seconds = started.elapsed().as_secs_f64();
@@ -268,76 +270,4 @@ fn print(machine: &Machine, gauges: &[Gauge], source: MapSource) {
         }
         say!("{line}");
     }
-}
-
-/// Writes the calibrated description and its maps; faulty channels stay as described.
-fn write(
-    machine: &Machine,
-    gauges: &[Gauge],
-    source: MapSource,
-    output: &Path,
-) -> anyhow::Result<()> {
-    let mut description = Description::read(&machine.path)?;
-    let stem = output
-        .file_stem()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned();
-    let (map_name, noise_name) = (format!("{stem}-maps.csv"), format!("{stem}-noise.csv"));
-    let (mut maps, mut noises) = (Vec::new(), Vec::new());
-    for (i, channel) in machine.channels.iter().enumerate() {
-        let own = |values: &[f64]| {
-            values
-                .iter()
-                .map(|v| channel.unit.from_si(*v))
-                .collect::<Vec<_>>()
-        };
-        let sound = gauges.iter().find(|g| g.channel == i && g.fault.is_none());
-        let model = sound.and_then(|g| g.model(source));
-        if let Some((offset, _)) = model {
-            description.set_number(
-                "channel",
-                &channel.name,
-                "offset",
-                channel.unit.from_si(offset),
-            );
-        }
-        let map = match model {
-            Some((_, map)) => own(map),
-            None => own(&channel.sensitivity_over_angle(machine)?),
-        };
-        if map.len() > 1 {
-            description.remove("channel", &channel.name, "sensitivity");
-            description.set(
-                "channel",
-                &channel.name,
-                "sensitivity_map",
-                map_name.as_str(),
-            );
-            maps.push((channel, resampled(&map, MAP_ENTRIES)));
-        } else if model.is_some() {
-            description.set_number("channel", &channel.name, "sensitivity", map[0]);
-        }
-        let noise = match sound.and_then(|g| g.noise.as_ref()) {
-            Some(noise) => {
-                let std = channel.unit.from_si(rms(&noise.scaled));
-                description.set_number("channel", &channel.name, "noise_std", std);
-                (map.len() > 1).then(|| own(&noise.scaled))
-            }
-            None => channel
-                .noise_map
-                .is_some()
-                .then(|| channel.noise_over_angle(machine))
-                .transpose()?
-                .map(|noise| own(&noise)),
-        };
-        if let Some(noise) = noise {
-            description.set("channel", &channel.name, "noise_map", noise_name.as_str());
-            noises.push((channel, step_function(&noise, NOISE_BINS)));
-        }
-    }
-    map_file(&output.with_file_name(&map_name), &maps, "/Nm")?;
-    map_file(&output.with_file_name(&noise_name), &noises, "")?;
-    description.write(output)?;
-    Ok(())
 }

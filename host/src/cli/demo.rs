@@ -65,7 +65,7 @@ pub fn run(as_json: bool) -> anyhow::Result<()> {
 }
 
 /// The example's folder: below the current one, or where the source lies.
-fn example() -> anyhow::Result<PathBuf> {
+pub(super) fn example() -> anyhow::Result<PathBuf> {
     let relative = Path::new("examples/gearbox");
     let source = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("..")

@@ -11,6 +11,7 @@ mod progress;
 mod replay;
 mod schema;
 mod simulate;
+mod tables;
 mod tune;
 
 use clap::{Parser, Subcommand};
@@ -38,6 +39,8 @@ enum Command {
     Calibrate(calibrate::Calibrate),
     /// Write a recording of a machine that is not there.
     Simulate(simulate::Simulate),
+    /// Reproduce the tables of the gearbox paper on simulated individuals.
+    Tables(tables::Tables),
     /// Choose the noise of the filter from recordings and from the wanted bandwidth.
     Tune(tune::Tune),
     /// Make the model image that firmware and host run.
@@ -78,6 +81,7 @@ impl Cli {
             Some(Command::Replay(replay)) => replay.run(json),
             Some(Command::Calibrate(calibrate)) => calibrate.run(json),
             Some(Command::Simulate(simulate)) => simulate.run(json),
+            Some(Command::Tables(tables)) => tables.run(json),
             Some(Command::Tune(tune)) => tune.run(json),
             Some(Command::Build(build)) => build.run(json),
             Some(Command::Key(key)) => key.run(json),

@@ -8,11 +8,11 @@ use serde_json::{Map, Value, json};
 
 use super::progress::Progress;
 use crate::build::Sensors;
-use crate::calibrate::{Description, Observations, map_file};
+use crate::calibrate::{Description, with_noise};
 use crate::machine::{Channel, Machine};
 use crate::tune::{
-    LoadNoise, MeasurementNoise, Method, NOISE_BINS, Tuned, rms, sampled_process_noise,
-    step_function, tune_loads,
+    LoadNoise, MeasurementNoise, Method, Tuned, measure_noise, rms, sampled_process_noise,
+    tune_loads,
 };
 
 /// Draws of the Monte Carlo check of the process noise.
@@ -90,17 +90,18 @@ struct Set {
 
 impl Tune {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
-        let mut machine = Machine::load(&self.machine)?;
-        let cutoff_hz = self.cutoff.unwrap_or(machine.tuning.cutoff_hz);
-        // Relative paths of the description stay those of the person.
-        let described = machine.clone();
-        let folder = tempfile::tempdir()?;
+        let described = Machine::load(&self.machine)?;
+        let cutoff_hz = self.cutoff.unwrap_or(described.tuning.cutoff_hz);
         let started = Instant::now();
+        let folder = tempfile::tempdir()?;
         let noise = if self.keep_r {
             Vec::new()
         } else {
-            measure_noise(&mut machine, &self.recordings[0], folder.path())?
+            let progress = Progress::new("noise");
+            measure_noise(&described, &self.recordings[0], |part| progress.show(part))?
         };
+        let measured = noise.iter().map(|(i, noise)| (*i, noise));
+        let machine = with_noise(&described, measured, folder.path())?;
         let noise_seconds = started.elapsed().as_secs_f64();
         let method = self.method.method();
         let mut methods = vec![method];
@@ -135,7 +136,7 @@ impl Tune {
         }
         drop(progress);
         if let Some(output) = &self.output {
-            write(&described, &machine, &noise, &names, &sets, output)?;
+            write(&described, &machine, &names, &sets, output)?;
         }
         if let Some(path) = &self.response {
             write_response(&machine, &sets, path)?;
@@ -146,11 +147,7 @@ impl Tune {
                 "recordings": self.recordings,
                 "cutoff_hz": cutoff_hz,
                 "method": method.name(),
-                "noise": noise.iter().map(|(c, n)| json!({
-                    "channel": c.name, "unit": c.unit.symbol(),
-                    "std": c.unit.from_si(rms(&n.scaled)),
-                    "std_eq_15": c.unit.from_si(rms(&n.plain)),
-                })).collect::<Vec<_>>(),
+                "noise": noise.iter().map(|(i, n)| noise_report(&machine.channels[*i], n)).collect::<Vec<_>>(),
                 "noise_seconds": noise_seconds,
                 "process_noise": process_noise(&machine),
                 "sets": sets.iter().map(|set| report(&machine, set)).collect::<Vec<_>>(),
@@ -163,43 +160,6 @@ impl Tune {
         }
         Ok(())
     }
-}
-
-/// R of every channel from `recording`; the machine gets it as a map in `folder`.
-fn measure_noise(
-    machine: &mut Machine,
-    recording: &PathBuf,
-    folder: &Path,
-) -> anyhow::Result<Vec<(Channel, MeasurementNoise)>> {
-    let progress = Progress::new("noise");
-    let observations = Observations::read(machine, std::slice::from_ref(recording), |part| {
-        progress.show(part);
-    })?;
-    let mut noise = Vec::new();
-    for (channel, moments) in machine.channels.iter().zip(&observations.channels) {
-        if let Some(moments) = moments.as_ref().filter(|m| m.total().n > 0.0) {
-            let map = channel.sensitivity_over_angle(machine)?;
-            let floor = channel.lsb_si().abs() / 12.0_f64.sqrt();
-            let offset = channel.to_si(channel.offset);
-            noise.push((
-                channel.clone(),
-                MeasurementNoise::new(moments, offset, &map, floor),
-            ));
-        }
-    }
-    let path = folder.join("noise.csv");
-    let columns: Vec<(&Channel, Vec<f64>)> = noise
-        .iter()
-        .map(|(c, n)| (c, n.scaled.iter().map(|v| c.unit.from_si(*v)).collect()))
-        .collect();
-    map_file(&path, &columns, "")?;
-    for (channel, found) in &noise {
-        if let Some(own) = machine.channels.iter_mut().find(|c| c.name == channel.name) {
-            own.noise_map = Some(path.clone());
-            own.noise_std = own.unit.from_si(rms(&found.scaled));
-        }
-    }
-    Ok(noise)
 }
 
 /// Largest ratio of drawn to first-order standard deviations over the states.
@@ -273,7 +233,6 @@ fn print(machine: &Machine, sets: &[Set]) {
 fn write(
     described: &Machine,
     machine: &Machine,
-    noise: &[(Channel, MeasurementNoise)],
     names: &[Option<String>],
     sets: &[Set],
     output: &Path,
@@ -303,49 +262,16 @@ fn write(
             }
         }
     }
-    let stem = output
-        .file_stem()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned();
-    let noise_name = format!("{stem}-noise.csv");
-    let map_name = format!("{stem}-maps.csv");
-    let (mut noises, mut maps) = (Vec::new(), Vec::new());
-    for (channel, own) in described.channels.iter().zip(&machine.channels) {
-        let found = noise.iter().find(|(c, _)| c.name == channel.name);
-        let in_unit = |values: Vec<f64>| {
-            values
-                .into_iter()
-                .map(|v| channel.unit.from_si(v))
-                .collect::<Vec<f64>>()
-        };
-        if found.is_some() {
-            description.set_number("channel", &channel.name, "noise_std", own.noise_std);
-        }
-        if found.is_some() || channel.noise_map.is_some() {
-            let values = in_unit(own.noise_over_angle(machine)?);
-            description.set("channel", &channel.name, "noise_map", noise_name.as_str());
-            noises.push((channel, step_function(&values, NOISE_BINS)));
-        }
-        // Beside the new description, so that it can be moved.
-        if channel.sensitivity_map.is_some() {
-            let values = in_unit(channel.sensitivity_over_angle(described)?);
-            description.set(
-                "channel",
-                &channel.name,
-                "sensitivity_map",
-                map_name.as_str(),
-            );
-            maps.push((
-                channel,
-                crate::machine::resampled(&values, crate::machine::MAP_ENTRIES),
-            ));
-        }
-    }
-    map_file(&output.with_file_name(noise_name), &noises, "")?;
-    map_file(&output.with_file_name(map_name), &maps, "/Nm")?;
-    description.write(output)?;
+    description.write_with_gauges(described, machine, output)?;
     Ok(())
+}
+
+fn noise_report(channel: &Channel, noise: &MeasurementNoise) -> Value {
+    let own = |values: &[f64]| channel.unit.from_si(rms(values));
+    json!({
+        "channel": channel.name, "unit": channel.unit.symbol(),
+        "std": own(&noise.scaled), "std_eq_15": own(&noise.plain),
+    })
 }
 
 /// `|H|` of each load and set over the frequency.

@@ -16,11 +16,11 @@ const STOP: usize = 32;
 /// How the two integrals of eq. (23) are weighed against each other.
 ///
 /// As printed, the stop band outweighs a pass band of 10 Hz by 24 to 1 at
-/// 500 Hz. That is what such a machine needs: above its first torsional mode
-/// (3 Hz) the shaft hardly tells of the load any more, and a response of 1 up
-/// to 10 Hz is bought with noise. On two simulated machines with the paper's
-/// effects the full NMAE of three torque-arm gauges was 2.5 % as printed and
-/// 13.3 % with the bands averaged; 1.5 % at a cut-off of 1 Hz and averaged.
+/// 500 Hz. For the shipped gearbox that is right: above its first torsional
+/// mode (3 Hz) the shaft hardly tells of the load any more, and a response of
+/// 1 up to 10 Hz is bought with noise. At 1 Hz it is wrong: the stop band
+/// outweighs 249 to 1 and the estimate lags in ramps, where averaged bands do
+/// well. `loadtwin tables` shows both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Weighting {
     /// As printed: by width.

@@ -1,6 +1,9 @@
 //! R over bins of the carrier angle, from the error of the model.
 
-use crate::calibrate::{Moments, fine};
+use std::path::PathBuf;
+
+use crate::calibrate::{CalibrateError, Moments, Observations, fine};
+use crate::machine::Machine;
 
 /// Bins of the carrier angle.
 pub const NOISE_BINS: usize = 128;
@@ -71,6 +74,34 @@ impl MeasurementNoise {
             plain: filled(&|[error, deviation, _]| 2.0 * error + deviation),
         }
     }
+}
+
+/// The noise of every channel of `machine` about its model, by the channel's
+/// number, from a recording at constant load with reference loads.
+///
+/// # Errors
+/// When the recording cannot be used or a map cannot be read.
+pub fn measure_noise(
+    machine: &Machine,
+    recording: &PathBuf,
+    progress: impl FnMut(f64),
+) -> Result<Vec<(usize, MeasurementNoise)>, CalibrateError> {
+    let observations = Observations::read(machine, std::slice::from_ref(recording), progress)?;
+    let mut noise = Vec::new();
+    for (i, (channel, moments)) in machine
+        .channels
+        .iter()
+        .zip(&observations.channels)
+        .enumerate()
+    {
+        if let Some(moments) = moments.as_ref().filter(|m| m.total().n > 0.0) {
+            let map = channel.sensitivity_over_angle(machine)?;
+            let floor = channel.lsb_si().abs() / 12.0_f64.sqrt();
+            let offset = channel.to_si(channel.offset);
+            noise.push((i, MeasurementNoise::new(moments, offset, &map, floor)));
+        }
+    }
+    Ok(noise)
 }
 
 /// A step function with as many equal steps.

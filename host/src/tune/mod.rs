@@ -12,7 +12,7 @@ use thiserror::Error;
 
 pub use frequency_response::{FrequencyResponse, Weighting};
 pub use load_noise::{LoadNoise, Method, Tuned, tune_loads};
-pub use measurement_noise::{MeasurementNoise, NOISE_BINS, rms, step_function};
+pub use measurement_noise::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
 pub use operating_point::OperatingPoint;
 pub use parameter_noise::sampled_process_noise;
 pub use pattern_search::pattern_search;

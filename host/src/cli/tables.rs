@@ -1,0 +1,132 @@
+//! `loadtwin tables`.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::Args;
+use serde_json::{Value, json};
+
+use super::demo;
+use super::progress::Progress;
+use crate::machine::Machine;
+use crate::simulate::Applied;
+use crate::tables::{Cell, OTHERS, Published, SEGMENTS, TABLE_2, TABLE_3, judge, statistics};
+
+/// Reproduce tables 2 and 3 of Bosmans et al. 2023 on simulated individuals.
+///
+/// Each individual of the shipped gearbox is calibrated and tuned on
+/// recordings of its own and judged on another one. The paper's figure stands
+/// beside ours, mean +- standard deviation over the individuals.
+#[derive(Debug, Args)]
+pub struct Tables {
+    /// Machine description (TOML) with the sets of sensors of the shipped gearbox.
+    machine: Option<PathBuf>,
+    /// How many individuals, numbered from 1.
+    #[arg(long, value_name = "COUNT", default_value_t = 10)]
+    individuals: u64,
+    /// Effect that the estimator's model lacks, as in `simulate`; repeatable.
+    #[arg(long = "effect", value_name = "EFFECT", default_value = "paper")]
+    effects: Vec<String>,
+}
+
+impl Tables {
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        anyhow::ensure!(self.individuals > 0, "--individuals 0: allowed: at least 1");
+        let started = Instant::now();
+        let path = match &self.machine {
+            Some(path) => path.clone(),
+            None => demo::example()?.join("machine.toml"),
+        };
+        let machine = Machine::load(&path)?;
+        let effects = Applied::list(&self.effects)?;
+        let rows: Vec<Published> = TABLE_2.into_iter().chain(TABLE_3).chain(OTHERS).collect();
+        let progress = Progress::new("tables");
+        let mut cells = Vec::new();
+        for individual in 1..=self.individuals {
+            cells.push(judge(&machine, individual, &effects, &rows)?);
+            progress.show(individual as f64 / self.individuals as f64);
+        }
+        drop(progress);
+        let of_row = |i: usize| cells.iter().map(|row| &row[i]).collect::<Vec<_>>();
+        let seconds = started.elapsed().as_secs_f64();
+        if as_json {
+            let reports: Vec<Value> = rows
+                .iter()
+                .enumerate()
+                .map(|(i, row)| report(row, &of_row(i)))
+                .collect();
+            let (table2, rest) = reports.split_at(TABLE_2.len());
+            let (table3, others) = rest.split_at(TABLE_3.len());
+            let out = json!({
+                "machine": machine.name, "individuals": self.individuals, "effects": self.effects,
+                "table_2": table2, "table_3": table3, "others": others, "seconds": seconds,
+            });
+            println!("{out}");
+        } else {
+            println!(
+                "NMAE [%] of the main shaft: paper | mean +- deviation of {} individuals",
+                self.individuals
+            );
+            print!("{:<40}{:>15}", "", "log10 Qd");
+            for segment in SEGMENTS {
+                print!("{segment:>22}");
+            }
+            println!();
+            for (i, row) in rows.iter().enumerate() {
+                match i {
+                    0 => println!("table 2"),
+                    _ if i == TABLE_2.len() => println!("table 3"),
+                    _ if i == TABLE_2.len() + TABLE_3.len() => println!("other ways of tuning"),
+                    _ => {}
+                }
+                println!("{}", line(row, &of_row(i)));
+            }
+            println!("{seconds:.0} s");
+        }
+        Ok(())
+    }
+}
+
+fn report(row: &Published, cells: &[&Cell]) -> Value {
+    let nmae: serde_json::Map<String, Value> = SEGMENTS
+        .iter()
+        .enumerate()
+        .map(|(k, segment)| {
+            let (mean, std) = statistics(cells.iter().map(|cell| cell.nmae[k]));
+            let each: Vec<f64> = cells.iter().map(|cell| cell.nmae[k]).collect();
+            let entry =
+                json!({ "paper": row.nmae.map(|n| n[k]), "mean": mean, "std": std, "each": each });
+            ((*segment).to_owned(), entry)
+        })
+        .collect();
+    json!({
+        "sensors": row.sensors, "method": row.method.name(), "cutoff_hz": row.cutoff_hz,
+        "log10_qd": { "paper": row.log10_qd, "mean": mean_qd(cells) }, "nmae_percent": nmae,
+    })
+}
+
+fn line(row: &Published, cells: &[&Cell]) -> String {
+    let method = format!("{} {} Hz", row.method.name(), row.cutoff_hz);
+    let qd: Vec<String> = mean_qd(cells).iter().map(|qd| format!("{qd:.1}")).collect();
+    let mut line = format!("{:<22}{method:<18}{:>15}", row.sensors, qd.join(" "));
+    for k in 0..SEGMENTS.len() {
+        let (mean, std) = statistics(cells.iter().map(|cell| cell.nmae[k]));
+        let paper = row.nmae.map(|nmae| nmae[k]);
+        // What is worse than the paper stands out.
+        let mark = if paper.is_some_and(|paper| mean > paper) {
+            '!'
+        } else {
+            ' '
+        };
+        let paper = paper.map_or("-".to_owned(), |paper| format!("{paper:.2}"));
+        line += &format!("{paper:>7} |{mean:>6.2} +-{std:>4.1}{mark}");
+    }
+    line
+}
+
+fn mean_qd(cells: &[&Cell]) -> Vec<f64> {
+    let loads = cells.first().map_or(0, |cell| cell.log10_qd.len());
+    (0..loads)
+        .map(|j| statistics(cells.iter().map(|cell| cell.log10_qd[j])).0)
+        .collect()
+}
