@@ -6,7 +6,8 @@
 //! the time that the board's 25 MHz timer counts:
 //!
 //! ```sh
-//! cargo build --profile firmware --target thumbv7em-none-eabihf -p loadtwin-firmware \
+//! loadtwin build examples/gearbox/calibrated.toml -o line.image
+//! LOADTWIN_IMAGE=$PWD/line.image cargo build --profile firmware --target thumbv7em-none-eabihf -p loadtwin-firmware \
 //!     --features emulated,peers --bin steps
 //! qemu-system-arm -M mps2-an386 -cpu cortex-m4 -display none -monitor none -icount shift=10 \
 //!     -semihosting-config enable=on,target=native \
@@ -28,10 +29,15 @@ use cortex_m_rt::entry;
 use cortex_m_semihosting::{debug, hprintln};
 use embedded_alloc::LlffHeap as Heap;
 use loadtwin_common::butterworth::{Butterworth, ButterworthState};
+use loadtwin_common::frame::Encoder;
 use loadtwin_common::gaussian::Gaussian;
+use loadtwin_common::image::{Image, Model};
 use loadtwin_common::innovation::Gate;
 use loadtwin_common::kalman::{predict, predict_constant, update};
+use loadtwin_common::line::Line;
+use loadtwin_common::raw::RawSample;
 use loadtwin_common::scheduled_gain::{GainBin, GainSchedule};
+use loadtwin_common::sealed;
 use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
 use loadtwin_common::unscented::Unscented;
 use minikalman::prelude::*;
@@ -212,6 +218,36 @@ fn naive<const NX: usize, const NY: usize>(name: &str) {
 }
 
 /// The same step by minikalman; its builder needs a heap.
+/// The whole gearbox line, raw words to payload bytes, on the sealed image
+/// that the build names.
+fn line() {
+    let (_, payload) = sealed::open(include_bytes!(env!("LOADTWIN_IMAGE"))).unwrap();
+    let image = Image::from_bytes(payload).unwrap();
+    let channels = match &image.model {
+        Model::Gearbox(model) => model.channels.len(),
+    };
+    let mut encoder = Encoder::try_build(&image, 0).unwrap();
+    let mut line = Line::try_build(image).unwrap();
+    let mut sample = |tick: u32| {
+        let mut raw = RawSample {
+            tick,
+            ..RawSample::default()
+        };
+        for i in 0..channels {
+            raw.set_word(i, 90_000 + ((tick as i32 * 37 + i as i32 * 101) % 64) * 16);
+        }
+        // 26 turns a minute at 16384 counts a turn and 500 samples a second.
+        raw.set_encoder(0, tick * 14);
+        raw.index = tick.is_multiple_of(1170).then_some(tick * 14);
+        let estimate = line.step(black_box(&raw));
+        encoder.estimate(&estimate, |frame| {
+            black_box(frame);
+        });
+    };
+    (0..3000).for_each(&mut sample);
+    report("gearbox_line", |k| sample(3000 + k));
+}
+
 fn minikalman<const NX: usize, const NY: usize>(name: &str) {
     let f = system::<NX>();
     let builder = KalmanFilterBuilder::<NX, f32>::default();
@@ -265,6 +301,7 @@ fn main() -> ! {
     unscented();
     scheduled_gain();
     butterworth();
+    line();
     minikalman::<6, 4>("minikalman_6_4");
     minikalman::<6, 1>("minikalman_6_1");
     minikalman::<12, 4>("minikalman_12_4");

@@ -1,0 +1,104 @@
+//! Instructions of a step on the emulated Cortex-M4F against their bounds.
+
+use std::process::Command;
+
+use loadtwin::build::{self, Sensors};
+use loadtwin::machine::Machine;
+use loadtwin::seal::seal;
+use loadtwin_tests::firmware::root;
+
+/// Kernel, instructions when last looked at, bound that is promised.
+///
+/// Counts are exact; a change of more than 5 % is to be looked at and stored anew.
+const STORED: [(&str, u32, u32); 7] = [
+    ("kalman_6_4", 1437, 1450),
+    ("kalman_6_1", 792, 820),
+    ("kalman_12_4", 8536, 8700),
+    ("unscented_5_8", 6180, 7200),
+    ("scheduled_gain_6_4", 389, 400),
+    ("butterworth", 34, 40),
+    ("gearbox_line", 4876, 5000),
+];
+
+#[test]
+fn steps_stay_within_their_bounds() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("line.image");
+    let mut machine = Machine::load(&root().join("examples/gearbox/calibrated.toml")).unwrap();
+    // Four gauges of one encoder: 6 states.
+    machine.sensor_sets[0].channels = ["ta1", "ta2", "rg1", "rg2"].map(str::to_owned).to_vec();
+    let sensors = Sensors::choose(&machine, None).unwrap();
+    let payload = build::image(&machine, &sensors).unwrap();
+    std::fs::write(&path, seal(&payload, 1, None, None).unwrap()).unwrap();
+
+    let target = std::env::var_os("CARGO_TARGET_DIR")
+        .map_or_else(|| root().join("target"), std::path::PathBuf::from);
+    let built = Command::new(env!("CARGO"))
+        .current_dir(root())
+        .args([
+            "build",
+            "--quiet",
+            "--profile",
+            "firmware",
+            "--target",
+            "thumbv7em-none-eabihf",
+        ])
+        .args([
+            "-p",
+            "loadtwin-firmware",
+            "--features",
+            "emulated,peers",
+            "--bin",
+            "steps",
+        ])
+        .env("LOADTWIN_IMAGE", &path)
+        .status()
+        .unwrap();
+    assert!(built.success());
+    let output = Command::new("qemu-system-arm")
+        .args([
+            "-M",
+            "mps2-an386",
+            "-cpu",
+            "cortex-m4",
+            "-display",
+            "none",
+            "-monitor",
+            "none",
+        ])
+        .args([
+            "-icount",
+            "shift=10",
+            "-semihosting-config",
+            "enable=on,target=native",
+        ])
+        .arg("-kernel")
+        .arg(target.join("thumbv7em-none-eabihf/firmware/steps"))
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&output.stdout).into_owned()
+        + &String::from_utf8_lossy(&output.stderr);
+    println!("{text}");
+    assert!(output.status.success(), "{text}");
+    for (kernel, stored, bound) in STORED {
+        let count: u32 = text
+            .lines()
+            .find_map(|line| {
+                line.strip_prefix(kernel)?
+                    .strip_prefix(' ')?
+                    .trim()
+                    .parse()
+                    .ok()
+            })
+            .unwrap_or_else(|| panic!("no {kernel} in {text}"));
+        assert!(
+            count <= bound,
+            "{kernel}: {count} instructions, promised {bound}"
+        );
+        let change = f64::from(count) / f64::from(stored) - 1.0;
+        assert!(
+            change < 0.05,
+            "{kernel}: {count} instructions, {stored} are stored"
+        );
+    }
+}
