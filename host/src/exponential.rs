@@ -24,7 +24,7 @@ const PADE_13: [f64; 14] = [
 /// Largest norm at which the approximant is exact to double precision.
 const THETA_13: f64 = 5.371_920_351_148_152;
 
-/// `exp(a)` for a square matrix, by scaling and squaring.
+/// `exp(a)` for a square matrix, by scaling and squaring; NaN where `a` is not finite.
 ///
 /// Source: Higham, The scaling and squaring method for the matrix exponential
 /// revisited, SIAM J. Matrix Anal. Appl. 26 (2005), algorithm 2.3 with m = 13.
@@ -33,6 +33,9 @@ pub fn exponential(a: &Mat<f64>) -> Mat<f64> {
     let norm = (0..n)
         .map(|j| a.col(j).iter().map(|x| x.abs()).sum::<f64>())
         .fold(0.0, f64::max);
+    if !norm.is_finite() {
+        return Mat::from_fn(n, n, |_, _| f64::NAN);
+    }
     let squarings = if norm > THETA_13 {
         (norm / THETA_13).log2().ceil() as i32
     } else {
@@ -78,6 +81,14 @@ mod tests {
             (e[(1, 1)], angle.cos()),
         ] {
             assert!((found - expected).abs() < 1e-13, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_finite_ends_as_nan() {
+        for entry in [f64::INFINITY, f64::NAN, 1e308] {
+            let e = exponential(&mat![[entry, entry], [entry, entry]]);
+            assert!(e[(0, 0)].is_nan() || e[(0, 0)].is_infinite());
         }
     }
 

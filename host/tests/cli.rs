@@ -350,3 +350,58 @@ fn a_reader_that_leaves_early_is_no_error() {
     child.wait().unwrap();
     assert_eq!(errors, "");
 }
+
+#[test]
+fn a_bridge_is_zeroed_and_shunted_and_keeps_its_raw_gauge_factor() {
+    let bench = Bench::new();
+    bench.write(
+        "bridge.toml",
+        MACHINE.replacen(
+            "adc = { lsb = 0.001, stuck_after = 8 }",
+            "adc = { lsb = 2e-6 } # as mounted\nbridge = { bridge = \"quarter-1\", gauge_factor = 2.0, \
+             gauge_resistance_ohm = 350.0 }",
+            1,
+        ),
+    );
+    let constant = |mv_per_v: f64| {
+        let rows = (0..100).map(|i| format!("{:.3},{mv_per_v}\n", f64::from(i) / 500.0));
+        "t [s],constant [mV/V]\n".to_owned() + &rows.collect::<String>()
+    };
+    bench.write("zero.csv", constant(0.25));
+    // 174.65 kOhm across the gauge of 350 ohm: -rg / (4 rs + 2 rg) = 0.5005 mV/V; read 1 % high.
+    let shunt_ratio = 350.0 / (4.0 * 174_650.0 + 700.0) * 1e3;
+    bench.write("shunt.csv", constant(0.25 + 1.01 * shunt_ratio));
+    let zero = |extra: &[&str]| {
+        let mut arguments = vec![
+            "zero",
+            "bridge.toml",
+            "constant",
+            "zero.csv",
+            "--date",
+            "2026-11-21",
+        ];
+        arguments.extend(["-o", "zeroed.toml", "--json"]);
+        arguments.extend(extra);
+        bench.run(&arguments)
+    };
+    let output = zero(&["--shunt", "shunt.csv", "--shunt-ohm", "174650"]);
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout)
+        .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
+    assert!((json["calibration"]["zero_mv_per_v"].as_f64().unwrap() - 0.25).abs() < 1e-9);
+    let adjusted = json["calibration"]["gauge_factor"].as_f64().unwrap();
+    assert!((adjusted / 2.02 - 1.0).abs() < 2e-3, "{adjusted}");
+    let text = std::fs::read_to_string(bench.path("zeroed.toml")).unwrap();
+    for part in ["gauge_factor = 2.0", "2026-11-21", "# as mounted"] {
+        assert!(text.contains(part), "{text}");
+    }
+    // The calibrated description is one that loadtwin takes.
+    let output = bench.run(&["build", "zeroed.toml", "-o", "x.image"]);
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let output = zero(&["--shunt", "zero.csv", "--shunt-ohm", "174650"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("um/m"));
+}

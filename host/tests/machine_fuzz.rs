@@ -5,6 +5,7 @@ use std::io::Write;
 use loadtwin::build::{self, Sensors};
 use loadtwin::machine::Machine;
 use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
 
 const MACHINE: &str = include_str!("data/two_inertias.toml");
 const MAP: &str = include_str!("data/two_inertias_map.csv");
@@ -30,7 +31,7 @@ const WORDS: [&str; 16] = [
 ];
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(3000))]
+    #![proptest_config(ProptestConfig { cases: 3000, rng_seed: RngSeed::Fixed(1), ..ProptestConfig::default() })]
     #[test]
     fn a_damaged_description_is_refused_or_built(
         cuts in proptest::collection::vec((0..MACHINE.len(), 0usize..12, 0..WORDS.len()), 1..5),

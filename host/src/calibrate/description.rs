@@ -109,6 +109,29 @@ impl Description {
         }
     }
 
+    /// Sets `key` in the table `table` of an entry to the fields of `value`;
+    /// nothing where there is no such table.
+    ///
+    /// # Errors
+    /// When `value` has fields that TOML does not know.
+    pub fn set_fields(
+        &mut self,
+        (list, name): (&str, &str),
+        table: &str,
+        key: &str,
+        value: &impl serde::Serialize,
+    ) -> Result<(), toml::ser::Error> {
+        let fields: DocumentMut = toml::to_string(value)?.parse().unwrap_or_default();
+        let fields = fields.as_table().clone().into_inline_table();
+        let entry = self
+            .entry(list, name)
+            .and_then(|entry| entry.get_mut(table));
+        if let Some(table) = entry.and_then(Item::as_table_like_mut) {
+            put(table, key, fields.into());
+        }
+        Ok(())
+    }
+
     /// Writes the description to `path`.
     ///
     /// # Errors

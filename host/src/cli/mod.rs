@@ -13,6 +13,7 @@ mod schema;
 mod simulate;
 mod tables;
 mod tune;
+mod zero;
 
 use clap::{Parser, Subcommand};
 
@@ -43,6 +44,8 @@ enum Command {
     Tables(tables::Tables),
     /// Choose the noise of the filter from recordings and from the wanted bandwidth.
     Tune(tune::Tune),
+    /// Zero a strain bridge, and adjust its gauge factor by a shunt resistor.
+    Zero(zero::Zero),
     /// Make the model image that firmware and host run.
     Build(build::Build),
     /// Make a key pair that signs model images.
@@ -83,6 +86,7 @@ impl Cli {
             Some(Command::Simulate(simulate)) => simulate.run(json),
             Some(Command::Tables(tables)) => tables.run(json),
             Some(Command::Tune(tune)) => tune.run(json),
+            Some(Command::Zero(zero)) => zero.run(json),
             Some(Command::Build(build)) => build.run(json),
             Some(Command::Key(key)) => key.run(json),
             Some(Command::Node(node)) => node.run(json),

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use loadtwin_common::estimate::Estimate;
 use serde_json::{Value, json};
 
@@ -23,6 +23,9 @@ pub struct Replay {
     /// Set of sensors; the first of the description where absent.
     #[arg(long, value_name = "NAME", conflicts_with = "all_sensors")]
     sensors: Option<String>,
+    /// The filter.
+    #[arg(long, value_enum, default_value_t)]
+    filter: Filter,
     /// One line for each set of sensors of the description.
     #[arg(long, conflicts_with_all = ["estimates", "report"])]
     all_sensors: bool,
@@ -32,6 +35,14 @@ pub struct Replay {
     /// Write a page with plots to FILE.html.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+}
+
+/// The filters that a replay can run.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum Filter {
+    /// Augmented extended Kalman filter.
+    #[default]
+    Aekf,
 }
 
 /// What one replay found.

@@ -1,0 +1,156 @@
+//! `loadtwin zero`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use clap::{Args, ValueEnum};
+use serde_json::json;
+
+use super::output::say;
+use crate::calibrate::Description;
+use crate::machine::{Channel, Machine};
+use crate::recording::{Quantity, Reader, Unit, Wanted};
+use crate::strain::{Calibration, MV_PER_V, ShuntReading, Simulates, calibrate};
+
+/// Zero a strain bridge, and adjust its gauge factor by a shunt resistor.
+///
+/// Recordings are of the unloaded structure, the bridge's column in mV/V or in
+/// counts. The raw gauge factor stays; the adjusted one is written beside it
+/// with its date.
+#[derive(Debug, Args)]
+pub struct Zero {
+    /// Machine description (TOML).
+    machine: PathBuf,
+    /// The channel; it must have a bridge.
+    channel: String,
+    /// Recording of the unloaded structure.
+    recording: PathBuf,
+    /// Recording with the shunt resistor across one arm.
+    #[arg(long, value_name = "RECORDING", requires = "shunt_ohm")]
+    shunt: Option<PathBuf>,
+    /// Resistance of the shunt [ohm].
+    #[arg(long, value_name = "OHM", requires = "shunt")]
+    shunt_ohm: Option<f64>,
+    /// What the shunt looks like to the bridge.
+    #[arg(long, default_value = "compression")]
+    simulates: Arm,
+    /// Day of the calibration, as 2026-03-31.
+    #[arg(long, value_name = "DATE")]
+    date: String,
+    /// The description with the calibration; may be the same file.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Arm {
+    Tension,
+    Compression,
+}
+
+impl Zero {
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let machine = Machine::load(&self.machine)?;
+        let place = || format!("{}: channel {:?}", self.machine.display(), self.channel);
+        let names = || {
+            machine
+                .channels
+                .iter()
+                .map(|c| c.name.as_str())
+                .collect::<Vec<_>>()
+                .join(", ")
+        };
+        let Some(channel) = machine.channels.iter().find(|c| c.name == self.channel) else {
+            bail!("{}: not there; allowed: {}", place(), names());
+        };
+        let Some(bridge) = &channel.bridge else {
+            bail!("{}: has no bridge", place());
+        };
+        let zero = ratios(&machine, channel, &self.recording)?;
+        let shunt = match (&self.shunt, self.shunt_ohm) {
+            (Some(path), Some(shunt_ohm)) => {
+                let readings = ratios(&machine, channel, path)?;
+                Some(ShuntReading {
+                    ratio: readings.iter().sum::<f64>() / readings.len() as f64,
+                    shunt_ohm,
+                    simulates: match self.simulates {
+                        Arm::Tension => Simulates::Tension,
+                        Arm::Compression => Simulates::Compression,
+                    },
+                })
+            }
+            _ => None,
+        };
+        let calibration = calibrate(bridge, &zero, shunt, &self.date).with_context(place)?;
+        self.write(&calibration)?;
+        if as_json {
+            say!(
+                "{}",
+                json!({ "channel": channel.name, "calibration": calibration, "machine_out": self.output })
+            );
+        } else {
+            say!(
+                "{}: zero {:.6} mV/V",
+                channel.name,
+                calibration.zero_mv_per_v
+            );
+            if let Some(adjusted) = calibration.gauge_factor {
+                say!(
+                    "gauge factor {} raw, {adjusted:.5} adjusted",
+                    bridge.gauge_factor
+                );
+            }
+        }
+        Ok(())
+    }
+
+    fn write(&self, calibration: &Calibration) -> anyhow::Result<()> {
+        let mut description = Description::read(&self.machine)?;
+        description.set_fields(
+            ("channel", &self.channel),
+            "bridge",
+            "calibration",
+            calibration,
+        )?;
+        description.write(&self.output)?;
+        Ok(())
+    }
+}
+
+/// Bridge output of `channel` over a recording [V/V]; missing samples left out.
+fn ratios(machine: &Machine, channel: &Channel, path: &Path) -> anyhow::Result<Vec<f64>> {
+    let layout = &machine.recording;
+    let counts = Reader::open(path, layout, &[])?
+        .columns()
+        .iter()
+        .find(|column| column.name == channel.name)
+        .and_then(|column| column.unit.as_deref()?.parse::<Unit>().ok())
+        .is_some_and(|unit| unit.quantity() == Quantity::Counts);
+    let unit = if counts {
+        Unit::COUNTS
+    } else {
+        Unit::VOLT_PER_VOLT
+    };
+    let wanted = [Wanted {
+        name: &channel.name,
+        unit,
+        required: true,
+    }];
+    let mut ratios = Vec::new();
+    for block in Reader::open(path, layout, &wanted)? {
+        let read = block?
+            .columns
+            .into_iter()
+            .flatten()
+            .flatten()
+            .filter(|value| value.is_finite());
+        ratios.extend(read.map(|value| {
+            if counts {
+                (value - f64::from(channel.adc.zero)) * channel.adc.lsb * MV_PER_V
+            } else {
+                value
+            }
+        }));
+    }
+    Ok(ratios)
+}
