@@ -1,0 +1,187 @@
+//! The numbers of a gearbox in a model image, and their ranges.
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+use crate::Error;
+use crate::image::{LoadSignal, MAX_STATES, StateVec};
+use crate::measurement::{Converter, Counter, IndexPulse};
+use crate::raw::{MAX_CHANNELS, MAX_ENCODERS};
+use crate::table::PeriodicTable;
+
+/// Loads of a gearbox: main shaft and high-speed shaft. A drivetrain with one
+/// load carries the second as a constant 0.
+pub const LOADS: usize = 2;
+
+/// Most rows of `F` above the loads.
+const MAX_ROWS: usize = (MAX_STATES - LOADS) * MAX_STATES;
+
+/// Most entries of the lower triangle of the process noise.
+const MAX_NOISE: usize = (MAX_STATES - LOADS) * (MAX_STATES - LOADS + 1) / 2;
+
+/// The numbers of a gearbox in a model image.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GearboxModel<'a> {
+    /// Unit of each state [SI]: the filter's state times this is SI.
+    pub scale: StateVec<f32>,
+    /// `[A B]`, the rows of the transition above the loads, row by row.
+    pub transition: Vec<f32, MAX_ROWS>,
+    /// Lower triangle of Q above the loads, row by row.
+    pub process_noise: Vec<f32, MAX_NOISE>,
+    /// Variance of each load's step in one sample.
+    pub load_noise: [f32; LOADS],
+    /// State at start; the angle is taken from the first encoder.
+    pub initial_state: StateVec<f32>,
+    /// Its standard deviation.
+    pub initial_std: StateVec<f32>,
+    /// NIS above which a reading is left out, >= 1.
+    pub gate_nis: f32,
+    /// The loads, 1 or 2.
+    pub loads: Vec<LoadSignal, LOADS>,
+    /// Analogue channels in the order of the raw words.
+    #[serde(borrow)]
+    pub channels: Vec<Channel<'a>, MAX_CHANNELS>,
+    /// Encoders in the order of the raw counters.
+    pub encoders: Vec<Encoder, MAX_ENCODERS>,
+    /// The pulse that homes the carrier angle.
+    pub index: Option<IndexPulse>,
+}
+
+/// An analogue channel in the image.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Channel<'a> {
+    /// Raw word to reading, in `unit`s.
+    pub converter: Converter,
+    /// Size of the reading's unit [SI], > 0: strain is read in micrometres a metre.
+    pub unit: f32,
+    /// Row `c` in the filter's scale, or the column `B` of a measured drive torque.
+    pub row: StateVec<f32>,
+    /// What the channel does.
+    #[serde(borrow)]
+    pub role: Role<'a>,
+}
+
+/// What an analogue channel does in the filter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Role<'a> {
+    /// A measurement.
+    Measure {
+        /// Reading at zero load.
+        offset: f32,
+        /// Sensitivity over the carrier angle.
+        #[serde(borrow)]
+        map: PeriodicTable<'a>,
+        /// Mean of the map over a turn, used until the angle is homed.
+        map_mean: f32,
+        /// Standard deviation of the map over a turn.
+        map_deviation: f32,
+        /// Variance of the reading over bins of the carrier angle; eq. (16).
+        variance: PeriodicTable<'a>,
+        /// State that is added to the reading.
+        bias_state: Option<u8>,
+    },
+    /// A measured torque that drives the train: a known input.
+    Drive,
+}
+
+/// An encoder in the image.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Encoder {
+    /// Count to carrier angle.
+    pub counter: Counter,
+    /// Row of the angle [rad].
+    pub row: StateVec<f32>,
+    /// Variance of the angle [rad^2], > 0.
+    pub variance: f32,
+}
+
+// Not generic over the number of states: compiled once, not for each of them.
+impl GearboxModel<'_> {
+    /// Checks every length and range for `states` states.
+    pub(super) fn check(&self, states: usize) -> Result<(), Error> {
+        let top = states - LOADS;
+        finite(&self.scale, states, "scale")?;
+        positive(self.scale.iter().copied(), "scale")?;
+        finite(&self.transition, top * states, "transition")?;
+        finite(&self.process_noise, top * (top + 1) / 2, "process_noise")?;
+        finite(&self.load_noise, LOADS, "load_noise")?;
+        finite(&self.initial_state, states, "initial_state")?;
+        finite(&self.initial_std, states, "initial_std")?;
+        if self.loads.is_empty() {
+            return Err(Error::OutOfRange("loads"));
+        }
+        for load in &self.loads {
+            positive([load.full_scale, load.valid_std], "load")?;
+        }
+        for channel in &self.channels {
+            channel.check(states)?;
+        }
+        for encoder in &self.encoders {
+            finite(&encoder.row, states, "encoder row")?;
+            positive([encoder.variance], "encoder variance")?;
+            if !(1..=32).contains(&encoder.counter.bits) {
+                return Err(Error::OutOfRange("encoder bits"));
+            }
+        }
+        match &self.index {
+            Some(index) => positive([index.tolerance_rad], "index tolerance"),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Channel<'_> {
+    fn check(&self, states: usize) -> Result<(), Error> {
+        finite(&self.row, states, "channel row")?;
+        positive([self.unit], "channel unit")?;
+        if !(self.converter.gain.is_finite() && self.converter.gain != 0.0) {
+            return Err(Error::OutOfRange("channel gain"));
+        }
+        let Role::Measure {
+            offset,
+            map,
+            map_mean,
+            map_deviation,
+            variance,
+            bias_state,
+        } = &self.role
+        else {
+            return Ok(());
+        };
+        finite(&[*offset, *map_mean, *map_deviation], 3, "channel map")?;
+        map.validate("channel map")?;
+        variance.validate("channel variance")?;
+        positive(
+            (0..variance.len()).map(|bin| variance.entry(bin)),
+            "channel variance",
+        )?;
+        // The angle is no bias, the loads are none either.
+        if bias_state.is_some_and(|b| !(1..states - LOADS).contains(&usize::from(b))) {
+            return Err(Error::OutOfRange("bias state"));
+        }
+        Ok(())
+    }
+}
+
+/// Checks that there are `len` values and that all are finite.
+fn finite(values: &[f32], len: usize, name: &'static str) -> Result<(), Error> {
+    if values.len() != len {
+        Err(Error::OutOfRange(name))
+    } else if values.iter().all(|value| value.is_finite()) {
+        Ok(())
+    } else {
+        Err(Error::NotFinite(name))
+    }
+}
+
+/// Checks that all values are finite and above zero.
+fn positive(values: impl IntoIterator<Item = f32>, name: &'static str) -> Result<(), Error> {
+    if values
+        .into_iter()
+        .all(|value| value > 0.0 && value.is_finite())
+    {
+        Ok(())
+    } else {
+        Err(Error::NotPositive(name))
+    }
+}
