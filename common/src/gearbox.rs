@@ -21,7 +21,6 @@ use crate::estimate::{Estimate, LoadEstimate, MAX_SENSORS, SensorEstimate};
 use crate::fault::Fault;
 use crate::gaussian::Gaussian;
 use crate::image::{LoadSignal, MAX_STATES, StateVec};
-
 use crate::innovation::{Gate, Innovation, Outcome};
 use crate::kalman;
 use crate::measurement::{Converter, Counter, Measurement, Unwrap};
