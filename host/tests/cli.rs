@@ -405,3 +405,45 @@ fn a_bridge_is_zeroed_and_shunted_and_keeps_its_raw_gauge_factor() {
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&output.stderr).contains("um/m"));
 }
+
+#[test]
+fn a_tachometer_and_the_index_pulse_do_without_a_counting_encoder() {
+    let bench = Bench::new();
+    let counting = MACHINE.find("[[encoder]]").unwrap()..MACHINE.find("[[reference]]").unwrap();
+    let tachometer = "
+[[channel]]
+name = \"tachometer\"
+unit = \"rad/s\"
+senses = { speed = \"generator\" }
+sensitivity = 1.0
+noise_std = 0.05
+adc = { lsb = 1e-4 }
+
+[index]
+name = \"index\"
+angle_rad = 1.0
+tolerance_rad = 0.02
+
+";
+    let mut machine = MACHINE.to_owned();
+    machine.replace_range(counting, tachometer);
+    bench.write("machine.toml", machine);
+    for seed in ["1", "2", "3"] {
+        let output = bench.run(&["simulate", "machine.toml", "--seed", seed, "-o", "run.csv"]);
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        let output = bench.run(&["replay", "machine.toml", "run.csv", "--json"]);
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout)
+            .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
+        let nmae = json["loads"]["main"]["nmae_percent"]["full"]
+            .as_f64()
+            .unwrap();
+        assert!(nmae < 3.0, "{nmae}");
+        // Not homed in the first turn only, which takes some seconds.
+        let not_homed = json["flags"]["not_homed"].as_u64().unwrap_or(0);
+        assert!((1..15_000).contains(&not_homed), "{not_homed}");
+    }
+}

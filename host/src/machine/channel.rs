@@ -162,7 +162,9 @@ pub struct Index {
     /// Column of the recording: the latched count of `encoder` in the row
     /// after the pulse, empty elsewhere.
     pub name: String,
-    /// The encoder whose count the pulse latches.
+    /// The encoder whose count the pulse latches; absent on a machine without
+    /// counting encoders, whose column then holds 1 in the row after the pulse.
+    #[serde(default)]
     pub encoder: String,
     /// Carrier angle at the pulse [rad].
     pub angle_rad: f64,

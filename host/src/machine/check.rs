@@ -173,11 +173,10 @@ impl Machine {
             }
         }
         if let Some(index) = &self.index {
-            one_of(
-                "index.encoder",
-                &index.encoder,
-                &names(&self.encoders, |e| &e.name),
-            )?;
+            if !self.encoders.is_empty() {
+                let encoders = names(&self.encoders, |e| &e.name);
+                one_of("index.encoder", &index.encoder, &encoders)?;
+            }
             finite("index.angle_rad", index.angle_rad)?;
             positive("index.tolerance_rad", index.tolerance_rad)?;
         }

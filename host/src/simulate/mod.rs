@@ -325,7 +325,9 @@ impl Simulation {
                 && let Some(part) = index.passed(before.0, after.0)
             {
                 let at_pulse = before.1 + part * (after.1 - before.1);
-                self.latched = Some(self.encoders[index.encoder].count(at_pulse));
+                // Without encoder the column only says that the pulse came.
+                let encoder = self.encoders.get_mut(index.encoder);
+                self.latched = Some(encoder.map_or(1.0, |encoder| encoder.count(at_pulse)));
             }
         }
         self.housing.step(self.dt, self.bench.power(&self.plant));
@@ -334,7 +336,8 @@ impl Simulation {
     /// Angle of the carrier and of the encoder that the index latches.
     fn latch_angles(&self) -> (f64, f64) {
         self.index.map_or((0.0, 0.0), |index| {
-            let inertia = self.encoders[index.encoder].inertia;
+            let encoder = self.encoders.get(index.encoder);
+            let inertia = encoder.map_or(self.carrier, |encoder| encoder.inertia);
             (
                 self.plant.angle_of(self.carrier),
                 self.plant.angle_of(inertia),
@@ -401,7 +404,9 @@ fn gauge(
     channel: &Channel,
     rng: ChaCha8Rng,
 ) -> Result<Gauge, SimulateError> {
-    let map = AngleFunction::new(channel.sensitivity_over_angle(machine)?);
+    let sensitivity = channel.sensitivity_over_angle(machine)?;
+    let in_unit = |si: f64| channel.unit.from_si(si);
+    let map = AngleFunction::new(sensitivity.into_iter().map(in_unit).collect());
     let load = &drivetrain.loads[0];
     let ratio = |name: &str| {
         drivetrain.inertias[place(drivetrain, name)]
@@ -466,10 +471,12 @@ fn columns(machine: &Machine) -> Vec<OutputColumn> {
         .encoders
         .iter()
         .map(|e| (e.name.as_str(), Unit::COUNTS));
-    let index = machine
-        .index
-        .iter()
-        .map(|i| (i.name.as_str(), Unit::COUNTS));
+    let pulse = if machine.encoders.is_empty() {
+        Unit::ONE
+    } else {
+        Unit::COUNTS
+    };
+    let index = machine.index.iter().map(|i| (i.name.as_str(), pulse));
     let references = machine.references.iter().map(|r| (r.name.as_str(), r.unit));
     channels
         .chain(encoders)
