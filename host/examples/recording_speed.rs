@@ -1,8 +1,8 @@
 //! How fast recordings are written and read, and in how much memory.
 //!
 //! ```text
-//! cargo run --release --example recording_speed -- write /tmp/long.csv 10000000
-//! cargo run --release --example recording_speed -- read /tmp/long.csv
+//! cargo run --release --example recording_speed -- write long.csv 10000000
+//! cargo run --release --example recording_speed -- read long.csv
 //! ```
 use std::path::Path;
 use std::time::Instant;

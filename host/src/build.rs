@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use thiserror::Error;
 
 use crate::gearbox;
-use crate::machine::{Channel, Encoder, Machine, MachineError, SensorSet};
+use crate::machine::{Channel, Encoder, Kind, Machine, MachineError, SensorSet};
 
 /// The channels and encoders of a machine that an estimator uses, in the
 /// order of the raw words and counters.
@@ -137,12 +137,10 @@ impl Sensors {
 /// When a file that the description names cannot be used, or the model does
 /// not fit an image.
 pub fn image(machine: &Machine, sensors: &Sensors) -> Result<Vec<u8>, BuildError> {
-    let drivetrain =
-        machine
-            .drivetrain
-            .as_ref()
-            .ok_or(BuildError::Model(loadtwin_common::Error::Malformed(
-                "machine without drivetrain",
-            )))?;
-    gearbox::image(machine, drivetrain, sensors)
+    match machine.kind() {
+        Some(Kind::Drivetrain(drivetrain)) => gearbox::image(machine, drivetrain, sensors),
+        None => Err(BuildError::Model(loadtwin_common::Error::Malformed(
+            "machine of no kind",
+        ))),
+    }
 }

@@ -6,7 +6,7 @@ use std::fmt::Display;
 use crate::recording::{Quantity, Unit};
 
 use super::error::Violation;
-use super::{Drivetrain, Machine, Senses};
+use super::{Drivetrain, Kind, Machine, Senses};
 
 type Checked = Result<(), Violation>;
 
@@ -32,19 +32,23 @@ impl Machine {
         range("tuning.parameter_std", self.tuning.parameter_std, 0.0, 1.0)?;
         positive("tuning.cutoff_hz", self.tuning.cutoff_hz)?;
         at_least("tuning.gate_nis", self.tuning.gate_nis, 1.0)?;
-        let Some(drivetrain) = &self.drivetrain else {
-            return refuse(
-                "drivetrain",
-                "nothing",
-                "a table that describes the machine",
-            );
-        };
-        drivetrain.check()?;
         self.check_names()?;
-        self.check_channels(drivetrain)?;
-        self.check_encoders(drivetrain)?;
-        self.check_references(drivetrain)?;
-        self.check_sets(drivetrain)?;
+        match self.kind() {
+            Some(Kind::Drivetrain(drivetrain)) => {
+                drivetrain.check()?;
+                self.check_channels(drivetrain)?;
+                self.check_encoders(drivetrain)?;
+            }
+            None => {
+                return refuse(
+                    "drivetrain",
+                    "nothing",
+                    "a table that describes the machine",
+                );
+            }
+        }
+        self.check_references()?;
+        self.check_sets()?;
         for (i, segment) in self.segments.iter().enumerate() {
             let field = format!("segment[{}]", i + 1);
             finite(&format!("{field}.from_s"), segment.from_s)?;
@@ -183,14 +187,11 @@ impl Machine {
         Ok(())
     }
 
-    fn check_references(&self, drivetrain: &Drivetrain) -> Checked {
+    fn check_references(&self) -> Checked {
+        let loads: Vec<_> = self.loads().iter().map(|l| l.name).collect();
         for (i, reference) in self.references.iter().enumerate() {
             let field = |name: &str| format!("reference[{}].{name}", i + 1);
-            one_of(
-                &field("load"),
-                &reference.load,
-                &names(&drivetrain.loads, |l| &l.name),
-            )?;
+            one_of(&field("load"), &reference.load, &loads)?;
             nonzero(&field("gain"), reference.gain)?;
             finite(&field("zero"), reference.zero)?;
             torque_or_counts(&field("unit"), reference.unit)?;
@@ -198,10 +199,10 @@ impl Machine {
         Ok(())
     }
 
-    fn check_sets(&self, drivetrain: &Drivetrain) -> Checked {
+    fn check_sets(&self) -> Checked {
         let channels = names(&self.channels, |c| &c.name);
         let encoders = names(&self.encoders, |e| &e.name);
-        let loads = names(&drivetrain.loads, |l| &l.name);
+        let loads: Vec<_> = self.loads().iter().map(|l| l.name).collect();
         for (i, set) in self.sensor_sets.iter().enumerate() {
             let field = |name: &str| format!("sensor_set[{}].{name}", i + 1);
             let first = self

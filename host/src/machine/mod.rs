@@ -9,6 +9,7 @@ mod channel;
 mod check;
 mod drivetrain;
 mod error;
+mod kind;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -20,6 +21,7 @@ pub use angle_map::{MAP_ENTRIES, read_column, resampled};
 pub use channel::{Adc, Auxiliary, Channel, Encoder, Group, Index, Reference, Senses};
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, Shaft};
 pub use error::{MachineError, Violation};
+pub use kind::{Kind, NamedLoad};
 
 use crate::recording::CsvLayout;
 

@@ -35,9 +35,9 @@ impl EstimateWriter {
                 single: true,
             });
         };
-        for load in machine.drivetrain.iter().flat_map(|d| &d.loads) {
-            column(load.name.clone(), Unit::NEWTON_METRE);
-            column(format!("{}_std", load.name), Unit::NEWTON_METRE);
+        for load in machine.loads() {
+            column(load.name.to_owned(), load.unit);
+            column(format!("{}_std", load.name), load.unit);
             column(format!("{}_fault", load.name), Unit::ONE);
         }
         let channels = sensors.channels.iter().map(|c| (&c.name, c.unit.si()));

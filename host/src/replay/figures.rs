@@ -33,7 +33,6 @@ pub struct LoadFigures {
 impl Figures {
     /// Nothing gathered yet.
     pub fn new(machine: &Machine) -> Self {
-        let loads = machine.drivetrain.iter().flat_map(|d| &d.loads);
         let segments: Vec<Segment> = machine
             .segments
             .iter()
@@ -43,13 +42,10 @@ impl Figures {
                 to_s: s.to_s.unwrap_or(f64::INFINITY),
             })
             .collect();
-        let loads: Vec<_> = loads
+        let loads: Vec<_> = (machine.loads().iter())
             .map(|load| {
-                (
-                    load.name.clone(),
-                    load.nominal_nm,
-                    LoadError::new(segments.clone()),
-                )
+                let error = LoadError::new(segments.clone());
+                (load.name.to_owned(), load.nominal, error)
             })
             .collect();
         let position = |name: &str| {

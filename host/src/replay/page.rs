@@ -5,7 +5,7 @@ use loadtwin_common::estimate::Estimate;
 use super::{Figures, Sample};
 use crate::build::Sensors;
 use crate::machine::{Machine, Senses};
-use crate::recording::{Quantity, Unit};
+use crate::recording::Quantity;
 use crate::report::{KeyFigure, LoadLabel, ReplayPlots, Report, SensorLabel, Table};
 
 /// Gathers a replay's report in memory that does not grow with its length.
@@ -19,7 +19,7 @@ pub struct ReportPage {
 impl ReportPage {
     /// Nothing gathered yet.
     pub fn new(machine: &Machine, sensors: &Sensors) -> Self {
-        let loads: Vec<_> = machine.drivetrain.iter().flat_map(|d| &d.loads).collect();
+        let loads = machine.loads();
         let reference_of: Vec<_> = loads
             .iter()
             .map(|load| machine.references.iter().position(|r| r.load == load.name))
@@ -27,9 +27,9 @@ impl ReportPage {
         let load_labels = loads
             .iter()
             .map(|load| LoadLabel {
-                name: load.name.clone(),
-                quantity: "Torque".into(),
-                unit: Unit::NEWTON_METRE.to_string(),
+                name: load.name.to_owned(),
+                quantity: capitalised(&load.unit.quantity().to_string()),
+                unit: load.unit.to_string(),
             })
             .collect();
         let channels = sensors.channels.iter().map(|channel| {

@@ -1,0 +1,45 @@
+//! What is the same for every kind of machine.
+
+use super::{Drivetrain, Machine};
+use crate::recording::Unit;
+
+/// The kind of a machine, with the part of the description that says so.
+#[derive(Clone, Copy, Debug)]
+pub enum Kind<'a> {
+    /// A gearbox or another torsional drivetrain.
+    Drivetrain(&'a Drivetrain),
+}
+
+/// A load as tables, estimates and references know it.
+#[derive(Clone, Copy, Debug)]
+pub struct NamedLoad<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// Its SI unit.
+    pub unit: Unit,
+    /// Nominal value or range [`unit`], the denominator of relative errors, > 0.
+    pub nominal: f64,
+}
+
+impl Machine {
+    /// The machine's kind; none in a description that [`Machine::check`] refuses.
+    pub fn kind(&self) -> Option<Kind<'_>> {
+        self.drivetrain.as_ref().map(Kind::Drivetrain)
+    }
+
+    /// The loads in the order of the estimates.
+    pub fn loads(&self) -> Vec<NamedLoad<'_>> {
+        match self.kind() {
+            Some(Kind::Drivetrain(drivetrain)) => drivetrain
+                .loads
+                .iter()
+                .map(|load| NamedLoad {
+                    name: &load.name,
+                    unit: Unit::NEWTON_METRE,
+                    nominal: load.nominal_nm,
+                })
+                .collect(),
+            None => Vec::new(),
+        }
+    }
+}
