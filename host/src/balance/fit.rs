@@ -122,7 +122,8 @@ pub fn fit(columns: &Columns, y: &[f64], table: &Table, noise_variance: f64) -> 
     let coefficients = solved(None);
     let relevance = (0..p)
         .map(|k| {
-            let precision = n as f64 + noise_variance / (columns.prior[k].powi(2) * mean_square).max(f64::MIN_POSITIVE);
+            let precision = n as f64
+                + noise_variance / (columns.prior[k].powi(2) * mean_square).max(f64::MIN_POSITIVE);
             ((coefficients[k] * scale[k]).powi(2) + noise_variance / precision) / mean_square
         })
         .collect();

@@ -415,7 +415,7 @@ impl Outcome {
         for part in &selection.parts {
             found_there.push(
                 &design::columns(validation, part.effect, &part.shape),
-                EFFECT_PRIOR,
+                &part.prior,
             );
         }
         let split = base.len();

@@ -120,13 +120,19 @@ impl<'a> Selection<'a> {
         let mut current = selection.fitted_with_noise();
         for step in 0..MOST {
             progress(step as f64 / MOST as f64);
+            let names = |parts: &[Part]| parts.iter().map(|p| p.effect.name()).collect::<Vec<_>>();
+            let before = names(&selection.parts);
             let Some(part) = selection.best(&candidates, &current, kinds) else {
                 break;
             };
             selection.parts.push(part);
             selection.refine();
             current = selection.fitted_with_noise();
-            selection.prune(&mut current);
+            selection.prune(&mut current, kinds);
+            // What was added is what was taken away: it would go round for ever.
+            if names(&selection.parts) == before {
+                break;
+            }
         }
         selection.judge(&candidates, kinds);
         selection
@@ -189,17 +195,11 @@ impl<'a> Selection<'a> {
                 same.count() < c.effect.repeats()
             })
             .map(|c| {
-                (
-                    c,
-                    fit(
-                        &columns.with(&c.columns, EFFECT_PRIOR),
-                        self.y,
-                        self.table,
-                        self.noise_variance,
-                    ),
-                )
+                let c = c.weighed(|part| self.fit(&columns.with(&part.columns, &part.prior)));
+                let fit = self.fit(&columns.with(&c.columns, &c.prior));
+                (c, fit)
             })
-            .filter(|(_, fit)| evidence(current, fit, kinds).is_some())
+            .filter(|(_, fit)| certain(current, fit, kinds))
             .collect();
         let least = tried
             .iter()
@@ -210,8 +210,8 @@ impl<'a> Selection<'a> {
             .filter(|(_, f)| f.left_out_squares() <= least * (1.0 + EQUAL).powi(2))
             .min_by(|a, b| {
                 let size = |p: &Part| p.columns.len() + p.effect.refined().len();
-                size(a.0)
-                    .cmp(&size(b.0))
+                size(&a.0)
+                    .cmp(&size(&b.0))
                     .then(a.1.left_out_squares().total_cmp(&b.1.left_out_squares()))
             })?;
         Some(part.clone())
@@ -222,15 +222,7 @@ impl<'a> Selection<'a> {
         for k in 0..self.parts.len() {
             let others = self.columns(Some(k));
             let prior = self.parts[k].prior.clone();
-            let cost = |columns: &[Vec<f64>]| {
-                fit(
-                    &others.with(columns, EFFECT_PRIOR),
-                    self.y,
-                    self.table,
-                    self.noise_variance,
-                )
-                .squares
-            };
+            let cost = |columns: &[Vec<f64>]| self.fit(&others.with(columns, &prior)).squares;
             let mut part = self.parts[k].clone();
             let mut least = cost(&part.columns);
             for &i in part.effect.refined() {
@@ -258,27 +250,19 @@ impl<'a> Selection<'a> {
         }
     }
 
-    /// Takes away what became superfluous, the least useful first.
-    fn prune(&mut self, current: &mut Fit) {
+    /// Takes away what became superfluous or uncertain, the least useful first.
+    fn prune(&mut self, current: &mut Fit, kinds: usize) {
         while self.parts.len() > 1 {
-            let without: Vec<f64> = (0..self.parts.len())
-                .map(|k| {
-                    fit(
-                        &self.columns(Some(k)),
-                        self.y,
-                        self.table,
-                        self.noise_variance,
-                    )
-                    .left_out_squares()
+            let superfluous = (0..self.parts.len())
+                .map(|k| (k, self.fit(&self.columns(Some(k)))))
+                .filter(|(_, without)| {
+                    gain(without, current) < EQUAL
+                        || p_value(without, current) * kinds as f64 > FALSE_ALARM
                 })
-                .collect();
-            let Some((k, least)) = without.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1))
-            else {
+                .min_by(|a, b| a.1.left_out_squares().total_cmp(&b.1.left_out_squares()));
+            let Some((k, _)) = superfluous else {
                 return;
             };
-            if *least > current.left_out_squares() * (1.0 + EQUAL).powi(2) {
-                return;
-            }
             self.parts.remove(k);
             *current = self.fitted_with_noise();
         }
@@ -292,7 +276,7 @@ impl<'a> Selection<'a> {
             let without = self.fit(&others);
             let name = self.parts[k].effect.name();
             self.parts[k].evidence = Evidence {
-                gain: 1.0 - (current.left_out_squares() / without.left_out_squares()).sqrt(),
+                gain: gain(&without, &current),
                 p_value: (p_value(&without, &current) * kinds as f64).min(1.0),
             };
             let taken: Vec<&str> = self.parts.iter().map(|p| p.effect.name()).collect();
@@ -300,12 +284,8 @@ impl<'a> Selection<'a> {
                 .par_iter()
                 .filter(|c| c.effect.name() != name && !taken.contains(&c.effect.name()))
                 .map(|c| {
-                    let swapped = fit(
-                        &others.with(&c.columns, EFFECT_PRIOR),
-                        self.y,
-                        self.table,
-                        self.noise_variance,
-                    );
+                    let c = c.weighed(|part| self.fit(&others.with(&part.columns, &part.prior)));
+                    let swapped = self.fit(&others.with(&c.columns, &c.prior));
                     (
                         c.effect.name(),
                         (swapped.left_out_squares() / current.left_out_squares()).sqrt(),
@@ -347,15 +327,21 @@ fn candidates(motions: &[Motion], scale: &Scale) -> Vec<Part> {
             evidence: Evidence::default(),
             alternatives: Vec::new(),
         })
-        .map(|part| Part { prior: shared(part.columns.len(), EFFECT_PRIOR), ..part })
+        .map(|part| Part {
+            prior: shared(part.columns.len(), EFFECT_PRIOR),
+            ..part
+        })
         .collect()
 }
 
+/// Part by which the error of what was left out falls from `current` to `better`.
+fn gain(current: &Fit, better: &Fit) -> f64 {
+    1.0 - (better.left_out_squares() / current.left_out_squares()).sqrt()
+}
+
 /// Whether `better` is better than `current` for certain, on what was left out.
-fn evidence(current: &Fit, better: &Fit, kinds: usize) -> Option<Evidence> {
-    let gain = 1.0 - (better.left_out_squares() / current.left_out_squares()).sqrt();
-    let p_value = p_value(current, better) * kinds as f64;
-    (gain >= LEAST_GAIN && p_value < FALSE_ALARM).then_some(Evidence { gain, p_value })
+fn certain(current: &Fit, better: &Fit, kinds: usize) -> bool {
+    gain(current, better) >= LEAST_GAIN && p_value(current, better) * (kinds as f64) < FALSE_ALARM
 }
 
 /// Probability that the error falls by chance as it does, stretch by stretch:
