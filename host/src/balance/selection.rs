@@ -16,6 +16,10 @@ const EQUAL: f64 = 0.01;
 /// Probability of a false alarm, over all candidates together.
 const FALSE_ALARM: f64 = 0.02;
 
+/// Probability above which an effect that was added is taken away again. More
+/// than [`FALSE_ALARM`], so that nothing comes and goes.
+const NO_LONGER_CERTAIN: f64 = 0.2;
+
 /// Columns from which on an effect's columns are weighed one by one.
 const MANY: usize = 8;
 
@@ -126,6 +130,8 @@ impl<'a> Selection<'a> {
                 break;
             };
             selection.parts.push(part);
+            selection.fitted_with_noise();
+            selection.rescan(&candidates);
             selection.refine();
             current = selection.fitted_with_noise();
             selection.prune(&mut current, kinds);
@@ -217,6 +223,33 @@ impl<'a> Selection<'a> {
         Some(part.clone())
     }
 
+    /// Takes the shape on trial that is best now: what was noise beside a missing
+    /// effect may be told from it once that is there.
+    fn rescan(&mut self, candidates: &[Part]) {
+        for k in 0..self.parts.len() {
+            let others = self.columns(Some(k));
+            let error = |part: &Part| {
+                self.fit(&others.with(&part.columns, &part.prior))
+                    .left_out_squares()
+            };
+            let now = error(&self.parts[k]);
+            let best = candidates
+                .par_iter()
+                .filter(|c| c.effect.name() == self.parts[k].effect.name())
+                .map(|c| {
+                    let c = c.weighed(|part| self.fit(&others.with(&part.columns, &part.prior)));
+                    let error = error(&c);
+                    (c, error)
+                })
+                .min_by(|a, b| a.1.total_cmp(&b.1));
+            if let Some((part, least)) = best
+                && least * (1.0 + EQUAL).powi(2) < now
+            {
+                self.parts[k] = part;
+            }
+        }
+    }
+
     /// Moves the shapes to where the fit is best, one at a time, in ever smaller steps.
     fn refine(&mut self) {
         for k in 0..self.parts.len() {
@@ -257,7 +290,7 @@ impl<'a> Selection<'a> {
                 .map(|k| (k, self.fit(&self.columns(Some(k)))))
                 .filter(|(_, without)| {
                     gain(without, current) < EQUAL
-                        || p_value(without, current) * kinds as f64 > FALSE_ALARM
+                        || p_value(without, current) * kinds as f64 > NO_LONGER_CERTAIN
                 })
                 .min_by(|a, b| a.1.left_out_squares().total_cmp(&b.1.left_out_squares()));
             let Some((k, _)) = superfluous else {

@@ -1,14 +1,11 @@
 //! `loadtwin diagnose`.
 
 use std::path::PathBuf;
-use std::time::Instant;
 
 use clap::Args;
-use serde_json::{Value, json};
 
-use super::output::say;
-use super::progress::Progress;
-use crate::balance::{self, Diagnosis, Figure, Request};
+use super::balance;
+use crate::balance::Request;
 use crate::machine::Machine;
 
 /// Find which physical effect a model lacks, and add it.
@@ -25,12 +22,12 @@ pub struct Diagnose {
     recordings: Vec<PathBuf>,
     /// Recordings to report the error on; where none is given, a third of each
     /// fitted one is kept for that.
-    #[arg(long, num_args = 1.., value_name = "FILE")]
+    #[arg(long, num_args = 1.., value_name = "RECORDING")]
     validate: Vec<PathBuf>,
-    /// Write the improved description to FILE.toml.
-    #[arg(short, long, value_name = "FILE")]
-    output: Option<PathBuf>,
-    /// Judge the drive below this frequency [Hz]; the description's
+    /// Write the machine description with what was found.
+    #[arg(short, long, value_name = "FILE.toml")]
+    out: Option<PathBuf>,
+    /// Judge a balance below this frequency [Hz]; the description's
     /// `tuning.cutoff_hz` where absent.
     #[arg(long, value_name = "HZ")]
     cutoff_hz: Option<f64>,
@@ -38,106 +35,19 @@ pub struct Diagnose {
 
 impl Diagnose {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
-        let started = Instant::now();
         let machine = Machine::load(&self.machine)?;
         let cutoff_hz = self.cutoff_hz.unwrap_or(machine.tuning.cutoff_hz);
         anyhow::ensure!(
             cutoff_hz > 0.0 && cutoff_hz.is_finite(),
             "--cutoff-hz {cutoff_hz}: allowed: above 0"
         );
-        let progress = Progress::new("diagnose");
         let request = Request {
             machine: &machine,
             fit: &self.recordings,
             validate: &self.validate,
             cutoff_hz,
-            machine_out: self.output.as_deref(),
+            machine_out: self.out.as_deref(),
         };
-        let diagnosis = balance::diagnose(&request, |part| progress.show(part))?;
-        drop(progress);
-        let seconds = started.elapsed().as_secs_f64();
-        if as_json {
-            let mut out = serde_json::to_value(&diagnosis)?;
-            if let Value::Object(out) = &mut out {
-                out.insert("machine".into(), json!(machine.name));
-                out.insert("seconds".into(), json!(seconds));
-            }
-            say!("{out}");
-        } else {
-            print(&diagnosis);
-            say!("{seconds:.1} s");
-        }
-        Ok(())
+        balance::run(&request, as_json)
     }
-}
-
-fn print(diagnosis: &Diagnosis) {
-    say!("verdict: {}", diagnosis.verdict);
-    for effect in &diagnosis.effects {
-        say!(
-            "  {:<28} error falls by {:.1} %, p = {:.1e}",
-            effect.name,
-            effect.evidence.gain_percent,
-            effect.evidence.p_value
-        );
-        let largest = effect.parameters.terms.iter().take(6);
-        for (term, value) in largest {
-            say!("    {term}: {value:.4}");
-        }
-        say!("    shape: {:.4?}", effect.parameters.shape);
-    }
-    for alternative in &diagnosis.alternatives {
-        let instead: Vec<_> = alternative.instead.iter().map(|i| i.0).collect();
-        say!(
-            "  in place of {}: {}",
-            alternative.effect,
-            instead.join(", ")
-        );
-    }
-    if let Some(next) = &diagnosis.next_experiment {
-        say!("  {next}");
-    }
-    let linear = &diagnosis.recalibrated;
-    say!(
-        "linear part: offset {:.4}, inertia {:.4}, drag {:.4}, loads {:.4?}",
-        linear.offset,
-        linear.inertia,
-        linear.drag,
-        linear.load_gains
-    );
-    let figure = |f: &Figure| {
-        format!(
-            "{:.1} % ({:.1} to {:.1})",
-            f.value_percent, f.interval_percent[0], f.interval_percent[1]
-        )
-    };
-    say!(
-        "error below {} Hz, in parts of the drive's RMS, not fitted:",
-        diagnosis.cutoff_hz
-    );
-    for (name, e) in [
-        ("as described", &diagnosis.error.nominal),
-        ("recalibrated", &diagnosis.error.recalibrated),
-    ] {
-        say!(
-            "  {name}: {}, with effects {}",
-            figure(&e.before),
-            figure(&e.after)
-        );
-    }
-    for v in &diagnosis.validated_on {
-        say!(
-            "  {}: {:.1} %, with effects {:.1} %",
-            v.recording.display(),
-            v.before_percent,
-            v.after_percent
-        );
-    }
-    let rest = &diagnosis.remainder;
-    say!(
-        "remainder: {:.1} %, neighbours correlate {:.2}, function of {:.2?}",
-        rest.percent,
-        rest.neighbours,
-        rest.function_of
-    );
 }

@@ -1,5 +1,6 @@
 //! The command line: one file for each command.
 
+mod balance;
 mod build;
 mod calibrate;
 mod can;

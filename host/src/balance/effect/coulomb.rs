@@ -13,7 +13,11 @@ impl Effect for Coulomb {
     }
 
     fn shapes(&self, scale: &Scale) -> Vec<Vec<f64>> {
-        scale.sliding().into_iter().map(|s| vec![s]).collect()
+        scale
+            .distances(&[0.0, 1e-4])
+            .into_iter()
+            .map(|s| vec![s])
+            .collect()
     }
 
     fn shape_length(&self) -> usize {
