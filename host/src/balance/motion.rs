@@ -105,7 +105,9 @@ impl Motion {
             });
         }
         match balance.regime {
-            Regime::Moving => motion.derive(position, speed, period_s, cutoff_hz),
+            Regime::Moving => {
+                motion.derive(position.as_deref(), speed.as_deref(), period_s, cutoff_hz);
+            }
             Regime::Holding => {
                 motion.position = position.unwrap_or_default();
                 motion.judged = (0..motion.t.len())
@@ -120,20 +122,20 @@ impl Motion {
     /// Position, speed and acceleration from whichever of them was recorded.
     fn derive(
         &mut self,
-        position: Option<Vec<f64>>,
-        speed: Option<Vec<f64>>,
+        position: Option<&[f64]>,
+        speed: Option<&[f64]>,
         period_s: f64,
         cutoff_hz: f64,
     ) {
         // A kernel of fewer than about ten samples determines no acceleration.
         let motion = Smoother::new((MOTION_BAND * cutoff_hz).min(0.08 / period_s));
         for i in 0..self.t.len() {
-            if let Some(position) = &position {
+            if let Some(position) = position {
                 let nearest = finite_near(position, i);
                 [self.position[i], self.speed[i], self.acceleration[i]] =
                     motion.cubic(&self.t, position, nearest);
             }
-            if let Some(speed) = &speed {
+            if let Some(speed) = speed {
                 let nearest = finite_near(speed, i);
                 let [v, a, _] = motion.cubic(&self.t, speed, nearest);
                 (self.speed[i], self.acceleration[i]) = (v, a);

@@ -67,8 +67,7 @@ fn explained(x: &[f64], rest: &[f64]) -> f64 {
             (a.min(*x), b.max(*x))
         });
     let n = rest.len() as f64;
-    // A comparison that NaN fails, too.
-    if n <= 2.0 * BINS as f64 || !(most > least) {
+    if n <= 2.0 * BINS as f64 || most <= least {
         return 0.0;
     }
     let mut bins = vec![(0.0, 0.0); BINS];

@@ -56,7 +56,7 @@ impl Part {
     /// Automatic relevance determination: of many columns most contribute nothing,
     /// and what each contributes becomes its prior.
     ///
-    /// Source: MacKay 1994; Tipping 2001, Sparse Bayesian learning.
+    /// Source: Tipping 2001, Sparse Bayesian learning.
     fn weigh(&mut self, relevance: &[f64]) {
         if self.columns.len() >= MANY {
             self.prior = relevance.iter().map(|r| r.sqrt()).collect();

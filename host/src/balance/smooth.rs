@@ -91,9 +91,7 @@ impl Smoother {
 fn solve(moments: &[f64; 7], right: [f64; 4]) -> Option<[f64; 4]> {
     let mut a = [[0.0; 5]; 4];
     for i in 0..4 {
-        for j in 0..4 {
-            a[i][j] = moments[i + j];
-        }
+        a[i][..4].copy_from_slice(&moments[i..i + 4]);
         a[i][4] = right[i];
     }
     for i in 0..4 {

@@ -91,6 +91,14 @@ fn print(diagnosis: &Diagnosis) {
             v.after_percent
         );
     }
+    for b in &diagnosis.beyond {
+        say!(
+            "  extrapolated: {} up to {:.3}, fitted up to {:.3}",
+            b.what,
+            b.validated,
+            b.fitted
+        );
+    }
     let rest = &diagnosis.remainder;
     say!(
         "remainder: {:.1} %, neighbours correlate {:.2}, function of {:.2?}",
