@@ -24,6 +24,8 @@ pub struct Estimate {
     pub angle_rad: f32,
     /// Whether the angle is homed on an index pulse.
     pub homed: bool,
+    /// Whether it was made by gains computed beforehand.
+    pub steady: bool,
     /// Samples lost just before this one.
     pub lost: u32,
 }

@@ -12,6 +12,7 @@
 //! Source: Bosmans et al. 2023, section 4.1, eq. (1), (6)-(14).
 
 mod model;
+mod steady;
 
 use heapless::Vec;
 use nalgebra::{RowSVector, SMatrix, SVector};
@@ -29,6 +30,7 @@ use crate::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
 use crate::transition::{ProcessNoise, RandomWalk, Transition};
 
 pub use model::{Channel, Encoder, GearboxModel, LOADS, Role};
+pub use steady::SteadyGains;
 
 /// Samples after which a gap is a new start.
 const LONGEST_GAP: u32 = 100;
@@ -45,6 +47,9 @@ pub struct Gearbox<'a, const NX: usize> {
     counters: Vec<Counter, MAX_ENCODERS>,
     channel_rows: Vec<RowSVector<f32, NX>, MAX_CHANNELS>,
     encoder_rows: Vec<RowSVector<f32, NX>, MAX_ENCODERS>,
+    /// The first channel of each direction, and the direction of each channel.
+    directions: Vec<u8, MAX_CHANNELS>,
+    direction_of: Vec<u8, MAX_CHANNELS>,
     transition: Transition<NX, LOADS, RandomWalk>,
     process_noise: ProcessNoise<NX>,
     initial: Gaussian<NX>,
@@ -59,8 +64,12 @@ pub struct GearboxState<const NX: usize> {
     gates: [Gate; MAX_SENSORS],
     drive: [f32; MAX_CHANNELS],
     age: u16,
+    /// Turn of the carrier in the last sample [rad].
+    turned: f32,
     homed_by_pulse: bool,
     started: bool,
+    /// Whether the next sample is taken by the steady gains.
+    steady: bool,
 }
 
 impl<'a, const NX: usize> Gearbox<'a, NX> {
@@ -93,6 +102,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             .iter()
             .map(|encoder| rows(&encoder.row))
             .collect();
+        let (directions, direction_of) = model.directions();
         let initial_std = SVector::<f32, NX>::from_row_slice(&model.initial_std);
         Ok(Self {
             transition: Transition::try_new(&augmented(&model.transition), RandomWalk)?,
@@ -106,6 +116,8 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             counters,
             channel_rows,
             encoder_rows,
+            directions,
+            direction_of,
             model,
         })
     }
@@ -118,8 +130,10 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             gates: [self.gate; MAX_SENSORS],
             drive: [0.0; MAX_CHANNELS],
             age: u16::MAX,
+            turned: 0.0,
             homed_by_pulse: false,
             started: false,
+            steady: false,
         }
     }
 
@@ -145,36 +159,53 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             lost: m.lost,
             ..Estimate::default()
         };
+        if self.model.encoders.is_empty() && raw.index.is_some() {
+            self.home_by_pulse(state);
+        }
+        estimate.homed = m.homed || state.homed_by_pulse || index.is_none();
+        estimate.steady = state.steady;
+        let steady = self.model.steady.as_ref();
+        let variances = match steady.filter(|_| state.steady) {
+            Some(gains) => self.correct_steadily(gains, state, &m, &mut estimate),
+            None => self.correct(state, &m, &mut estimate),
+        };
+        estimate.angle_rad = wrap_rad(state.belief.state[0]);
+        if let Some(gains) = steady {
+            self.settle(gains, state, &m, &estimate);
+        }
+        for (j, signal) in self.model.loads.iter().enumerate() {
+            let load = self.load(state, j, signal, variances, estimate.homed, m.slipped);
+            let _ = estimate.loads.push(load);
+        }
+        // Days without any sensor overflow a variance; what follows is a new start.
+        state.started = estimate.loads.iter().all(|load| load.std < f32::MAX);
+        estimate
+    }
+
+    /// The full recursion: encoders, then channels, one scalar update each.
+    fn correct(
+        &self,
+        state: &mut GearboxState<NX>,
+        m: &Measurement,
+        estimate: &mut Estimate,
+    ) -> [f32; LOADS] {
         let mut angles = [SensorEstimate::default(); MAX_ENCODERS];
         for (k, slot) in angles
             .iter_mut()
             .enumerate()
             .take(self.model.encoders.len())
         {
-            *slot = self.update_angle(state, k, &m);
+            *slot = self.update_angle(state, k, m);
         }
-        if self.model.encoders.is_empty() && raw.index.is_some() {
-            self.home_by_pulse(state);
-        }
-        let homed = m.homed || state.homed_by_pulse || index.is_none();
         let angle = Phase::from_rad(state.belief.state[0]);
         for (i, channel) in self.model.channels.iter().enumerate() {
-            let sensor = self.update_channel(state, i, channel, &m, homed, angle);
+            let sensor = self.update_channel(state, i, channel, m, estimate.homed, angle);
             let _ = estimate.sensors.push(sensor);
         }
         for sensor in angles.iter().take(self.model.encoders.len()) {
             let _ = estimate.sensors.push(*sensor);
         }
-        estimate.angle_rad = wrap_rad(state.belief.state[0]);
-        estimate.homed = homed;
-        for (j, signal) in self.model.loads.iter().enumerate() {
-            let _ = estimate
-                .loads
-                .push(self.load(state, j, signal, homed, m.slipped));
-        }
-        // Days without any sensor overflow a variance; what follows is a new start.
-        state.started = estimate.loads.iter().all(|load| load.std < f32::MAX);
-        estimate
+        state.belief.load_variances::<LOADS>().into()
     }
 
     fn restart(&self, state: &mut GearboxState<NX>, m: &Measurement) {
@@ -182,6 +213,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         state.gates = [self.gate; MAX_SENSORS];
         state.age = u16::MAX;
         state.started = true;
+        state.steady = false;
         if let Some(Ok(angle)) = m.angles.first() {
             state.belief.state[0] = angle.to_rad();
         }
@@ -202,7 +234,13 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
     }
 
     fn predict(&self, state: &mut GearboxState<NX>) {
-        kalman::predict(&mut state.belief, &self.transition, &self.process_noise);
+        let from = state.belief.state[0];
+        state.belief.state = self.transition.propagate(&state.belief.state);
+        state.turned = state.belief.state[0] - from;
+        if !state.steady {
+            self.transition
+                .propagate_covariance(&mut state.belief, &self.process_noise);
+        }
         if self.model.loads.len() < LOADS {
             // Nothing measures the absent load: what is not known of it must not pile up.
             state
@@ -347,13 +385,14 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         state: &GearboxState<NX>,
         j: usize,
         signal: &LoadSignal,
+        variances: [f32; LOADS],
         homed: bool,
         slipped: bool,
     ) -> LoadEstimate {
         let d = NX - LOADS + j % LOADS;
         let scale = self.model.scale.get(d).copied().unwrap_or(1.0);
         let value = state.belief.state[d] * scale;
-        let std = libm::sqrtf(state.belief.load_variances::<LOADS>()[j % LOADS]) * scale;
+        let std = libm::sqrtf(variances[j % LOADS]) * scale;
         if !(value.is_finite() && std.is_finite()) {
             return LoadEstimate {
                 value: 0.0,

@@ -10,7 +10,7 @@ use crate::Error;
 use crate::gearbox::GearboxModel;
 
 /// Version of the layout of [`Image`]; another one is refused.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 
 /// Longest name of a machine or a load in an image [bytes].
 pub const MAX_NAME: usize = 24;

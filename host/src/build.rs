@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use clap::ValueEnum;
 use thiserror::Error;
 
 use crate::gearbox;
@@ -19,6 +20,29 @@ pub struct Sensors {
     pub encoders: Vec<Encoder>,
     /// Random walk of loads by name, in place of the load's own [N m/sqrt(s)].
     pub walks: BTreeMap<String, f64>,
+    /// What they are filtered by.
+    pub filter: Filter,
+}
+
+/// The filters that an image can ask for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Filter {
+    /// Augmented extended Kalman filter.
+    #[default]
+    Aekf,
+    /// The same with gains computed beforehand over the carrier angle, a tenth of
+    /// its arithmetic; start, standstill and faults by the full recursion.
+    Steady,
+}
+
+impl Filter {
+    /// What `--filter` calls it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Aekf => "aekf",
+            Self::Steady => "steady",
+        }
+    }
 }
 
 /// Why no image can be made.
@@ -44,6 +68,11 @@ pub enum BuildError {
     /// The model's numbers are refused by the estimator.
     #[error("the model is refused: {0}")]
     Model(loadtwin_common::Error),
+    /// There are no steady gains.
+    #[error(
+        "no steady gains with these sensors: {0}; allowed: --filter aekf, or sensors that observe every load"
+    )]
+    NotSteady(&'static str),
     /// There are more sensors than one sample can carry.
     #[error(
         "{found} {what} without a sensor set; allowed: at most {most}, or a [[sensor_set]] that chooses"
@@ -96,6 +125,7 @@ impl Sensors {
                 channels: machine.channels.clone(),
                 encoders: machine.encoders.clone(),
                 walks: BTreeMap::new(),
+                filter: Filter::default(),
             },
             |set| Self::of_set(machine, set),
         );
@@ -119,6 +149,12 @@ impl Sensors {
         Ok(sensors)
     }
 
+    /// The same sensors with `filter`.
+    #[must_use]
+    pub fn filtered_by(self, filter: Filter) -> Self {
+        Self { filter, ..self }
+    }
+
     fn of_set(machine: &Machine, set: &SensorSet) -> Self {
         let channel = |name: &String| machine.channels.iter().find(|c| c.name == *name).cloned();
         let encoder = |name: &String| machine.encoders.iter().find(|e| e.name == *name).cloned();
@@ -126,6 +162,7 @@ impl Sensors {
             name: set.name.clone(),
             channels: set.channels.iter().filter_map(channel).collect(),
             walks: set.walk_nm_per_sqrt_s.clone(),
+            filter: Filter::default(),
             encoders: match &set.encoders {
                 Some(names) => names.iter().filter_map(encoder).collect(),
                 None => machine.encoders.clone(),

@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use loadtwin::build::{self, Sensors};
+use loadtwin::build::{self, Filter, Sensors};
 use loadtwin::machine::Machine;
 use loadtwin::seal::seal;
 use loadtwin_tests::firmware::root;
@@ -23,13 +23,16 @@ const STORED: [(&str, u32, u32); 7] = [
 #[test]
 fn steps_stay_within_their_bounds() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("line.image");
     let mut machine = Machine::load(&root().join("examples/gearbox/calibrated.toml")).unwrap();
     // Four gauges of one encoder: 6 states.
     machine.sensor_sets[0].channels = ["ta1", "ta2", "rg1", "rg2"].map(str::to_owned).to_vec();
-    let sensors = Sensors::choose(&machine, None).unwrap();
-    let payload = build::image(&machine, &sensors).unwrap();
-    std::fs::write(&path, seal(&payload, 1, None, None).unwrap()).unwrap();
+    let image = |filter: Filter| {
+        let sensors = Sensors::choose(&machine, None).unwrap().filtered_by(filter);
+        let payload = build::image(&machine, &sensors).unwrap();
+        let path = folder.path().join(filter.name());
+        std::fs::write(&path, seal(&payload, 1, None, None).unwrap()).unwrap();
+        path
+    };
 
     let target = std::env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| root().join("target"), std::path::PathBuf::from);
@@ -51,7 +54,8 @@ fn steps_stay_within_their_bounds() {
             "--bin",
             "steps",
         ])
-        .env("LOADTWIN_IMAGE", &path)
+        .env("LOADTWIN_IMAGE", image(Filter::Aekf))
+        .env("LOADTWIN_STEADY_IMAGE", image(Filter::Steady))
         .status()
         .unwrap();
     assert!(built.success());

@@ -3,6 +3,7 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
+use super::SteadyGains;
 use crate::Error;
 use crate::image::{LoadSignal, MAX_STATES, StateVec};
 use crate::measurement::{Converter, Counter, IndexPulse};
@@ -45,6 +46,9 @@ pub struct GearboxModel<'a> {
     pub encoders: Vec<Encoder, MAX_ENCODERS>,
     /// The pulse that homes the carrier angle.
     pub index: Option<IndexPulse>,
+    /// Gains computed beforehand; without them every sample takes the full recursion.
+    #[serde(borrow)]
+    pub steady: Option<SteadyGains<'a>>,
 }
 
 /// An analogue channel in the image.
@@ -97,6 +101,31 @@ pub struct Encoder {
 
 // Not generic over the number of states: compiled once, not for each of them.
 impl GearboxModel<'_> {
+    /// What the channels sense: the first channel of each direction, and the
+    /// direction of each channel; the drives have none, `u8::MAX`.
+    ///
+    /// Channels whose rows are equal share a direction.
+    pub fn directions(&self) -> (Vec<u8, MAX_CHANNELS>, Vec<u8, MAX_CHANNELS>) {
+        let mut firsts = Vec::<u8, MAX_CHANNELS>::new();
+        let mut of = Vec::new();
+        for (i, channel) in self.channels.iter().enumerate() {
+            let mut direction = u8::MAX;
+            if matches!(channel.role, Role::Measure { .. }) {
+                let same = |first: &u8| {
+                    let first = self.channels.get(usize::from(*first));
+                    first.is_some_and(|first| first.row == channel.row)
+                };
+                let found = firsts.iter().position(same).unwrap_or(firsts.len());
+                if found == firsts.len() {
+                    let _ = firsts.push(i as u8);
+                }
+                direction = found as u8;
+            }
+            let _ = of.push(direction);
+        }
+        (firsts, of)
+    }
+
     /// Checks every length and range for `states` states.
     pub(super) fn check(&self, states: usize) -> Result<(), Error> {
         let top = states - LOADS;
@@ -123,10 +152,22 @@ impl GearboxModel<'_> {
                 return Err(Error::OutOfRange("encoder bits"));
             }
         }
-        match &self.index {
-            Some(index) => positive([index.tolerance_rad], "index tolerance"),
+        if let Some(index) = &self.index {
+            positive([index.tolerance_rad], "index tolerance")?;
+        }
+        match &self.steady {
+            Some(gains) => self.check_steady(gains, states),
             None => Ok(()),
         }
+    }
+
+    fn check_steady(&self, gains: &SteadyGains<'_>, states: usize) -> Result<(), Error> {
+        // A bias is a direction of its own at every angle; without an encoder
+        // nothing measures the angle.
+        if self.channels.iter().any(Channel::has_bias) || self.encoders.is_empty() {
+            return Err(Error::OutOfRange("steady gains"));
+        }
+        gains.check(states, self.encoders.len() + self.directions().0.len())
     }
 }
 
@@ -160,6 +201,16 @@ impl Channel<'_> {
             return Err(Error::OutOfRange("bias state"));
         }
         Ok(())
+    }
+
+    fn has_bias(&self) -> bool {
+        matches!(
+            self.role,
+            Role::Measure {
+                bias_state: Some(_),
+                ..
+            }
+        )
     }
 }
 

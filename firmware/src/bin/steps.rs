@@ -7,7 +7,8 @@
 //!
 //! ```sh
 //! loadtwin build examples/gearbox/calibrated.toml -o line.image
-//! LOADTWIN_IMAGE=$PWD/line.image cargo build --profile firmware --target thumbv7em-none-eabihf -p loadtwin-firmware \
+//! loadtwin build examples/gearbox/calibrated.toml --filter steady -o steady.image
+//! LOADTWIN_IMAGE=$PWD/line.image LOADTWIN_STEADY_IMAGE=$PWD/steady.image cargo build --profile firmware --target thumbv7em-none-eabihf -p loadtwin-firmware \
 //!     --features emulated,peers --bin steps
 //! qemu-system-arm -M mps2-an386 -cpu cortex-m4 -display none -monitor none -icount shift=10 \
 //!     -semihosting-config enable=on,target=native \
@@ -31,10 +32,12 @@ use embedded_alloc::LlffHeap as Heap;
 use loadtwin_common::butterworth::{Butterworth, ButterworthState};
 use loadtwin_common::frame::Encoder;
 use loadtwin_common::gaussian::Gaussian;
+use loadtwin_common::gearbox::{GearboxModel, Role};
 use loadtwin_common::image::{Image, Model};
 use loadtwin_common::innovation::Gate;
 use loadtwin_common::kalman::{predict, predict_constant, update};
 use loadtwin_common::line::Line;
+use loadtwin_common::phase::Phase;
 use loadtwin_common::raw::RawSample;
 use loadtwin_common::scheduled_gain::{GainBin, GainSchedule};
 use loadtwin_common::sealed;
@@ -217,37 +220,58 @@ fn naive<const NX: usize, const NY: usize>(name: &str) {
     black_box((x, p));
 }
 
-/// The same step by minikalman; its builder needs a heap.
-/// The whole gearbox line, raw words to payload bytes, on the sealed image
-/// that the build names.
-fn line() {
-    let (_, payload) = sealed::open(include_bytes!(env!("LOADTWIN_IMAGE"))).unwrap();
+/// Samples of a turn: 29 turns a minute at 500 samples a second and 16384 counts a turn.
+const TURN: usize = 1024;
+
+/// What the four gauges of the line read over a turn at half the nominal load,
+/// with noise of half a micrometre a metre.
+fn words(model: &GearboxModel<'_>) -> [[i32; 4]; TURN] {
+    let pulse = model.index.as_ref().unwrap().angle;
+    core::array::from_fn(|k| {
+        let angle = pulse.turned_by(Phase(((k as u64) << 32) / TURN as u64 * (1 << 32)));
+        core::array::from_fn(|i| {
+            let channel = &model.channels[i];
+            let Role::Measure { offset, map, .. } = &channel.role else {
+                return 0;
+            };
+            let reading = offset + 0.5 * map.at(angle).0;
+            let noise = ((k * 37 + i * 101) % 64) as i32 - 32;
+            channel.converter.zero + (reading / channel.converter.gain) as i32 + 16 * noise
+        })
+    })
+}
+
+/// The whole gearbox line, raw words to payload bytes, on a sealed image.
+fn line(name: &str, sealed: &[u8]) {
+    let (_, payload) = sealed::open(sealed).unwrap();
     let image = Image::from_bytes(payload).unwrap();
-    let channels = match &image.model {
-        Model::Gearbox(model) => model.channels.len(),
-    };
+    let Model::Gearbox(model) = &image.model;
+    let words = words(model);
     let mut encoder = Encoder::try_build(&image, 0).unwrap();
     let mut line = Line::try_build(image).unwrap();
+    let mut steady = 0;
     let mut sample = |tick: u32| {
         let mut raw = RawSample {
             tick,
             ..RawSample::default()
         };
-        for i in 0..channels {
-            raw.set_word(i, 90_000 + ((tick as i32 * 37 + i as i32 * 101) % 64) * 16);
+        for (i, word) in words[tick as usize % TURN].iter().enumerate() {
+            raw.set_word(i, *word);
         }
-        // 26 turns a minute at 16384 counts a turn and 500 samples a second.
-        raw.set_encoder(0, tick * 14);
-        raw.index = tick.is_multiple_of(1170).then_some(tick * 14);
+        raw.set_encoder(0, tick * 16);
+        raw.index = (tick as usize).is_multiple_of(TURN).then_some(tick * 16);
         let estimate = line.step(black_box(&raw));
+        steady += u32::from(estimate.steady);
         encoder.estimate(&estimate, |frame| {
             black_box(frame);
         });
     };
     (0..3000).for_each(&mut sample);
-    report("gearbox_line", |k| sample(3000 + k));
+    report(name, |k| sample(3000 + k));
+    hprintln!("{}_by_steady_gains {}", name, steady);
 }
 
+/// The same step by minikalman; its builder needs a heap.
 fn minikalman<const NX: usize, const NY: usize>(name: &str) {
     let f = system::<NX>();
     let builder = KalmanFilterBuilder::<NX, f32>::default();
@@ -301,7 +325,11 @@ fn main() -> ! {
     unscented();
     scheduled_gain();
     butterworth();
-    line();
+    line("gearbox_line", include_bytes!(env!("LOADTWIN_IMAGE")));
+    line(
+        "gearbox_steady_line",
+        include_bytes!(env!("LOADTWIN_STEADY_IMAGE")),
+    );
     minikalman::<6, 4>("minikalman_6_4");
     minikalman::<6, 1>("minikalman_6_1");
     minikalman::<12, 4>("minikalman_12_4");

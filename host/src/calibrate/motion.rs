@@ -8,7 +8,7 @@ use loadtwin_common::image::{Image, Model};
 use loadtwin_common::measurement::Unwrap;
 
 use super::CalibrateError;
-use crate::build::{self, Sensors};
+use crate::build::{self, Filter, Sensors};
 use crate::gearbox::Torsion;
 use crate::machine::{Direction, Drivetrain, Machine, Senses};
 use crate::replay::{ReplayError, Samples};
@@ -72,6 +72,7 @@ impl Motion {
             channels: Vec::new(),
             encoders: homing.map_or(encoders, |encoder| vec![encoder]),
             name: String::new(),
+            filter: Filter::default(),
             walks: BTreeMap::new(),
         };
         let payload = build::image(machine, &sensors).map_err(ReplayError::from)?;

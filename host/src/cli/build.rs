@@ -5,13 +5,13 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use clap::Args;
-use loadtwin_common::image::Image;
+use loadtwin_common::image::{Image, Model};
 use loadtwin_common::line::Line;
 use serde_json::json;
 
 use super::output::say;
 use crate::atomic_file::AtomicFile;
-use crate::build::{self, Sensors};
+use crate::build::{self, Filter, Sensors};
 use crate::key::SigningKey;
 use crate::machine::Machine;
 use crate::seal::seal;
@@ -24,6 +24,9 @@ pub struct Build {
     /// Set of sensors; the first of the description where absent.
     #[arg(long, value_name = "NAME")]
     sensors: Option<String>,
+    /// The filter.
+    #[arg(long, value_enum, default_value_t)]
+    filter: Filter,
     /// Signs the image, so that a board takes it.
     #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
@@ -43,9 +46,14 @@ impl Build {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let started = std::time::Instant::now();
         let machine = Machine::load(&self.machine)?;
-        let sensors = Sensors::choose(&machine, self.sensors.as_deref())?;
+        let sensors = Sensors::choose(&machine, self.sensors.as_deref())?.filtered_by(self.filter);
         let payload = build::image(&machine, &sensors)?;
-        Line::try_build(Image::from_bytes(&payload)?)?;
+        let image = Image::from_bytes(&payload)?;
+        let Model::Gearbox(model) = &image.model;
+        let steady_speed = model
+            .steady
+            .map(|gains| gains.turn().map(|turn| f64::from(turn) * machine.rate_hz));
+        Line::try_build(image)?;
         let issue = self.issue.map_or_else(seconds_since_1970, Ok)?;
         let key = self.key.as_deref().map(SigningKey::read).transpose()?;
         let image = seal(&payload, issue, self.replaces, key.as_ref())?;
@@ -63,6 +71,8 @@ impl Build {
                 "bytes": image.len(),
                 "issue": issue,
                 "signed": key.is_some(),
+                "filter": self.filter.name(),
+                "steady_from_to_rad_s": steady_speed,
                 "channels": names(sensors.channels.iter().map(|c| &c.name).collect()),
                 "encoders": names(sensors.encoders.iter().map(|e| &e.name).collect()),
                 "seconds": seconds,

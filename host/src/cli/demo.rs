@@ -7,6 +7,7 @@ use serde_json::json;
 
 use super::output::say;
 use super::replay;
+use crate::build::Filter;
 use crate::machine::Machine;
 
 /// The example's recordings, each with the description of its machine: with the
@@ -35,7 +36,7 @@ pub fn run(as_json: bool) -> anyhow::Result<()> {
     for (description, file, title) in RECORDINGS {
         let machine = Machine::load(&folder.join(description))?;
         let recording = folder.join(file);
-        let outcomes = replay::every_set(&machine, &recording)?;
+        let outcomes = replay::every_set(&machine, &recording, Filter::default())?;
         if as_json {
             let sets: Vec<_> = outcomes
                 .iter()

@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use loadtwin_common::estimate::Estimate;
 use serde_json::{Value, json};
 
 use super::output::say;
 use super::progress::Progress;
-use crate::build::Sensors;
+use crate::build::{Filter, Sensors};
 use crate::machine::Machine;
 use crate::replay::{self, EstimateWriter, Figures, ReportPage, Sample};
 
@@ -37,17 +37,10 @@ pub struct Replay {
     report: Option<PathBuf>,
 }
 
-/// The filters that a replay can run.
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum Filter {
-    /// Augmented extended Kalman filter.
-    #[default]
-    Aekf,
-}
-
 /// What one replay found.
 pub(super) struct Outcome {
     pub(super) set: String,
+    pub(super) filter: Filter,
     pub(super) figures: Figures,
     pub(super) seconds: f64,
 }
@@ -56,7 +49,7 @@ impl Replay {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let machine = Machine::load(&self.machine)?;
         if self.all_sensors {
-            let outcomes = every_set(&machine, &self.recording)?;
+            let outcomes = every_set(&machine, &self.recording, self.filter)?;
             if as_json {
                 let sets: Vec<Value> = outcomes
                     .iter()
@@ -74,12 +67,17 @@ impl Replay {
         } else {
             print_table(&machine, std::slice::from_ref(&outcome));
             print_flags(&outcome.figures);
+            if self.filter == Filter::Steady {
+                let share =
+                    outcome.figures.steady_samples() as f64 / outcome.figures.samples() as f64;
+                say!("by steady gains: {:.1} % of the samples", 100.0 * share);
+            }
         }
         Ok(())
     }
 
     fn replay(&self, machine: &Machine) -> anyhow::Result<Outcome> {
-        let sensors = Sensors::choose(machine, self.sensors.as_deref())?;
+        let sensors = Sensors::choose(machine, self.sensors.as_deref())?.filtered_by(self.filter);
         let mut estimates = match &self.estimates {
             Some(path) => Some(EstimateWriter::create(path, machine, &sensors)?),
             None => None,
@@ -142,13 +140,18 @@ fn one_set(
     })?;
     Ok(Outcome {
         set: sensors.name.clone(),
+        filter: sensors.filter,
         figures,
         seconds: started.elapsed().as_secs_f64(),
     })
 }
 
 /// Replays `recording` with each set of sensors of the machine.
-pub(super) fn every_set(machine: &Machine, recording: &Path) -> anyhow::Result<Vec<Outcome>> {
+pub(super) fn every_set(
+    machine: &Machine,
+    recording: &Path,
+    filter: Filter,
+) -> anyhow::Result<Vec<Outcome>> {
     let names: Vec<Option<&str>> = if machine.sensor_sets.is_empty() {
         vec![None]
     } else {
@@ -163,7 +166,7 @@ pub(super) fn every_set(machine: &Machine, recording: &Path) -> anyhow::Result<V
         .map(|name| {
             one_set(
                 machine,
-                &Sensors::choose(machine, name)?,
+                &Sensors::choose(machine, name)?.filtered_by(filter),
                 recording,
                 |_, _| (),
             )
@@ -184,7 +187,8 @@ pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> 
         "sensors": outcome.set,
         "samples": figures.samples(),
         "rate_hz": machine.rate_hz,
-        "filter": "aekf",
+        "filter": outcome.filter.name(),
+        "steady_samples": figures.steady_samples(),
         "samples_per_second": figures.samples() as f64 / outcome.seconds,
         "loads": loads,
         "nis_mean": figures.nis_mean(),

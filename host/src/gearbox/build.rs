@@ -10,8 +10,9 @@ use loadtwin_common::phase::{Phase, PhaseStep};
 use loadtwin_common::table::PeriodicTable;
 
 use super::process_noise::process_noise;
+use super::steady::{SteadyTable, steady_gains};
 use super::torsion::Torsion;
-use crate::build::{BuildError, Sensors};
+use crate::build::{BuildError, Filter, Sensors};
 use crate::machine::{self, Drivetrain, MAP_ENTRIES, Machine, Senses, resampled};
 
 /// Load at the end of the scale on the bus, in nominal loads.
@@ -50,13 +51,20 @@ pub fn image(
         .zip(&tables)
         .map(|(channel, tables)| plan.channel(channel, tables))
         .collect::<Result<_, _>>()?;
+    let table;
+    let mut model = plan.model(machine, drivetrain, sensors, channels)?;
+    table = match sensors.filter {
+        Filter::Aekf => None,
+        Filter::Steady => Some(plan.steady_table(&model)?),
+    };
+    model.steady = table.as_ref().map(SteadyTable::gains);
     let rate_hz = machine.rate_hz;
     let image = Image {
         version: VERSION,
         machine: &machine.name,
         rate_hz: rate_hz as f32,
         can_base: machine.can_base,
-        model: Model::Gearbox(plan.model(machine, drivetrain, sensors, channels)?),
+        model: Model::Gearbox(model),
     };
     postcard::to_stdvec(&image).map_err(|_| BuildError::TooLarge("the image"))
 }
@@ -312,7 +320,28 @@ impl Plan {
                 .map(|(k, encoder)| self.encoder(k, encoder))
                 .collect::<Result<_, _>>()?,
             index,
+            steady: None,
         })
+    }
+
+    fn steady_table(&self, model: &GearboxModel<'_>) -> Result<SteadyTable, BuildError> {
+        let biased = |channel: &Channel<'_>| {
+            matches!(
+                channel.role,
+                Role::Measure {
+                    bias_state: Some(_),
+                    ..
+                }
+            )
+        };
+        if model.encoders.is_empty() {
+            return Err(BuildError::NotSteady("no encoder measures the angle"));
+        }
+        if model.channels.iter().any(biased) {
+            return Err(BuildError::NotSteady("a channel has a bias state"));
+        }
+        steady_gains(model, self.nominal_speed * self.dt_s)
+            .ok_or(BuildError::NotSteady("a load or a state is not observed"))
     }
 
     fn noise_entry(&self, q: &Mat<f64>, i: usize, j: usize) -> f64 {

@@ -2,8 +2,10 @@
 
 mod build;
 mod process_noise;
+mod steady;
 mod torsion;
 
 pub use build::image;
 pub use process_noise::{operating_points, process_noise};
+pub use steady::{SteadyTable, steady_gains};
 pub use torsion::Torsion;

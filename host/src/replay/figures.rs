@@ -15,6 +15,7 @@ pub struct Figures {
     /// For each reference, the load that it measures.
     reference_of: Vec<usize>,
     samples: u64,
+    steady: u64,
     nis: (f64, u64),
     flags: BTreeMap<&'static str, u64>,
 }
@@ -63,6 +64,7 @@ impl Figures {
             loads,
             reference_of,
             samples: 0,
+            steady: 0,
             nis: (0.0, 0),
             flags: BTreeMap::new(),
         }
@@ -71,6 +73,7 @@ impl Figures {
     /// Adds one sample.
     pub fn push(&mut self, sample: &Sample<'_>, estimate: &Estimate) {
         self.samples += 1;
+        self.steady += u64::from(estimate.steady);
         for (reference, j) in sample.references.iter().zip(&self.reference_of) {
             if let (Some((.., error)), Some(load)) =
                 (self.loads.get_mut(*j), estimate.loads.get(*j))
@@ -96,6 +99,11 @@ impl Figures {
     /// Samples so far.
     pub fn samples(&self) -> u64 {
         self.samples
+    }
+
+    /// Those of them that were taken by gains computed beforehand.
+    pub fn steady_samples(&self) -> u64 {
+        self.steady
     }
 
     /// Mean normalised innovation squared of one channel; 1 in a consistent filter.
