@@ -371,7 +371,7 @@ mod tests {
         // The encoder comes first: v = c P c' of the prediction itself.
         let encoder = point.observation.nrows() - 1;
         let row = point.observation.row(encoder).to_owned();
-        let v = (&row * &p * row.transpose())[0];
+        let v = &row * &p * row.transpose();
         let n = model.scale.len();
         assert!((entries[n] / v - 1.0).abs() < 1e-3, "{} {v}", entries[n]);
         // The loads after all channels.
