@@ -4,6 +4,7 @@ mod build;
 mod calibrate;
 mod can;
 mod demo;
+mod diagnose;
 mod key;
 mod manual;
 mod output;
@@ -40,6 +41,8 @@ enum Command {
     Calibrate(calibrate::Calibrate),
     /// Write a recording of a machine that is not there.
     Simulate(simulate::Simulate),
+    /// Find the physical effect that a model lacks.
+    Diagnose(diagnose::Diagnose),
     /// Reproduce the tables of the gearbox paper on simulated individuals.
     Tables(tables::Tables),
     /// Choose the noise of the filter from recordings and from the wanted bandwidth.
@@ -84,6 +87,7 @@ impl Cli {
             Some(Command::Replay(replay)) => replay.run(json),
             Some(Command::Calibrate(calibrate)) => calibrate.run(json),
             Some(Command::Simulate(simulate)) => simulate.run(json),
+            Some(Command::Diagnose(diagnose)) => diagnose.run(json),
             Some(Command::Tables(tables)) => tables.run(json),
             Some(Command::Tune(tune)) => tune.run(json),
             Some(Command::Zero(zero)) => zero.run(json),
