@@ -359,7 +359,8 @@ fn calibration_finds_the_node_of_the_patch() {
         *name += " [m/m/Nm]";
     }
     write_columns(&folder.join("actual.csv"), &columns).unwrap();
-    let simulate = "simulate actual.toml --scenario torque-ramps --seed 1 --duration-s 60 -o ramps.parquet";
+    let simulate =
+        "simulate actual.toml --scenario torque-ramps --seed 1 --duration-s 60 -o ramps.parquet";
     let output = loadtwin(&simulate.split(' ').collect::<Vec<_>>(), folder);
     assert!(
         output.status.success(),

@@ -158,7 +158,7 @@ impl Data {
         let errors = (0..self.streams.len())
             .map(|k| {
                 let ridge = self.ridge(k, &columns[k]);
-                self.left_out(&sums[k], &ridge)
+                left_out(&sums[k], &ridge)
             })
             .collect();
         Base {
@@ -240,22 +240,6 @@ impl Data {
         sums
     }
 
-    /// Squared errors on left-out folds, for each right-hand side.
-    fn left_out(&self, sums: &Sums, ridge: &[f64]) -> Vec<f64> {
-        let sides = sums.square[0].len();
-        let mut errors = vec![0.0; sides];
-        let (gram, right) = totals(sums);
-        for fold in 0..FOLDS {
-            let solution = solved(
-                &gram - &sums.gram[fold],
-                &(&right - &sums.right[fold]),
-                ridge,
-            );
-            add(&mut errors, &test_error(sums, fold, &solution));
-        }
-        errors
-    }
-
     /// Evidence of `effect` with the columns of its linear parameters
     /// (`columns[parameter][stream]`), beside `base`; with draws or without.
     pub fn trial(
@@ -320,7 +304,7 @@ impl Data {
                     let sums = self.joined(base, k, own, sides);
                     let mut ridge = self.ridge(k, &base.columns[k]);
                     ridge.extend(priors.iter().map(|p| self.streams[k].variance / (p * p)));
-                    self.left_out(&sums, &ridge)
+                    left_out(&sums, &ridge)
                 })
             })
             .collect()
@@ -414,6 +398,22 @@ impl Data {
         }
         errors
     }
+}
+
+/// Squared errors on left-out folds, for each right-hand side.
+fn left_out(sums: &Sums, ridge: &[f64]) -> Vec<f64> {
+    let sides = sums.square[0].len();
+    let mut errors = vec![0.0; sides];
+    let (gram, right) = totals(sums);
+    for fold in 0..FOLDS {
+        let solution = solved(
+            &gram - &sums.gram[fold],
+            &(&right - &sums.right[fold]),
+            ridge,
+        );
+        add(&mut errors, &test_error(sums, fold, &solution));
+    }
+    errors
 }
 
 fn totals(sums: &Sums) -> (Mat<f64>, Mat<f64>) {

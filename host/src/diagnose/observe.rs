@@ -60,7 +60,7 @@ pub fn observe(machine: &Machine, path: &Path) -> Result<Session, DiagnoseError>
         .iter()
         .map(|angle| derivatives(angle, width, recorded.dt_s))
         .unzip();
-    let motion = Bodies::new(machine, drivetrain, speeds, accelerations);
+    let motion = Bodies::new(machine, drivetrain, &speeds, &accelerations);
     let known = loads(machine, drivetrain, &recorded);
     if known.iter().all(Option::is_none) {
         return Err(refused(format!(
@@ -352,8 +352,8 @@ impl Bodies {
     fn new(
         machine: &Machine,
         drivetrain: &Drivetrain,
-        speeds: Vec<Vec<f64>>,
-        accelerations: Vec<Vec<f64>>,
+        speeds: &[Vec<f64>],
+        accelerations: &[Vec<f64>],
     ) -> Self {
         let place = |name: &str| {
             drivetrain

@@ -107,12 +107,11 @@ impl Recorded {
         for block in reader {
             let block = block?;
             for (k, (store, column)) in columns.iter_mut().zip(&block.columns).enumerate() {
-                match column {
-                    Some(column) => store.extend(column),
-                    None => {
-                        has_temperature &= k + 1 != wanted.len();
-                        store.resize(store.len() + block.len(), f64::NAN);
-                    }
+                if let Some(column) = column {
+                    store.extend(column);
+                } else {
+                    has_temperature &= k + 1 != wanted.len();
+                    store.resize(store.len() + block.len(), f64::NAN);
                 }
             }
         }
