@@ -130,7 +130,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         let m = (state.unwrap).convert(raw, &self.converters, &self.counters, index, lead);
         if !state.started || m.lost > LONGEST_GAP {
             self.restart(state, &m);
-        } else {
+        } else if !m.stale {
             for _ in 0..=m.lost {
                 self.predict(state);
             }
@@ -153,7 +153,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         {
             *slot = self.update_angle(state, k, &m);
         }
-        if self.model.encoders.is_empty() && raw.index.is_some() {
+        if self.model.encoders.is_empty() && raw.index.is_some() && !m.stale {
             self.home_by_pulse(state);
         }
         let homed = m.homed || state.homed_by_pulse || index.is_none();
