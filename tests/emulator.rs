@@ -10,10 +10,17 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use defmt_decoder::{DecodeError, Table};
+use loadtwin::key::SigningKey;
+use loadtwin::seal::seal;
+use loadtwin::upload::{Next, UploadError, Uploader};
 use loadtwin_common::frame::Frame;
 use loadtwin_common::raw::RawSample;
+use loadtwin_common::sealed::KEY_PAGE_LEN;
+use loadtwin_common::uds;
+use loadtwin_firmware::ram_flash::{self, KEY_AT, LAYOUT, PAGE, RamFlash};
 use loadtwin_firmware::slcan;
 use loadtwin_firmware::stimulus::{LONGEST, Stimulus};
+use loadtwin_firmware::store::Store;
 use tempfile::TempDir;
 
 /// The board while it runs.
@@ -36,37 +43,75 @@ pub struct End {
 /// The emulated board's binary.
 pub fn binary() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
-    BINARY.get_or_init(|| crate::firmware::build("emulated"))
+    BINARY.get_or_init(|| crate::firmware::build("emulated", "emulated"))
+}
+
+/// A flash for models with `key` in its page that has taken `images`, one after
+/// the other.
+///
+/// # Panics
+/// Where an image is refused.
+pub fn flash(key: &SigningKey, images: &[Vec<u8>]) -> Vec<u8> {
+    let mut bytes = vec![0xFF; ram_flash::LEN];
+    bytes[KEY_AT..KEY_AT + KEY_PAGE_LEN].copy_from_slice(&key.public().to_page());
+    for image in images {
+        let mut store = Store::boot(RamFlash(bytes), LAYOUT, Some(key.public()), |_, _, _| true)
+            .expect("the layout fits");
+        store
+            .begin(image, u32::try_from(image.len()).expect("it fits a slot"))
+            .expect("it is signed, and newer");
+        for page in image.chunks(PAGE) {
+            store.write(page).expect("the flash is whole");
+        }
+        store.finish(|_, _, _| true).expect("it is whole");
+        bytes = store.release().0;
+    }
+    bytes
 }
 
 impl Emulator {
-    /// Starts the board with a model image; it waits until [`Self::bus`] or
-    /// somebody else listens on its bus.
+    /// Starts the board with a model, sealed by a key of its own; it waits until
+    /// [`Self::bus`] or somebody else listens on its bus.
     ///
     /// # Panics
     /// Where the rig does not start.
-    pub fn start(image: &[u8]) -> Self {
-        Self::start_binary(binary(), image)
+    pub fn start(model: &[u8]) -> Self {
+        let key = SigningKey::generate().expect("random numbers");
+        let image = seal(model, 1, None, Some(&key)).expect("a model of that length");
+        Self::start_flash(&flash(&key, &[image]))
     }
 
-    /// As [`Self::start`], with another binary for the same board.
+    /// As [`Self::start`], with the whole content of the flash for models.
     ///
     /// # Panics
     /// Where the rig does not start.
-    pub fn start_binary(binary: &Path, image: &[u8]) -> Self {
+    pub fn start_flash(flash: &[u8]) -> Self {
+        // 8 ns an instruction, and the time between two samples is skipped.
+        Self::start_timed(flash, "shift=3,sleep=off")
+    }
+
+    /// As [`Self::start_flash`]; the board's clock does not run ahead of ours, so that
+    /// an upload meets the same time-outs on both sides.
+    ///
+    /// # Panics
+    /// Where the rig does not start.
+    pub fn start_paced(flash: &[u8]) -> Self {
+        Self::start_timed(flash, "shift=3,sleep=on")
+    }
+
+    fn start_timed(flash: &[u8], icount: &str) -> Self {
+        let binary = binary();
         let place = TempDir::new().expect("a temporary directory");
         let slot = place.path().join("model");
-        let length = u32::try_from(image.len()).expect("an image of less than 4 GiB");
-        fs::write(&slot, [&length.to_le_bytes(), image].concat()).expect("the model is written");
+        fs::write(&slot, flash).expect("the flash is written");
         let line = |name: &str| {
             let path = place.path().join(name);
             format!("unix:{},server=on,wait=on", path.display())
         };
         let mut qemu = Command::new("qemu-system-arm")
-            .args(["-M", "mps2-an386", "-cpu", "cortex-m4", "-no-reboot"])
+            .args(["-M", "mps2-an386", "-cpu", "cortex-m4"])
             .args(["-display", "none", "-monitor", "none"])
-            // 8 ns an instruction, and the time between two samples is skipped.
-            .args(["-icount", "shift=3,sleep=off"])
+            .args(["-icount", icount])
             .args(["-serial", &line("sensors"), "-serial", &line("bus")])
             .args(["-semihosting-config", "enable=on,target=native"])
             .arg("-device")
@@ -196,6 +241,38 @@ impl Bus {
         self.writer
             .write_all(&slcan::encode(frame))
             .expect("the board takes it");
+    }
+
+    /// Uploads an image with the host's own uploader; gives what came of it and
+    /// the frames that were no answers.
+    ///
+    /// # Panics
+    /// Where the board is gone.
+    pub fn upload(&mut self, image: Vec<u8>) -> (Result<(), UploadError>, Vec<Frame>) {
+        let start = Instant::now();
+        let mut others = Vec::new();
+        let mut uploader = match Uploader::new(image) {
+            Ok(uploader) => uploader,
+            Err(error) => return (Err(error), others),
+        };
+        loop {
+            match uploader.poll(start.elapsed().as_micros() as u32) {
+                Next::Frame(data) => self.send(&Frame {
+                    id: uds::REQUEST_ID,
+                    data,
+                }),
+                Next::Wait(_) => {
+                    let frame = self.next().expect("the board runs");
+                    if frame.id == uds::ANSWER_ID {
+                        uploader.on_frame(&frame.data, start.elapsed().as_micros() as u32);
+                    } else {
+                        others.push(frame);
+                    }
+                }
+                Next::Accepted => return (Ok(()), others),
+                Next::Failed(error) => return (Err(error), others),
+            }
+        }
     }
 }
 

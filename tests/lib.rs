@@ -3,3 +3,4 @@
 pub mod emulator;
 pub mod firmware;
 pub mod gearbox;
+pub mod simulated;

@@ -144,7 +144,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         let m = (state.unwrap).convert(raw, &self.converters, &self.counters, index, lead);
         if !state.started || m.lost > LONGEST_GAP {
             self.restart(state, &m);
-        } else {
+        } else if !m.stale {
             for _ in 0..=m.lost {
                 self.predict(state);
             }
@@ -159,7 +159,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             lost: m.lost,
             ..Estimate::default()
         };
-        if self.model.encoders.is_empty() && raw.index.is_some() {
+        if self.model.encoders.is_empty() && raw.index.is_some() && !m.stale {
             self.home_by_pulse(state);
         }
         estimate.homed = m.homed || state.homed_by_pulse || index.is_none();

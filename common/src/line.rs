@@ -35,12 +35,19 @@ enum Kind<'a> {
     Gearbox16(Gearbox<'a, 16>, GearboxState<16>),
 }
 
-fn start<const NX: usize>(
-    model: GearboxModel<'_>,
-) -> Result<(Gearbox<'_, NX>, GearboxState<NX>), Error> {
+// Inlined, the stack would hold the temporaries of all instances at once.
+#[inline(never)]
+fn start<'a, const NX: usize>(
+    model: GearboxModel<'a>,
+    kind: impl FnOnce(Gearbox<'a, NX>, GearboxState<NX>) -> Kind<'a>,
+    place: &mut Option<Line<'a>>,
+) -> Result<(), Error> {
     let gearbox = Gearbox::try_build(model)?;
     let state = gearbox.start();
-    Ok((gearbox, state))
+    *place = Some(Line {
+        kind: kind(gearbox, state),
+    });
+    Ok(())
 }
 
 impl<'a> Line<'a> {
@@ -49,18 +56,29 @@ impl<'a> Line<'a> {
     /// # Errors
     /// The name of the first number that is out of its range.
     pub fn try_build(image: Image<'a>) -> Result<Self, Error> {
+        let mut place = None;
+        Self::build_in(&mut place, image)?;
+        place.ok_or(Error::OutOfRange("number of states"))
+    }
+
+    /// As [`Self::try_build`], in its place: a line is long, and where the
+    /// stack is short a copy on it too many.
+    ///
+    /// # Errors
+    /// As [`Self::try_build`]; the place is as it was then.
+    #[inline(never)]
+    pub fn build_in(place: &mut Option<Self>, image: Image<'a>) -> Result<(), Error> {
         if !(image.rate_hz > 0.0 && image.rate_hz.is_finite()) {
             return Err(Error::NotPositive("rate_hz"));
         }
         let Model::Gearbox(model) = image.model;
-        let kind = match model.scale.len() {
-            6 => start(model).map(|(g, s)| Kind::Gearbox6(g, s)),
-            8 => start(model).map(|(g, s)| Kind::Gearbox8(g, s)),
-            12 => start(model).map(|(g, s)| Kind::Gearbox12(g, s)),
-            16 => start(model).map(|(g, s)| Kind::Gearbox16(g, s)),
+        match model.scale.len() {
+            6 => start(model, Kind::Gearbox6, place),
+            8 => start(model, Kind::Gearbox8, place),
+            12 => start(model, Kind::Gearbox12, place),
+            16 => start(model, Kind::Gearbox16, place),
             _ => Err(Error::OutOfRange("number of states")),
-        }?;
-        Ok(Self { kind })
+        }
     }
 
     /// Takes one sample and gives the estimate.

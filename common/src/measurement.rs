@@ -50,6 +50,8 @@ pub struct Measurement {
     pub tick: u32,
     /// Samples lost just before this one.
     pub lost: u32,
+    /// The sample came twice, or after a later one: nothing of it is used.
+    pub stale: bool,
     /// `(word - zero) gain` of each analogue channel.
     pub values: [Reading<f32>; MAX_CHANNELS],
     /// Carrier angle by each encoder.
@@ -58,7 +60,8 @@ pub struct Measurement {
     pub rehomed: Option<Phase>,
     /// Whether the angles are homed.
     pub homed: bool,
-    /// Whether the last index pulse came where none was expected.
+    /// Whether the last index pulse came where none was expected, or not where
+    /// one was.
     pub slipped: bool,
 }
 
@@ -71,7 +74,23 @@ pub struct Unwrap {
     angles: [Phase; MAX_ENCODERS],
     homed: bool,
     suspect: Option<Phase>,
+    passage: Passage,
 }
+
+/// Whether the index came each time that its place was passed.
+#[derive(Clone, Copy, Debug, Default)]
+struct Passage {
+    /// Side of the place on which the encoder stood last, outside the
+    /// tolerance: -1 or 1; 0: not known.
+    side: i8,
+    /// Whether the pulse came since.
+    came: bool,
+    /// Whether it did not come when the place was passed last.
+    missed: bool,
+}
+
+/// Sample numbers that a late sample is behind at most; further back is a new start.
+const LATEST: u32 = 100;
 
 #[derive(Clone, Copy, Debug, Default)]
 struct LastWord {
@@ -116,11 +135,21 @@ impl Unwrap {
         index: Option<&IndexPulse>,
         lead: Phase,
     ) -> Measurement {
-        let lost = match self.last_tick {
-            Some(last) => raw.tick.wrapping_sub(last).saturating_sub(1),
-            None => 0,
+        let nothing = RawSample {
+            tick: raw.tick,
+            ..RawSample::default()
         };
-        self.last_tick = Some(raw.tick);
+        let mut lost = self
+            .last_tick
+            .map_or(0, |last| raw.tick.wrapping_sub(last).wrapping_sub(1));
+        let stale = lost >= LATEST.wrapping_neg();
+        let raw = if stale {
+            lost = 0;
+            &nothing
+        } else {
+            self.last_tick = Some(raw.tick);
+            raw
+        };
 
         let mut values = [Err(Fault::Missing); MAX_CHANNELS];
         for (i, ((converter, last), value)) in converters
@@ -158,7 +187,12 @@ impl Unwrap {
             }
         }
 
-        let rehomed = index.and_then(|index| self.home(raw, index, counters, lead));
+        let rehomed = index.and_then(|index| {
+            if raw.has_encoder(index.encoder.into()) {
+                self.watch(raw.index.is_some(), lost > 0, index, lead);
+            }
+            self.home(raw, index, counters, lead)
+        });
         if let Some(by) = rehomed {
             for angle in angles.iter_mut().flatten() {
                 *angle = angle.turned_by(by);
@@ -167,11 +201,40 @@ impl Unwrap {
         Measurement {
             tick: raw.tick,
             lost,
+            stale,
             values,
             angles,
             rehomed,
             homed: self.homed,
-            slipped: self.suspect.is_some(),
+            slipped: self.suspect.is_some() || self.passage.missed,
+        }
+    }
+
+    /// Notes whether the pulse came while the encoder went from one side of its
+    /// place to the other, by less than half a turn.
+    ///
+    /// Inside the tolerance nothing is decided: an encoder that trembles there
+    /// may or may not meet the pulse. With a lost sample a pulse may be lost.
+    fn watch(&mut self, came: bool, lost: bool, index: &IndexPulse, lead: Phase) {
+        const TURN: f32 = 4_294_967_296.0 / core::f32::consts::TAU;
+        let Some(angle) = self.angles.get(usize::from(index.encoder)) else {
+            return;
+        };
+        let passage = &mut self.passage;
+        // The upper half of the phase: signed, a turn is 2^32.
+        let ahead = (angle.turned_by(lead).since(index.angle).0 >> 32) as i32;
+        let distance = ahead.unsigned_abs();
+        if lost || distance > 1 << 30 {
+            passage.side = 0;
+        }
+        passage.came |= came;
+        if distance <= 1 << 30 && distance > (index.tolerance_rad * TURN) as u32 {
+            let side = if ahead < 0 { -1 } else { 1 };
+            if side == -passage.side {
+                passage.missed = !passage.came && self.homed;
+            }
+            passage.side = side;
+            passage.came = false;
         }
     }
 
@@ -201,6 +264,7 @@ impl Unwrap {
         if self.homed {
             if near(by) {
                 self.suspect = None;
+                self.passage.missed = false;
                 return None;
             }
             if !self.suspect.is_some_and(|suspect| near(by.since(suspect))) {
@@ -213,6 +277,7 @@ impl Unwrap {
         }
         self.homed = true;
         self.suspect = None;
+        self.passage = Passage::default();
         Some(by)
     }
 }
@@ -378,6 +443,49 @@ mod tests {
         );
         assert_eq!((m.rehomed, m.slipped), (Some(Phase(1 << 62)), false));
         assert_eq!(m.angles[0], Ok(Phase(3 << 62)));
+    }
+
+    /// An encoder that turns by a hundredth at a time, with the pulse at half a turn.
+    #[test]
+    fn a_pulse_that_does_not_come_is_told_until_the_next_one() {
+        let counter = Counter {
+            step: PhaseStep((1 << 63) / 50),
+            bits: 16,
+        };
+        let mut unwrap = Unwrap::default();
+        for tick in 0..400_u32 {
+            let mut raw = sample(tick, tick as i32, tick);
+            // The third is missing; a swing back and forth passes no place.
+            raw.index = (tick % 100 == 50 && tick != 250).then_some(tick);
+            let m = unwrap.convert(
+                &raw,
+                &[CONVERTER],
+                &[counter],
+                Some(&INDEX),
+                Phase::default(),
+            );
+            // 0.1 rad are 1.6 counts.
+            assert_eq!(m.slipped, (252..350).contains(&tick), "{tick}");
+        }
+    }
+
+    #[test]
+    fn a_sample_that_comes_twice_or_late_is_not_used() {
+        let mut unwrap = Unwrap::default();
+        convert(&mut unwrap, &sample(5, 1, 10));
+        assert_eq!(convert(&mut unwrap, &sample(7, 2, 12)).lost, 1);
+        for tick in [7, 6] {
+            let m = convert(&mut unwrap, &sample(tick, 3, 13));
+            assert!(m.stale && m.lost == 0);
+            assert_eq!(
+                (m.values[0], m.angles[0]),
+                (Err(Fault::Missing), Err(Fault::Missing))
+            );
+        }
+        let m = convert(&mut unwrap, &sample(8, 4, 14));
+        assert!(!m.stale && m.lost == 0 && m.values[0].is_ok());
+        // Far back is a new start.
+        assert!(convert(&mut unwrap, &sample(u32::MAX - 1000, 4, 14)).lost > 1 << 30);
     }
 
     #[test]

@@ -36,21 +36,10 @@ impl<'a> App<'a> {
     ///
     /// # Errors
     /// Why the image is refused.
-    #[inline(never)]
     pub fn try_new(image: &'a [u8], image_hash: u32) -> Result<Self, Error> {
-        let image = Image::from_bytes(image)?;
-        let encoder = Encoder::try_build(&image, image_hash)?;
-        let rate_hz = image.rate_hz;
-        Ok(Self {
-            line: Some(Line::try_build(image)?),
-            encoder,
-            status: Status {
-                state: State::Waiting,
-                ..Status::default()
-            },
-            rate_hz,
-            sends_raw: false,
-        })
+        let mut app = Self::without_image();
+        app.load(image, image_hash)?;
+        Ok(app)
     }
 
     /// The application of a board without a usable image: it says so.
@@ -62,6 +51,26 @@ impl<'a> App<'a> {
             rate_hz: 1000.0,
             sends_raw: false,
         }
+    }
+
+    /// Takes the model of `image`, as [`Self::try_new`], in place: an application
+    /// is long, and a copy on the stack the deepest that it ever gets.
+    ///
+    /// # Errors
+    /// Why the image is refused; the application is as it was then.
+    pub fn load(&mut self, image: &'a [u8], image_hash: u32) -> Result<(), Error> {
+        Image::from_bytes(image).and_then(|image| self.take(image, image_hash))
+    }
+
+    #[inline(never)]
+    fn take(&mut self, image: Image<'a>, image_hash: u32) -> Result<(), Error> {
+        let encoder = Encoder::try_build(&image, image_hash)?;
+        let rate_hz = image.rate_hz;
+        Line::build_in(&mut self.line, image)?;
+        self.encoder = encoder;
+        self.rate_hz = rate_hz;
+        self.status.state = State::Waiting;
+        Ok(())
     }
 
     /// Rate of the sample clock [Hz], > 0.
@@ -78,6 +87,11 @@ impl<'a> App<'a> {
     /// code of its refusal, or 0.
     pub fn set_refused(&mut self, code: u8) {
         self.status.refused = code;
+    }
+
+    /// What status frames say of the last image that was offered.
+    pub fn refused(&self) -> u8 {
+        self.status.refused
     }
 
     /// One data-ready: takes the sample, steps, queues the frames.

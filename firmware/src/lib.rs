@@ -11,10 +11,12 @@ extern crate std;
 
 pub mod app;
 pub mod board;
+pub mod campaign;
 pub mod counters;
 pub mod driver;
 pub mod model;
 pub mod owned;
+pub mod ram_flash;
 pub mod simulated_flash;
 pub mod slcan;
 pub mod stimulus;

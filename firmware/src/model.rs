@@ -2,7 +2,7 @@
 
 use embedded_storage::nor_flash::NorFlash;
 use loadtwin_common::frame::Frame;
-use loadtwin_common::sealed::{Header, PublicKey};
+use loadtwin_common::sealed::{Header, PublicKey, Refusal};
 use loadtwin_common::uds;
 
 use crate::app::App;
@@ -20,19 +20,10 @@ pub struct Models<F, const N: usize> {
     judged: &'static mut [u8],
 }
 
-/// What an image is read into: one to run from, so that no erase of the flash
-/// stops the estimator, one to judge an upload in. Both set the longest payload.
-#[derive(Debug)]
-pub struct Room {
-    /// For the model that runs.
-    pub running: &'static mut [u8],
-    /// For the model that is uploaded.
-    pub judged: &'static mut [u8],
-}
-
 impl<F: NorFlash, const N: usize> Models<F, N> {
-    /// Finds the image to run and makes the application of it; one without
-    /// image where there is none.
+    /// Finds the image to run.
+    ///
+    /// `judged`: what an image is read into to be judged; it sets the longest payload.
     ///
     /// # Errors
     /// As [`Store::boot`].
@@ -40,19 +31,30 @@ impl<F: NorFlash, const N: usize> Models<F, N> {
         flash: F,
         layout: Layout,
         key: Option<PublicKey>,
-        room: Room,
-    ) -> Result<(App<'static>, Self), loadtwin_common::Error> {
-        let Room { running, judged } = room;
-        let mut store = Store::boot(flash, layout, key, |flash, at, len| {
+        judged: &'static mut [u8],
+    ) -> Result<Self, loadtwin_common::Error> {
+        let store = Store::boot(flash, layout, key, |flash, at, len| {
             judge(flash, at, len, judged)
         })?;
-        let app = start(&mut store, running).unwrap_or_else(App::without_image);
-        let models = Self {
+        Ok(Self {
             store,
             upload: Upload::new(),
             judged,
-        };
-        Ok((app, models))
+        })
+    }
+
+    /// Gives an application without image the image to run, where there is one.
+    ///
+    /// `room`: as long as `judged`; the model is run from there, so that no erase of
+    /// the flash stops the estimator.
+    pub fn start(&mut self, app: &mut App<'static>, room: &'static mut [u8]) {
+        if let Some(active) = self.store.active().copied() {
+            let (at, len) = (active.payload, active.header.length);
+            let image = read(self.store.flash_mut(), at, len, room);
+            // It was judged before it became the active one.
+            let _ = image.map(|image| app.load(image, name(&active.header)));
+        }
+        app.set_refused(self.store.passed_over().map_or(0, Refusal::code));
     }
 
     /// Takes a frame from the bus; gives the one to send at once.
@@ -99,17 +101,7 @@ fn read<'a, F: NorFlash>(flash: &mut F, at: u32, len: u32, room: &'a mut [u8]) -
     bytes.get(..len as usize)
 }
 
+#[inline(never)]
 fn judge<F: NorFlash>(flash: &mut F, at: u32, len: u32, room: &mut [u8]) -> bool {
-    read(flash, at, len, room).is_some_and(|image| App::try_new(image, 0).is_ok())
-}
-
-fn start<F: NorFlash>(store: &mut Store<F>, room: &'static mut [u8]) -> Option<App<'static>> {
-    let active = *store.active()?;
-    let image = read(
-        store.flash_mut(),
-        active.payload,
-        active.header.length,
-        room,
-    )?;
-    App::try_new(image, name(&active.header)).ok()
+    read(flash, at, len, room).is_some_and(|image| App::without_image().load(image, 0).is_ok())
 }

@@ -20,6 +20,8 @@ pub enum Stimulus {
     SendRaw(bool),
     /// Nothing follows: stop with success once all is sent.
     End,
+    /// Start anew, as after a reset: with the newest image, at the first sample.
+    Restart,
 }
 
 #[cfg(test)]

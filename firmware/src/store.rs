@@ -94,6 +94,7 @@ pub struct Store<F> {
     active: Option<Active>,
     incoming: Option<Incoming>,
     restart_pending: bool,
+    passed_over: Option<Refusal>,
 }
 
 impl<F: NorFlash> Store<F> {
@@ -141,6 +142,7 @@ impl<F: NorFlash> Store<F> {
             active: None,
             incoming: None,
             restart_pending: false,
+            passed_over: None,
         };
         let a = store.candidate(Slot::A);
         let b = store.candidate(Slot::B);
@@ -149,12 +151,12 @@ impl<F: NorFlash> Store<F> {
             _ => [a, b],
         };
         for candidate in newer_first.into_iter().flatten() {
-            if store
-                .judge(candidate.slot, &candidate.header, &mut accept)
-                .is_ok()
-            {
-                store.active = Some(candidate);
-                break;
+            match store.judge(candidate.slot, &candidate.header, &mut accept) {
+                Ok(()) => {
+                    store.active = Some(candidate);
+                    break;
+                }
+                Err(refusal) => store.passed_over = store.passed_over.or(Some(refusal)),
             }
         }
         Ok(store)
@@ -163,6 +165,11 @@ impl<F: NorFlash> Store<F> {
     /// The image in force; after [`Store::finish`] the one that starts next.
     pub fn active(&self) -> Option<&Active> {
         self.active.as_ref()
+    }
+
+    /// Why the newest image that was once accepted does not run.
+    pub fn passed_over(&self) -> Option<Refusal> {
+        self.passed_over
     }
 
     /// The key that images are checked with.

@@ -2,15 +2,16 @@
 //!
 //! UART0 carries what the sensors see ([`stimulus`](loadtwin_firmware::stimulus)),
 //! UART1 is the CAN bus as slcan text, a timer is the sample clock, the log
-//! goes to standard output through semihosting. The model image stands in the
-//! flash at `MODEL`, a 32-bit length before it.
+//! goes to standard output through semihosting. Models come from the two slots of
+//! [`flash`], and from the bus.
 #![no_std]
 #![no_main]
 
 mod cmsdk;
 mod exit;
+mod flash;
 
-use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering::Relaxed};
 
 use cmsdk::{TIMER0, UART0, UART1, WATCHDOG, irq};
 use cortex_m::interrupt::InterruptNumber;
@@ -23,16 +24,23 @@ use loadtwin_common::raw::RawSample;
 use loadtwin_firmware::app::{App, MAX_FRAMES};
 use loadtwin_firmware::board::Board;
 use loadtwin_firmware::counters::Counters;
+use loadtwin_firmware::model::Models;
 use loadtwin_firmware::owned::Owned;
+use loadtwin_firmware::ram_flash::{LAYOUT, PAGE};
 use loadtwin_firmware::slcan;
 use loadtwin_firmware::stimulus::{self, Stimulus};
+use loadtwin_firmware::upload::BLOCK_OVERHEAD;
 use postcard::accumulator::{CobsAccumulator, FeedResult};
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 /// Room for frames on their way to the bus.
 const OUTBOX: usize = 64;
 /// Conversions that may wait for their tick of the sample clock.
 const ARRIVED: usize = 16;
+/// Room for frames from the bus.
+const INBOX: usize = 32;
+/// Longest payload of an image [bytes].
+const IMAGE: usize = 64 * 1024;
 
 static COUNTERS: Counters = Counters::new();
 static CONVERTER: Owned<Converter> = Owned::new();
@@ -42,6 +50,14 @@ static BUS: Owned<Bus> = Owned::new();
 static SENDS_RAW: AtomicBool = AtomicBool::new(false);
 /// Whether the test has asked for the end.
 static ENDED: AtomicBool = AtomicBool::new(false);
+/// Whether the test has asked for a new start.
+static RESTARTS: AtomicBool = AtomicBool::new(false);
+/// Ticks of the sample clock since start.
+static TICKS: AtomicU32 = AtomicU32::new(0);
+/// What the status says of the image offered last.
+static REFUSED: AtomicU8 = AtomicU8::new(0);
+
+type BoardModels = Models<flash::Memory, { PAGE + BLOCK_OVERHEAD }>;
 
 /// What the sample clock's interrupt owns.
 struct Converter {
@@ -68,6 +84,7 @@ impl Board for Emulated {
             Stimulus::Wait(waits) => self.waits = waits,
             Stimulus::SendRaw(sends) => SENDS_RAW.store(sends, Relaxed),
             Stimulus::End => ENDED.store(true, Relaxed),
+            Stimulus::Restart => RESTARTS.store(true, Relaxed),
         }
         None
     }
@@ -111,16 +128,19 @@ impl Sensors {
 }
 
 /// What the interrupt of the bus owns.
-#[derive(Default)]
 struct Bus {
     lines: slcan::Decoder,
+    inbox: Producer<'static, Frame>,
 }
 
 impl Bus {
     fn receive(&mut self) {
         while let Some(byte) = UART1.read() {
-            if self.lines.push(byte) == Some(slcan::Line::Malformed) {
-                defmt::warn!("the bus said nothing known");
+            match self.lines.push(byte) {
+                // A full inbox drops a frame of an upload, which then fails by its own checks.
+                Some(slcan::Line::Frame(frame)) => drop(self.inbox.enqueue(frame)),
+                Some(slcan::Line::Malformed) => defmt::warn!("the bus said nothing known"),
+                Some(slcan::Line::Other) | None => {}
             }
         }
     }
@@ -130,22 +150,41 @@ impl Bus {
 fn main() -> ! {
     static ARRIVED_QUEUE: StaticCell<Queue<Stimulus, ARRIVED>> = StaticCell::new();
     static OUTBOX_QUEUE: StaticCell<Queue<Frame, OUTBOX>> = StaticCell::new();
+    static INBOX_QUEUE: StaticCell<Queue<Frame, INBOX>> = StaticCell::new();
+    static RUNNING: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
+    static JUDGED: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
+    static MODELS: StaticCell<BoardModels> = StaticCell::new();
     static APP: StaticCell<App> = StaticCell::new();
     static CONVERTER_CELL: StaticCell<Converter> = StaticCell::new();
     static SENSORS_CELL: StaticCell<Sensors> = StaticCell::new();
     static BUS_CELL: StaticCell<Bus> = StaticCell::new();
 
-    let app = APP.init_with(application);
+    let mut flash = flash::powered();
+    let key = flash::key(&mut flash);
+    let models = MODELS.init_with(|| {
+        BoardModels::boot(flash, LAYOUT, key, JUDGED.take())
+            .expect("the layout is constant and fits the flash")
+    });
+    let app = APP.init_with(App::without_image);
+    models.start(app, RUNNING.take());
+    if app.refused() != 0 {
+        defmt::error!("the newest model is refused: {=u8:#x}", app.refused());
+    }
+    REFUSED.store(app.refused(), Relaxed);
     let ticks = (cmsdk::CLOCK_HZ as f32 / app.rate_hz()) as u32;
     defmt::info!("a sample every {} ticks", ticks);
 
     let (arrived_in, arrived_out) = ARRIVED_QUEUE.init(Queue::new()).split();
     let (outbox_in, mut outbox) = OUTBOX_QUEUE.init(Queue::new()).split();
+    let (inbox_in, mut inbox) = INBOX_QUEUE.init(Queue::new()).split();
     SENSORS.give(SENSORS_CELL.init(Sensors {
         frames: CobsAccumulator::new(),
         arrived: arrived_in,
     }));
-    BUS.give(BUS_CELL.init(Bus::default()));
+    BUS.give(BUS_CELL.init(Bus {
+        lines: slcan::Decoder::default(),
+        inbox: inbox_in,
+    }));
     let mut board = Emulated {
         arrived: arrived_out,
         outbox: outbox_in,
@@ -163,48 +202,46 @@ fn main() -> ! {
 
     loop {
         while let Some(frame) = outbox.dequeue() {
-            for byte in slcan::encode(&frame) {
-                // A bus that stands still is no hang of this program.
-                while !UART1.idle() {
-                    WATCHDOG.feed();
-                }
-                UART1.write(byte);
+            send(&frame);
+        }
+        while let Some(frame) = inbox.dequeue() {
+            let now_us = (TICKS.load(Relaxed)).wrapping_mul(ticks / (cmsdk::CLOCK_HZ / 1_000_000));
+            if let Some(reply) = models.on_frame(&frame, now_us) {
+                send(&reply);
             }
         }
-        if ENDED.load(Relaxed) && outbox.is_empty() {
-            while !UART1.idle() {}
-            defmt::info!("ended: {}", defmt::Debug2Format(&COUNTERS));
-            exit::success()
+        let (reply, refused) = models.poll();
+        if let Some(reply) = reply {
+            send(&reply);
+        }
+        if let Some(refused) = refused {
+            REFUSED.store(refused, Relaxed);
+        }
+        if outbox.is_empty() {
+            if ENDED.load(Relaxed) {
+                while !UART1.idle() {}
+                defmt::info!("ended: {}", defmt::Debug2Format(&COUNTERS));
+                exit::success()
+            }
+            if RESTARTS.load(Relaxed) {
+                while !UART1.idle() {}
+                cortex_m::peripheral::SCB::sys_reset()
+            }
         }
         WATCHDOG.feed();
         cortex_m::asm::wfi();
     }
 }
 
-/// The application, made where it stays: a copy on the stack would be the
-/// deepest that the stack ever gets.
-#[inline(never)]
-fn application() -> App<'static> {
-    match App::try_new(model(), 0) {
-        Ok(app) => app,
-        Err(error) => {
-            defmt::error!("no usable model: {}", defmt::Display2Format(&error));
-            App::without_image()
+/// Puts a frame on the bus.
+fn send(frame: &Frame) {
+    for byte in slcan::encode(frame) {
+        // A bus that stands still is no hang of this program.
+        while !UART1.idle() {
+            WATCHDOG.feed();
         }
+        UART1.write(byte);
     }
-}
-
-/// The image in its place in the flash; an empty one where there is none.
-fn model() -> &'static [u8] {
-    #![allow(unsafe_code)]
-    const MODEL: *const u8 = 0x0030_0000 as *const u8;
-    const ROOM: usize = 0x0010_0000;
-    // SAFETY: `MODEL` in memory/emulated.x: a megabyte of the flash that
-    // nothing else uses and nothing writes.
-    let place = unsafe { core::slice::from_raw_parts(MODEL, ROOM) };
-    let (length, rest) = place.split_at(4);
-    let length = u32::from_le_bytes([length[0], length[1], length[2], length[3]]);
-    rest.get(..length as usize).unwrap_or_default()
 }
 
 #[derive(Clone, Copy)]
@@ -241,8 +278,10 @@ unsafe fn DefaultHandler(irqn: i16) {
     match u16::try_from(irqn) {
         Ok(irq::TIMER0) => {
             TIMER0.clear();
+            TICKS.fetch_add(1, Relaxed);
             CONVERTER.with(|Converter { app, board }| {
                 app.sends_raw = SENDS_RAW.load(Relaxed);
+                app.set_refused(REFUSED.load(Relaxed));
                 app.on_data_ready(board);
             });
         }

@@ -47,7 +47,7 @@ use loadtwin_firmware::app::App;
 use loadtwin_firmware::board::Board;
 use loadtwin_firmware::counters::{Counters, count};
 use loadtwin_firmware::driver::ads131m04::{Ads131m04, Config, Error, Gain, Oversampling};
-use loadtwin_firmware::model::{Models, Room};
+use loadtwin_firmware::model::Models;
 use loadtwin_firmware::owned::Owned;
 use loadtwin_firmware::upload::BLOCK_OVERHEAD;
 use panic_probe as _;
@@ -194,17 +194,15 @@ async fn main(spawner: Spawner) {
     let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
     watchdog.unleash();
 
-    let room = Room {
-        running: RUNNING.take(),
-        judged: JUDGED.take(),
-    };
     let mut flash = flash::Checked::new(p.FLASH);
     let key = flash::key(&mut flash);
     if key.is_none() {
         defmt::error!("no key in its page: no model runs");
     }
-    let (app, models) = Models::boot(flash, flash::LAYOUT, key, room)
-        .expect("the layout is constant and fits the flash");
+    let models = MODELS.init_with(|| {
+        BoardModels::boot(flash, flash::LAYOUT, key, JUDGED.take())
+            .expect("the layout is constant and fits the flash")
+    });
     watchdog.pet();
 
     let mut spi_config = spi::Config::default();
@@ -237,19 +235,24 @@ async fn main(spawner: Spawner) {
     let (outbox_in, outbox) = OUTBOX_QUEUE.init(Queue::new()).split();
     let (inbox_in, inbox) = INBOX_QUEUE.init(Queue::new()).split();
     let (replies_in, replies) = REPLIES_QUEUE.init(Queue::new()).split();
-    SAMPLER.give(SAMPLER_CELL.init(Sampler {
-        app,
-        board: Nucleo {
-            converter,
-            ready,
-            outbox: outbox_in,
-            tick: 0,
-        },
-    }));
+    let board = Nucleo {
+        converter,
+        ready,
+        outbox: outbox_in,
+        tick: 0,
+    };
+    let sampler = SAMPLER_CELL.init_with(|| Sampler {
+        app: App::without_image(),
+        board,
+    });
+    models.start(&mut sampler.app, RUNNING.take());
+    REFUSED.store(sampler.app.refused(), Relaxed);
+    watchdog.pet();
+    SAMPLER.give(sampler);
     start_interrupts();
     spawner.spawn(send(tx, outbox, replies).expect("spawned once"));
     spawner.spawn(receive(rx, inbox_in).expect("spawned once"));
-    spawner.spawn(take_models(MODELS.init(models), inbox, replies_in).expect("spawned once"));
+    spawner.spawn(take_models(models, inbox, replies_in).expect("spawned once"));
     watch(watchdog, properties).await;
 }
 
