@@ -6,6 +6,7 @@ use thiserror::Error;
 
 use crate::gearbox;
 use crate::machine::{Channel, Encoder, Kind, Machine, MachineError, SensorSet};
+use crate::rotor::{RotorError, RotorPlan};
 
 /// The channels and encoders of a machine that an estimator uses, in the
 /// order of the raw words and counters.
@@ -41,6 +42,18 @@ pub enum BuildError {
     /// The model's numbers are refused by the estimator.
     #[error("the model is refused: {0}")]
     Model(loadtwin_common::Error),
+    /// A rotor that cannot be computed.
+    #[error("rotor: {0}")]
+    Rotor(#[from] RotorError),
+    /// A mode's speed cannot be seen in its displacements.
+    #[error(
+        "rate_hz: found a rate that samples a mode at a multiple of half its period, allowed: \
+         another rate, or fewer rotor.reduction.modes"
+    )]
+    Sampled,
+    /// The sensors do not see what is to be estimated.
+    #[error("no steady filter exists with these sensors: a load or a mode is not observed")]
+    NotSteady,
     /// There are more sensors than one sample can carry.
     #[error(
         "{found} {what} without a sensor set; allowed: at most {most}, or a [[sensor_set]] that chooses"
@@ -139,6 +152,7 @@ impl Sensors {
 pub fn image(machine: &Machine, sensors: &Sensors) -> Result<Vec<u8>, BuildError> {
     match machine.kind() {
         Some(Kind::Drivetrain(drivetrain)) => gearbox::image(machine, drivetrain, sensors),
+        Some(Kind::Rotor(rotor)) => RotorPlan::new(machine, rotor)?.image(machine, rotor, sensors),
         None => Err(BuildError::Model(loadtwin_common::Error::Malformed(
             "machine of no kind",
         ))),

@@ -15,6 +15,7 @@ pub mod recording;
 pub mod replay;
 pub mod report;
 pub mod riccati;
+pub mod rotor;
 pub mod seal;
 pub mod simulate;
 pub mod strain;

@@ -225,6 +225,7 @@ fn line() {
     let image = Image::from_bytes(payload).unwrap();
     let channels = match &image.model {
         Model::Gearbox(model) => model.channels.len(),
+        Model::Rotor(model) => model.channels.len(),
     };
     let mut encoder = Encoder::try_build(&image, 0).unwrap();
     let mut line = Line::try_build(image).unwrap();

@@ -8,7 +8,7 @@ use crate::recording::{Quantity, Unit};
 use super::error::Violation;
 use super::{Drivetrain, Kind, Machine, Senses};
 
-type Checked = Result<(), Violation>;
+pub(super) type Checked = Result<(), Violation>;
 
 /// Channels and encoders of one sensor set.
 const MAX_CHANNELS: usize = loadtwin_common::raw::MAX_CHANNELS;
@@ -38,6 +38,10 @@ impl Machine {
                 drivetrain.check()?;
                 self.check_channels(drivetrain)?;
                 self.check_encoders(drivetrain)?;
+            }
+            Some(Kind::Rotor(rotor)) => {
+                rotor.check()?;
+                self.check_rotor_sensors(rotor)?;
             }
             None => {
                 return refuse(
@@ -124,6 +128,13 @@ impl Machine {
                 Senses::Load(name) => ("load", name, names(&drivetrain.loads, |l| &l.name)),
                 Senses::Speed(name) => ("speed", name, names(&drivetrain.inertias, |j| &j.name)),
                 Senses::Drive(name) => ("drive", name, names(&drivetrain.inertias, |j| &j.name)),
+                Senses::Displacement(_) => {
+                    return refuse(
+                        &field("senses"),
+                        "displacement",
+                        "shaft, load, speed, drive",
+                    );
+                }
             };
             one_of(&field(&format!("senses.{kind}")), name, &allowed)?;
             finite(&field("offset"), channel.offset)?;
@@ -311,11 +322,11 @@ impl Drivetrain {
     }
 }
 
-fn names<T>(items: &[T], name: impl Fn(&T) -> &String) -> Vec<&str> {
+pub(super) fn names<T>(items: &[T], name: impl Fn(&T) -> &String) -> Vec<&str> {
     items.iter().map(|item| name(item).as_str()).collect()
 }
 
-fn refuse(field: &str, found: impl Display, allowed: &str) -> Checked {
+pub(super) fn refuse(field: &str, found: impl Display, allowed: &str) -> Checked {
     Err(Violation {
         field: field.into(),
         found: found.to_string(),
@@ -323,7 +334,7 @@ fn refuse(field: &str, found: impl Display, allowed: &str) -> Checked {
     })
 }
 
-fn within(field: &str, found: impl Display, is: bool, allowed: &str) -> Checked {
+pub(super) fn within(field: &str, found: impl Display, is: bool, allowed: &str) -> Checked {
     if is {
         Ok(())
     } else {
@@ -331,15 +342,15 @@ fn within(field: &str, found: impl Display, is: bool, allowed: &str) -> Checked 
     }
 }
 
-fn finite(field: &str, value: f64) -> Checked {
+pub(super) fn finite(field: &str, value: f64) -> Checked {
     within(field, value, value.is_finite(), "a finite number")
 }
 
-fn positive(field: &str, value: f64) -> Checked {
+pub(super) fn positive(field: &str, value: f64) -> Checked {
     within(field, value, value > 0.0 && value.is_finite(), "> 0")
 }
 
-fn nonzero(field: &str, value: f64) -> Checked {
+pub(super) fn nonzero(field: &str, value: f64) -> Checked {
     within(
         field,
         value,
@@ -348,7 +359,7 @@ fn nonzero(field: &str, value: f64) -> Checked {
     )
 }
 
-fn at_least(field: &str, value: f64, least: f64) -> Checked {
+pub(super) fn at_least(field: &str, value: f64, least: f64) -> Checked {
     within(
         field,
         value,
@@ -357,11 +368,11 @@ fn at_least(field: &str, value: f64, least: f64) -> Checked {
     )
 }
 
-fn at_most(field: &str, found: usize, most: usize) -> Checked {
+pub(super) fn at_most(field: &str, found: usize, most: usize) -> Checked {
     within(field, found, found <= most, &format!("at most {most}"))
 }
 
-fn range(field: &str, value: f64, least: f64, most: f64) -> Checked {
+pub(super) fn range(field: &str, value: f64, least: f64, most: f64) -> Checked {
     within(
         field,
         value,
@@ -370,7 +381,7 @@ fn range(field: &str, value: f64, least: f64, most: f64) -> Checked {
     )
 }
 
-fn one_of(field: &str, name: &str, allowed: &[&str]) -> Checked {
+pub(super) fn one_of(field: &str, name: &str, allowed: &[&str]) -> Checked {
     within(
         field,
         format!("{name:?}"),
@@ -379,7 +390,7 @@ fn one_of(field: &str, name: &str, allowed: &[&str]) -> Checked {
     )
 }
 
-fn unique(table: &str, names: &[&str]) -> Checked {
+pub(super) fn unique(table: &str, names: &[&str]) -> Checked {
     for (i, name) in names.iter().enumerate() {
         let first = names[..i].iter().all(|other| other != name);
         within(
@@ -400,7 +411,7 @@ fn torque_or_counts(field: &str, unit: Unit) -> Checked {
     within(field, unit, is, "a unit of torque or force, or counts")
 }
 
-fn listed(names: &[&str]) -> String {
+pub(super) fn listed(names: &[&str]) -> String {
     if names.is_empty() {
         "nothing: there is none".into()
     } else {
