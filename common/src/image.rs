@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::gearbox::GearboxModel;
+use crate::rotor::RotorModel;
 
 /// Version of the layout of [`Image`]; another one is refused.
 pub const VERSION: u16 = 2;
@@ -34,10 +35,27 @@ pub struct Image<'a> {
 
 /// The kinds of machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there is one model in a program, and no heap"
+)]
 pub enum Model<'a> {
     /// A torsional drivetrain with strain gauges.
     #[serde(borrow)]
     Gearbox(GearboxModel<'a>),
+    /// A flexible rotor with displacement sensors.
+    #[serde(borrow)]
+    Rotor(RotorModel<'a>),
+}
+
+impl<'a> Model<'a> {
+    /// The gearbox, where it is one.
+    pub fn gearbox(&self) -> Option<&GearboxModel<'a>> {
+        match self {
+            Self::Gearbox(model) => Some(model),
+            Self::Rotor(_) => None,
+        }
+    }
 }
 
 /// A load as the outside knows it.
@@ -73,6 +91,7 @@ impl<'a> Image<'a> {
     pub fn loads(&self) -> &[LoadSignal] {
         match &self.model {
             Model::Gearbox(model) => &model.loads,
+            Model::Rotor(model) => &model.loads,
         }
     }
 }

@@ -18,6 +18,7 @@ pub mod line;
 pub mod measurement;
 pub mod phase;
 pub mod raw;
+pub mod rotor;
 pub mod scheduled_gain;
 pub mod sealed;
 pub mod table;

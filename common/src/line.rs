@@ -5,10 +5,14 @@ use crate::estimate::Estimate;
 use crate::gearbox::{Gearbox, GearboxModel, GearboxState};
 use crate::image::{Image, Model};
 use crate::raw::RawSample;
+use crate::rotor::{Rotor, RotorModel, RotorState};
 
 /// Numbers of states that filters are compiled for; a model with another one
 /// is filled up with states that nothing depends on.
 pub const STATES: [usize; 4] = [6, 8, 12, 16];
+
+/// Modal displacements and states of the filters of rotors.
+pub const ROTOR_SIZES: [(usize, usize); 1] = [(8, 20)];
 
 /// The estimator of one machine and its state.
 ///
@@ -33,6 +37,7 @@ enum Kind<'a> {
     Gearbox8(Gearbox<'a, 8>, GearboxState<8>),
     Gearbox12(Gearbox<'a, 12>, GearboxState<12>),
     Gearbox16(Gearbox<'a, 16>, GearboxState<16>),
+    Rotor20(Rotor<'a, 8, 20>, RotorState<8, 20>),
 }
 
 // Inlined, the stack would hold the temporaries of all instances at once.
@@ -46,6 +51,20 @@ fn start<'a, const NX: usize>(
     let state = gearbox.start();
     *place = Some(Line {
         kind: kind(gearbox, state),
+    });
+    Ok(())
+}
+
+#[inline(never)]
+fn start_rotor<'a, const NZ: usize, const NX: usize>(
+    model: RotorModel<'a>,
+    kind: impl FnOnce(Rotor<'a, NZ, NX>, RotorState<NZ, NX>) -> Kind<'a>,
+    place: &mut Option<Line<'a>>,
+) -> Result<(), Error> {
+    let rotor = Rotor::try_build(model)?;
+    let state = rotor.start();
+    *place = Some(Line {
+        kind: kind(rotor, state),
     });
     Ok(())
 }
@@ -71,13 +90,18 @@ impl<'a> Line<'a> {
         if !(image.rate_hz > 0.0 && image.rate_hz.is_finite()) {
             return Err(Error::NotPositive("rate_hz"));
         }
-        let Model::Gearbox(model) = image.model;
-        match model.scale.len() {
-            6 => start(model, Kind::Gearbox6, place),
-            8 => start(model, Kind::Gearbox8, place),
-            12 => start(model, Kind::Gearbox12, place),
-            16 => start(model, Kind::Gearbox16, place),
-            _ => Err(Error::OutOfRange("number of states")),
+        match image.model {
+            Model::Gearbox(model) => match model.scale.len() {
+                6 => start(model, Kind::Gearbox6, place),
+                8 => start(model, Kind::Gearbox8, place),
+                12 => start(model, Kind::Gearbox12, place),
+                16 => start(model, Kind::Gearbox16, place),
+                _ => Err(Error::OutOfRange("number of states")),
+            },
+            Model::Rotor(model) => match (model.modes, model.scale.len()) {
+                (8, 20) => start_rotor(model, Kind::Rotor20, place),
+                _ => Err(Error::OutOfRange("number of states")),
+            },
         }
     }
 
@@ -88,6 +112,16 @@ impl<'a> Line<'a> {
             Kind::Gearbox8(g, s) => g.step(s, raw),
             Kind::Gearbox12(g, s) => g.step(s, raw),
             Kind::Gearbox16(g, s) => g.step(s, raw),
+            Kind::Rotor20(r, s) => r.step(s, raw),
+        }
+    }
+
+    /// The modal displacements and the rest of a rotor's state, in the image's
+    /// scale, for displacements at nodes without sensor; empty for other machines.
+    pub fn rotor_state(&self) -> &[f32] {
+        match &self.kind {
+            Kind::Rotor20(_, s) => s.state(),
+            _ => &[],
         }
     }
 }

@@ -7,6 +7,7 @@ use thiserror::Error;
 
 use crate::gearbox;
 use crate::machine::{Channel, Encoder, Kind, Machine, MachineError, SensorSet};
+use crate::rotor::{RotorError, RotorPlan};
 
 /// The channels and encoders of a machine that an estimator uses, in the
 /// order of the raw words and counters.
@@ -73,6 +74,18 @@ pub enum BuildError {
         "no steady gains with these sensors: {0}; allowed: --filter aekf, or sensors that observe every load"
     )]
     NotSteady(&'static str),
+    /// A rotor that cannot be computed.
+    #[error("rotor: {0}")]
+    Rotor(#[from] RotorError),
+    /// A mode's speed cannot be seen in its displacements.
+    #[error(
+        "rate_hz: found a rate that samples a mode at a multiple of half its period, allowed: \
+         another rate, or fewer rotor.reduction.modes"
+    )]
+    Sampled,
+    /// The sensors do not see what is to be estimated.
+    #[error("no steady filter exists with these sensors: a load or a mode is not observed")]
+    NotObserved,
     /// There are more sensors than one sample can carry.
     #[error(
         "{found} {what} without a sensor set; allowed: at most {most}, or a [[sensor_set]] that chooses"
@@ -179,6 +192,7 @@ impl Sensors {
 pub fn image(machine: &Machine, sensors: &Sensors) -> Result<Vec<u8>, BuildError> {
     match machine.kind() {
         Some(Kind::Drivetrain(drivetrain)) => gearbox::image(machine, drivetrain, sensors),
+        Some(Kind::Rotor(rotor)) => RotorPlan::new(machine, rotor)?.image(machine, rotor, sensors),
         None => Err(BuildError::NoEstimator(machine.path.clone())),
     }
 }

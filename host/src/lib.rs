@@ -18,6 +18,7 @@ pub mod reduce;
 pub mod replay;
 pub mod report;
 pub mod riccati;
+pub mod rotor;
 pub mod seal;
 pub mod simulate;
 pub mod strain;

@@ -245,7 +245,9 @@ fn words(model: &GearboxModel<'_>) -> [[i32; 4]; TURN] {
 fn line(name: &str, sealed: &[u8]) {
     let (_, payload) = sealed::open(sealed).unwrap();
     let image = Image::from_bytes(payload).unwrap();
-    let Model::Gearbox(model) = &image.model;
+    let Model::Gearbox(model) = &image.model else {
+        panic!("not the image of a gearbox");
+    };
     let words = words(model);
     let mut encoder = Encoder::try_build(&image, 0).unwrap();
     let mut line = Line::try_build(image).unwrap();

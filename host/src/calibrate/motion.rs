@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::path::Path;
 
-use loadtwin_common::image::{Image, Model};
+use loadtwin_common::image::Image;
 use loadtwin_common::measurement::Unwrap;
 
 use super::CalibrateError;
@@ -76,9 +76,8 @@ impl Motion {
             walks: BTreeMap::new(),
         };
         let payload = build::image(machine, &sensors).map_err(ReplayError::from)?;
-        let Model::Gearbox(model) = Image::from_bytes(&payload)
-            .map_err(ReplayError::Image)?
-            .model;
+        let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
+        let model = image.model.gearbox().ok_or(CalibrateError::NoDrivetrain)?;
         let counters: Vec<_> = model
             .encoders
             .iter()
@@ -245,7 +244,7 @@ impl Motion {
         let drivetrain = machine.drivetrain.as_ref()?;
         let known = |j: usize| self.loads[j].iter().any(|load| load.is_finite());
         match senses {
-            Senses::Drive(_) => None,
+            Senses::Drive(_) | Senses::Displacement(_) => None,
             Senses::Speed(name) => {
                 let ratio = drivetrain
                     .inertias

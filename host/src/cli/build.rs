@@ -13,7 +13,8 @@ use super::output::say;
 use crate::atomic_file::AtomicFile;
 use crate::build::{self, Filter, Sensors};
 use crate::key::SigningKey;
-use crate::machine::Machine;
+use crate::machine::{Kind, Machine};
+use crate::rotor::RotorPlan;
 use crate::seal::seal;
 
 /// Make the model image that firmware and host run.
@@ -62,6 +63,12 @@ impl Build {
             file.finish()
         });
         written.with_context(|| self.output.display().to_string())?;
+        let reduction = match machine.kind() {
+            Some(Kind::Rotor(rotor)) => {
+                Some(RotorPlan::new(&machine, rotor)?.reduction_error(rotor)?)
+            }
+            _ => None,
+        };
         let seconds = started.elapsed().as_secs_f64();
         if as_json {
             let names = |names: Vec<&String>| json!(names);
@@ -75,6 +82,11 @@ impl Build {
                 "steady_from_to_rad_s": steady_speed,
                 "channels": names(sensors.channels.iter().map(|c| &c.name).collect()),
                 "encoders": names(sensors.encoders.iter().map(|e| &e.name).collect()),
+                "reduction": reduction.map(|r| json!({
+                    "error_um": 1e6 * r.error_m,
+                    "peak_um": 1e6 * r.peak_m,
+                    "speed_rad_s": r.speed_rad_s,
+                })),
                 "seconds": seconds,
             });
             say!("{report}");
@@ -89,6 +101,14 @@ impl Build {
                 self.output.display(),
                 image.len()
             );
+            if let Some(r) = reduction {
+                say!(
+                    "reduction: error up to {:.3} µm of {:.1} µm, at {:.1} rad/s",
+                    1e6 * r.error_m,
+                    1e6 * r.peak_m,
+                    r.speed_rad_s
+                );
+            }
         }
         Ok(())
     }

@@ -11,7 +11,7 @@ use super::output::say;
 use super::progress::Progress;
 use crate::build::{Filter, Sensors};
 use crate::machine::Machine;
-use crate::replay::{self, EstimateWriter, Figures, ReportPage, Sample};
+use crate::replay::{self, Displacements, EstimateWriter, Figures, ReportPage, Sample};
 
 /// Run the estimator on a recording and report its error.
 #[derive(Debug, Args)]
@@ -42,6 +42,7 @@ pub(super) struct Outcome {
     pub(super) set: String,
     pub(super) filter: Filter,
     pub(super) figures: Figures,
+    pub(super) displacements: Displacements,
     pub(super) seconds: f64,
 }
 
@@ -72,6 +73,7 @@ impl Replay {
                     outcome.figures.steady_samples() as f64 / outcome.figures.samples() as f64;
                 say!("by steady gains: {:.1} % of the samples", 100.0 * share);
             }
+            print_displacements(&outcome.displacements);
         }
         Ok(())
     }
@@ -131,17 +133,25 @@ fn one_set(
     let started = Instant::now();
     let progress = Progress::new("replay");
     let mut figures = Figures::new(machine);
-    replay::run(machine, sensors, recording, |sample, estimate, part| {
-        figures.push(sample, estimate);
-        each(sample, estimate);
-        if figures.samples().is_multiple_of(8192) {
-            progress.show(part);
-        }
-    })?;
+    let mut displacements = Displacements::new(machine)?;
+    replay::run_line(
+        machine,
+        sensors,
+        recording,
+        |sample, estimate, line, part| {
+            figures.push(sample, estimate);
+            displacements.push(sample, line);
+            each(sample, estimate);
+            if figures.samples().is_multiple_of(8192) {
+                progress.show(part);
+            }
+        },
+    )?;
     Ok(Outcome {
         set: sensors.name.clone(),
         filter: sensors.filter,
         figures,
+        displacements,
         seconds: started.elapsed().as_secs_f64(),
     })
 }
@@ -193,6 +203,7 @@ pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> 
         "loads": loads,
         "nis_mean": figures.nis_mean(),
         "flags": figures.flags(),
+        "virtual": outcome.displacements.nodes(),
     })
 }
 
@@ -232,6 +243,15 @@ pub(super) fn print_table(machine: &Machine, outcomes: &[Outcome]) {
                 cell(outcome.figures.nis_mean())
             );
         }
+    }
+}
+
+fn print_displacements(displacements: &Displacements) {
+    for (segment, worst) in displacements.worst_m() {
+        say!(
+            "displacement, any node, {segment}: error up to {:.3} µm",
+            1e6 * worst
+        );
     }
 }
 

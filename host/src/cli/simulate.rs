@@ -1,14 +1,17 @@
 //! `loadtwin simulate`.
 
 use std::path::PathBuf;
+use std::time::Instant;
 
 use clap::Args;
 use serde_json::json;
 
 use super::output::say;
 use super::progress::Progress;
-use crate::machine::Machine;
-use crate::simulate::{Applied, EFFECTS, Scenario, Simulation};
+use crate::machine::{Kind, Machine, Rotor};
+use crate::simulate::{
+    Applied, EFFECTS, ROTOR_SCENARIOS, RotorScenario, RotorSimulation, Scenario, Simulation,
+};
 
 /// Write a recording of a machine that is not there, from an independent,
 /// finer plant.
@@ -40,8 +43,11 @@ pub struct Simulate {
 
 impl Simulate {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
-        let started = std::time::Instant::now();
+        let started = Instant::now();
         let machine = Machine::load(&self.machine)?;
+        if let Some(Kind::Rotor(rotor)) = machine.kind() {
+            return self.run_rotor(&machine, rotor, started, as_json);
+        }
         let mut scenario = Scenario::by_name(&self.scenario)?;
         if let Some(duration_s) = self.duration_s {
             scenario.duration_s = duration_s;
@@ -52,12 +58,39 @@ impl Simulate {
         let rows = simulation.rows();
         let progress = Progress::new("simulate");
         simulation.write(&self.output, |part| progress.show(part))?;
+        self.say(&machine, scenario.name(), rows, started, as_json);
+        Ok(())
+    }
+
+    fn run_rotor(
+        &self,
+        machine: &Machine,
+        rotor: &Rotor,
+        started: Instant,
+        as_json: bool,
+    ) -> anyhow::Result<()> {
+        anyhow::ensure!(self.effect.is_empty(), "effect: a rotor has none yet");
+        let name = if self.scenario == "start-stop" {
+            "constant"
+        } else {
+            &self.scenario
+        };
+        let scenario = RotorScenario::by_name(name, rotor, self.seed, self.duration_s)?;
+        let simulation = RotorSimulation::new(machine, rotor, scenario)?;
+        let rows = simulation.rows();
+        let progress = Progress::new("simulate");
+        simulation.write(&self.output, |part| progress.show(part))?;
+        self.say(machine, name, rows, started, as_json);
+        Ok(())
+    }
+
+    fn say(&self, machine: &Machine, scenario: &str, rows: u64, started: Instant, as_json: bool) {
         let seconds = started.elapsed().as_secs_f64();
         if as_json {
             let report = json!({
                 "machine": machine.name,
                 "recording": self.output,
-                "scenario": scenario.name(),
+                "scenario": scenario,
                 "seed": self.seed,
                 "samples": rows,
                 "rate_hz": machine.rate_hz,
@@ -71,7 +104,6 @@ impl Simulate {
                 machine.rate_hz
             );
         }
-        Ok(())
     }
 }
 
@@ -79,6 +111,10 @@ impl Simulate {
 fn lists() -> String {
     let mut text = "Scenarios:\n".to_owned();
     for (name, what) in Scenario::all() {
+        text += &format!("  {name:<20}{what}\n");
+    }
+    text += "\nScenarios of a rotor:\n";
+    for (name, what) in ROTOR_SCENARIOS {
         text += &format!("  {name:<20}{what}\n");
     }
     text += "\nEffects, and what strength 1 is:\n";

@@ -166,6 +166,8 @@ impl Plan {
             }
             Senses::Speed(name) => self.nominal_speed * self.torsion.ratio(name).abs(),
             Senses::Drive(name) => self.nominal_torque / self.torsion.ratio(name).abs(),
+            // Refused where the description is checked.
+            Senses::Displacement(_) => 1.0,
         }
     }
 

@@ -126,7 +126,7 @@ fn patch() -> f64 {
 pub type Group = String;
 
 /// What an analogue channel responds to.
-#[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Senses {
     /// The torque that the named shaft carries [N m].
@@ -138,6 +138,18 @@ pub enum Senses {
     /// Nothing unknown: a measured torque that drives the named inertia
     /// [N m], a known input of the filter.
     Drive(String),
+    /// The displacement of a rotor's shaft [m].
+    Displacement(Displacement),
+}
+
+/// Where and along what a displacement is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Displacement {
+    /// Node of the shaft.
+    pub node: usize,
+    /// Direction from x towards y [degrees]: 0 is x, 90 is y.
+    pub direction_deg: f64,
 }
 
 /// The converter behind an analogue channel: `value = (word - zero) * lsb`.
@@ -164,7 +176,8 @@ pub struct Adc {
 pub struct Encoder {
     /// Column of the recording.
     pub name: String,
-    /// The inertia that it turns with.
+    /// The inertia that it turns with; absent on a rotor.
+    #[serde(default)]
     pub inertia: String,
     /// Counts per turn of that inertia (after quadrature), not 0; negative where it
     /// counts down in forward turning.

@@ -48,6 +48,10 @@ impl Machine {
                 self.check_channels(drivetrain)?;
                 self.check_encoders(drivetrain)?;
             }
+            Some(Kind::Rotor(rotor)) => {
+                rotor.check()?;
+                self.check_rotor_sensors(rotor)?;
+            }
             None => {
                 return refuse(
                     "drivetrain",
@@ -133,6 +137,13 @@ impl Machine {
                 Senses::Load(name) => ("load", name, names(&drivetrain.loads, |l| &l.name)),
                 Senses::Speed(name) => ("speed", name, names(&drivetrain.inertias, |j| &j.name)),
                 Senses::Drive(name) => ("drive", name, names(&drivetrain.inertias, |j| &j.name)),
+                Senses::Displacement(_) => {
+                    return refuse(
+                        &field("senses"),
+                        "displacement",
+                        "shaft, load, speed, drive",
+                    );
+                }
             };
             one_of(&field(&format!("senses.{kind}")), name, &allowed)?;
             finite(&field("offset"), channel.offset)?;
@@ -377,11 +388,11 @@ impl Drivetrain {
     }
 }
 
-fn names<T>(items: &[T], name: impl Fn(&T) -> &String) -> Vec<&str> {
+pub(super) fn names<T>(items: &[T], name: impl Fn(&T) -> &String) -> Vec<&str> {
     items.iter().map(|item| name(item).as_str()).collect()
 }
 
-fn refuse(field: &str, found: impl Display, allowed: &str) -> Checked {
+pub(super) fn refuse(field: &str, found: impl Display, allowed: &str) -> Checked {
     Err(Violation {
         field: field.into(),
         found: found.to_string(),
@@ -397,7 +408,7 @@ pub(super) fn within(field: &str, found: impl Display, is: bool, allowed: &str) 
     }
 }
 
-fn finite(field: &str, value: f64) -> Checked {
+pub(super) fn finite(field: &str, value: f64) -> Checked {
     within(field, value, value.is_finite(), "a finite number")
 }
 
@@ -423,7 +434,7 @@ pub(super) fn at_least(field: &str, value: f64, least: f64) -> Checked {
     )
 }
 
-fn at_most(field: &str, found: usize, most: usize) -> Checked {
+pub(super) fn at_most(field: &str, found: usize, most: usize) -> Checked {
     within(field, found, found <= most, &format!("at most {most}"))
 }
 
@@ -436,7 +447,7 @@ pub(super) fn range(field: &str, value: f64, least: f64, most: f64) -> Checked {
     )
 }
 
-fn one_of(field: &str, name: &str, allowed: &[&str]) -> Checked {
+pub(super) fn one_of(field: &str, name: &str, allowed: &[&str]) -> Checked {
     within(
         field,
         format!("{name:?}"),
@@ -466,7 +477,7 @@ fn torque_or_counts(field: &str, unit: Unit) -> Checked {
     within(field, unit, is, "a unit of torque or force, or counts")
 }
 
-fn listed(names: &[&str]) -> String {
+pub(super) fn listed(names: &[&str]) -> String {
     if names.is_empty() {
         "nothing: there is none".into()
     } else {

@@ -24,7 +24,7 @@ pub struct Gears {
     pub helical: Vec<Helical>,
     /// Bearings in the housing, two for each shaft from the sun's on.
     #[serde(default, rename = "bearing")]
-    pub bearings: Vec<Bearing>,
+    pub bearings: Vec<ShaftBearing>,
 }
 
 /// A planetary stage whose planets share the load equally.
@@ -77,7 +77,7 @@ pub struct Helical {
 /// A bearing in the housing.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Bearing {
+pub struct ShaftBearing {
     /// What unit loads call it; not `ring`.
     pub name: String,
     /// Number of its shaft, 0 for the sun's.
@@ -209,7 +209,7 @@ impl Gears {
             at_least(&field("z_m"), bearing.z_m, -100.0)?;
         }
         for shaft in 0..=self.helical.len() {
-            let of_shaft: Vec<&Bearing> =
+            let of_shaft: Vec<&ShaftBearing> =
                 self.bearings.iter().filter(|b| b.shaft == shaft).collect();
             let locating = of_shaft.iter().filter(|b| b.locating).count();
             within(

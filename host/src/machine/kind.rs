@@ -1,6 +1,6 @@
 //! What is the same for every kind of machine.
 
-use super::{Drivetrain, Machine};
+use super::{Drivetrain, Machine, Rotor};
 use crate::recording::Unit;
 
 /// The kind of a machine, with the part of the description that says so.
@@ -8,6 +8,8 @@ use crate::recording::Unit;
 pub enum Kind<'a> {
     /// A gearbox or another torsional drivetrain.
     Drivetrain(&'a Drivetrain),
+    /// A rotor on bearings.
+    Rotor(&'a Rotor),
 }
 
 /// A load as tables, estimates and references know it.
@@ -24,7 +26,8 @@ pub struct NamedLoad<'a> {
 impl Machine {
     /// The machine's kind; none in a description that [`Machine::check`] refuses.
     pub fn kind(&self) -> Option<Kind<'_>> {
-        self.drivetrain.as_ref().map(Kind::Drivetrain)
+        let drivetrain = self.drivetrain.as_ref().map(Kind::Drivetrain);
+        drivetrain.or_else(|| self.rotor.as_ref().map(Kind::Rotor))
     }
 
     /// The loads in the order of the estimates.
@@ -37,6 +40,15 @@ impl Machine {
                     name: &load.name,
                     unit: Unit::NEWTON_METRE,
                     nominal: load.nominal_nm,
+                })
+                .collect(),
+            Some(Kind::Rotor(rotor)) => (rotor.loads.iter())
+                .flat_map(|load| {
+                    load.names.iter().map(|name| NamedLoad {
+                        name,
+                        unit: Unit::NEWTON,
+                        nominal: load.nominal_n,
+                    })
                 })
                 .collect(),
             None => Vec::new(),

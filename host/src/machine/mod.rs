@@ -12,6 +12,8 @@ mod drivetrain;
 mod error;
 mod gears;
 mod kind;
+mod rotor;
+mod rotor_sensors;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -21,11 +23,17 @@ use serde::{Deserialize, Serialize};
 
 pub use angle_map::{MAP_ENTRIES, read_column, read_columns, resampled, six_digits, write_columns};
 pub use balance::{Balance, BalanceEffect, Regime, Signal};
-pub use channel::{Adc, Auxiliary, Channel, Encoder, Group, Index, Place, Reference, Senses};
+pub use channel::{
+    Adc, Auxiliary, Channel, Displacement, Encoder, Group, Index, Place, Reference, Senses,
+};
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, Shaft};
 pub use error::{MachineError, Violation};
-pub use gears::{Bearing, Gears, Helical, Planetary};
+pub use gears::{Gears, Helical, Planetary, ShaftBearing};
 pub use kind::{Kind, NamedLoad};
+pub use rotor::{
+    BearingAt, Coefficients, Disc, LoadKind, MOST_LOADS, Material, Reduction, Rotor, RotorBearing,
+    RotorLoad, Section,
+};
 
 use crate::recording::CsvLayout;
 
@@ -46,6 +54,8 @@ pub struct Machine {
     pub can_base: u16,
     /// A gearbox or another torsional drivetrain.
     pub drivetrain: Option<Drivetrain>,
+    /// A flexible rotor on bearings.
+    pub rotor: Option<Rotor>,
     /// A measured drive without gauges, for `loadtwin diagnose`.
     pub balance: Option<Balance>,
     /// Analogue channels: strain gauges, torque transducers, tachometers.
@@ -151,10 +161,35 @@ impl Machine {
         let mut machine: Self =
             toml::from_str(&text).map_err(|error| MachineError::syntax(path, &text, &error))?;
         machine
-            .check()
+            .read_ross_model(path)
+            .and_then(|()| machine.check())
             .map_err(|violation| MachineError::violation(path, &text, violation))?;
         path.clone_into(&mut machine.path);
         Ok(machine)
+    }
+
+    /// Fills in the rotor from the model of ROSS that it names.
+    fn read_ross_model(&mut self, path: &Path) -> Result<(), Violation> {
+        let Some(rotor) = &mut self.rotor else {
+            return Ok(());
+        };
+        let Some(file) = rotor.ross_model.clone() else {
+            return Ok(());
+        };
+        let refused = |found: String, allowed: &str| Violation {
+            field: "rotor.ross_model".into(),
+            found,
+            allowed: allowed.into(),
+        };
+        if !(rotor.sections.is_empty() && rotor.discs.is_empty() && rotor.bearings.is_empty()) {
+            let allowed = "either ross_model, or sections, discs and bearings";
+            return Err(refused("both".into(), allowed));
+        }
+        let found = path.parent().unwrap_or(Path::new("")).join(&file);
+        crate::rotor::read_ross(&found, rotor).map_err(|error| {
+            let allowed = "a rotor of cylinders, discs and bearings, saved by ROSS 2";
+            refused(format!("{}: {error}", file.display()), allowed)
+        })
     }
 
     /// A file that the description names, relative to the description.

@@ -169,7 +169,7 @@ pub fn axes(gears: &Gears) -> Vec<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::machine::{Bearing, Planetary};
+    use crate::machine::{Planetary, ShaftBearing};
 
     fn gears(hand: f64) -> Gears {
         let stage = |wheel, pinion, module, helix, z, at| Helical {
@@ -181,7 +181,7 @@ mod tests {
             z_m: z,
             pinion_at_deg: at,
         };
-        let bearing = |name: &str, shaft, z, locating| Bearing {
+        let bearing = |name: &str, shaft, z, locating| ShaftBearing {
             name: name.into(),
             shaft,
             z_m: z,

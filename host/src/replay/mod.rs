@@ -1,5 +1,6 @@
 //! `loadtwin replay`: the estimator on a recording.
 
+mod displacements;
 mod estimates;
 mod figures;
 mod page;
@@ -12,6 +13,7 @@ use loadtwin_common::image::Image;
 use loadtwin_common::line::Line;
 use thiserror::Error;
 
+pub use displacements::{Displacements, NodeFigures, displacement_columns};
 pub use estimates::EstimateWriter;
 pub use figures::{Figures, LoadFigures};
 pub use page::ReportPage;
@@ -46,13 +48,31 @@ pub fn run(
     path: &Path,
     mut each: impl FnMut(&Sample<'_>, &Estimate, f64),
 ) -> Result<(), ReplayError> {
+    run_line(machine, sensors, path, |sample, estimate, _, part| {
+        each(sample, estimate, part);
+    })
+}
+
+/// As [`run`], with the line after its step.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_line(
+    machine: &Machine,
+    sensors: &Sensors,
+    path: &Path,
+    mut each: impl FnMut(&Sample<'_>, &Estimate, &Line<'_>, f64),
+) -> Result<(), ReplayError> {
     let payload = build::image(machine, sensors)?;
     let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
     let mut line = Line::try_build(image).map_err(ReplayError::Image)?;
     let mut samples = Samples::open(machine, sensors, path)?;
     loop {
         let progress = samples.progress();
-        let more = samples.next_block(|sample| each(sample, &line.step(&sample.raw), progress))?;
+        let more = samples.next_block(|sample| {
+            let estimate = line.step(&sample.raw);
+            each(sample, &estimate, &line, progress);
+        })?;
         if !more {
             return Ok(());
         }

@@ -5,6 +5,7 @@ use std::path::Path;
 use loadtwin_common::raw::RawSample;
 
 use super::ReplayError;
+use super::displacements::displacement_columns;
 use crate::build::Sensors;
 use crate::machine::{Channel, Encoder, Machine, Reference};
 use crate::recording::{Block, Quantity, Reader, Unit, Wanted};
@@ -18,6 +19,8 @@ pub struct Samples {
     angles: Vec<bool>,
     index: Option<IndexColumn>,
     references: Vec<Reference>,
+    /// Columns of true displacements.
+    displacements: usize,
     tick: u32,
 }
 
@@ -47,6 +50,9 @@ pub struct Sample<'a> {
     /// Each load's reference in the order of the machine's references, in the
     /// load's unit and sign; NaN where the recording has none.
     pub references: &'a [f64],
+    /// True displacements of a rotor along x and y, node by node [m]; NaN where
+    /// the recording has none, empty for other machines.
+    pub displacements: &'a [f64],
 }
 
 impl Samples {
@@ -136,17 +142,16 @@ impl Samples {
             });
         }
         for reference in &machine.references {
-            wanted.push(Wanted {
-                name: &reference.name,
-                unit: reference.unit.si(),
-                required: false,
-            });
+            wanted.push(optional(&reference.name, reference.unit.si()));
         }
+        let displacements = displacement_columns(machine);
+        wanted.extend((displacements.iter()).map(|name| optional(name, Unit::METRE)));
         let reader = Reader::open(path, layout, &wanted)?.expect_period(1.0 / machine.rate_hz)?;
         Ok(Self {
             channels: sensors.channels.clone(),
             encoders: sensors.encoders.clone(),
             references: machine.references.clone(),
+            displacements: displacements.len(),
             index: index.map(|(_, column)| column),
             reader,
             forms,
@@ -169,9 +174,14 @@ impl Samples {
             return Ok(false);
         };
         let mut references = vec![f64::NAN; self.references.len()];
+        let mut displacements = vec![f64::NAN; self.displacements];
         for i in 0..block.len() {
             let raw = self.raw(&block, i);
-            let first = block.columns.len() - self.references.len();
+            let true_ones = block.columns.len() - self.displacements;
+            let first = true_ones - self.references.len();
+            for (value, column) in displacements.iter_mut().zip(&block.columns[true_ones..]) {
+                *value = column.as_ref().map_or(f64::NAN, |column| column[i]);
+            }
             for ((value, column), reference) in references
                 .iter_mut()
                 .zip(&block.columns[first..])
@@ -184,6 +194,7 @@ impl Samples {
                 t: block.t[i],
                 raw,
                 references: &references,
+                displacements: &displacements,
             });
         }
         Ok(true)
@@ -243,4 +254,13 @@ impl Samples {
 /// The hardware counter's value for a count.
 fn counter(encoder: &Encoder, count: f64) -> u32 {
     (count.round() as i64).rem_euclid(1_i64 << encoder.bits) as u32
+}
+
+/// A column that a recording need not have.
+fn optional(name: &str, unit: Unit) -> Wanted<'_> {
+    Wanted {
+        name,
+        unit,
+        required: false,
+    }
 }

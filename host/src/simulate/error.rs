@@ -61,6 +61,12 @@ pub enum SimulateError {
         /// Its name.
         machine: String,
     },
+    /// Bearings that do not hold a rotor.
+    #[error("machine {machine:?}: its bearings do not hold the rotor")]
+    NotHeld {
+        /// Its name.
+        machine: String,
+    },
     /// Shafts too stiff for their inertias.
     #[error(
         "machine {machine:?}: its fastest motion needs steps of {step_s:.1e} s, allowed: at least \

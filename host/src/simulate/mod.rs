@@ -30,6 +30,7 @@ mod encoder;
 mod error;
 mod gauge;
 mod plant;
+mod rotor;
 mod scenario;
 mod thermal;
 
@@ -54,6 +55,7 @@ use thermal::Housing;
 
 pub use effect::{Applied, EFFECTS, Effect};
 pub use error::SimulateError;
+pub use rotor::{AppliedUnbalance, ROTOR_SCENARIOS, RotorScenario, RotorSimulation};
 pub use scenario::Scenario;
 
 /// Longest recording [s]: a day.
@@ -453,6 +455,8 @@ fn sensed(drivetrain: &Drivetrain, senses: &Senses) -> Sensed {
                 .unwrap_or(0),
         ),
         Senses::Drive(name) => Sensed::Drive(place(drivetrain, name)),
+        // Refused where the description is checked.
+        Senses::Displacement(_) => Sensed::Load(0),
     }
 }
 

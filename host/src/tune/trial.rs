@@ -59,7 +59,9 @@ impl<'a> Trial<'a> {
             raw.truncate(SAMPLES);
             all.push(raw);
         }
-        let Model::Gearbox(model) = &image.model;
+        let Model::Gearbox(model) = &image.model else {
+            return Err(crate::calibrate::CalibrateError::NoDrivetrain.into());
+        };
         Ok(Self {
             noise: noise(model),
             recordings: all,
@@ -71,8 +73,15 @@ impl<'a> Trial<'a> {
     /// Runs the estimator with steps of the loads of variance `load_noise`, in
     /// nominal loads squared, and no reading left out; infinite where it is refused.
     pub fn run(&self, load_noise: &[f64]) -> Outcome {
+        let infinite = Outcome {
+            misfit: f64::INFINITY,
+            innovation: f64::INFINITY,
+            load: f64::INFINITY,
+        };
         let mut image = self.image.clone();
-        let Model::Gearbox(model) = &mut image.model;
+        let Model::Gearbox(model) = &mut image.model else {
+            return infinite;
+        };
         for (slot, variance) in model.load_noise.iter_mut().zip(load_noise) {
             *slot = *variance as f32;
         }
@@ -86,11 +95,6 @@ impl<'a> Trial<'a> {
                 .copied()
                 .map(f64::from)
                 .collect()
-        };
-        let infinite = Outcome {
-            misfit: f64::INFINITY,
-            innovation: f64::INFINITY,
-            load: f64::INFINITY,
         };
         let (mut sum, mut count) = (Outcome::default(), 0);
         for recording in &self.recordings {

@@ -1,0 +1,395 @@
+//! The rotor: displacements everywhere and forces at the discs, from
+//! displacements at a few nodes.
+//!
+//! A reduced finite-element model with the forces as states ([`filter`]), its
+//! matrices over the speed. The full recursion runs until its gain has
+//! converged; then the steady gain of the speed takes its place, until a
+//! reading is missing or refused.
+//!
+//! Source: Rezende et al. 2023, section 2.
+
+pub mod filter;
+mod model;
+mod shaft;
+
+use heapless::Vec;
+
+use crate::Error;
+use crate::estimate::{Estimate, LoadEstimate, MAX_LOADS, SensorEstimate};
+use crate::fault::Fault;
+use crate::innovation::Gate;
+use crate::measurement::{Converter, Counter, Measurement, Unwrap};
+use crate::phase::Phase;
+use crate::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
+use filter::{Belief, Turn, predict_covariance, predict_state, predicted, update};
+use shaft::Shaft;
+
+pub use model::{MAX_MODES, MAX_STATES, Numbers, RotorChannel, RotorModel, ShaftEncoder, Speeds};
+
+/// Samples after which a gap is a new start.
+const LONGEST_GAP: u32 = 100;
+
+/// Refusals in a row after which a reading is believed again.
+const PATIENCE: u16 = 25;
+
+/// Steps of the table by which the speed may move before the matrices follow.
+const FOLLOW: f32 = 1.0 / 32.0;
+
+/// Part of the speeds' range beyond its ends that is still estimated.
+const MARGIN: f32 = 0.02;
+
+/// The estimator of a rotor, fixed after start.
+#[derive(Clone, Debug)]
+pub struct Rotor<'a, const NZ: usize, const NX: usize> {
+    model: RotorModel<'a>,
+    converters: Vec<Converter, MAX_CHANNELS>,
+    counters: Vec<Counter, MAX_ENCODERS>,
+    rows: Vec<[f32; NZ], MAX_CHANNELS>,
+    gate: Gate,
+    constant: Turn<f32>,
+}
+
+/// What changes from sample to sample.
+#[derive(Clone, Debug)]
+pub struct RotorState<const NZ: usize, const NX: usize> {
+    unwrap: Unwrap,
+    belief: Belief<f32, NX>,
+    gates: [Gate; MAX_CHANNELS],
+    shaft: Shaft,
+    active: Active<NZ, NX>,
+    /// Samples in a row that used every sensor.
+    calm: u32,
+    age: u16,
+    started: bool,
+}
+
+/// The tables at the present speed.
+#[derive(Clone, Debug)]
+struct Active<const NZ: usize, const NX: usize> {
+    place: f32,
+    dense: [[f32; NX]; NZ],
+    gain: [[f32; NX]; MAX_CHANNELS],
+    variance: [f32; MAX_CHANNELS],
+    load_std: [f32; MAX_LOADS],
+}
+
+impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
+    /// Checks a model and lays it out for the step.
+    ///
+    /// # Errors
+    /// The name of the first field that is not finite, not positive where it
+    /// must be, or of the wrong length for `NX` states.
+    pub fn try_build(model: RotorModel<'a>) -> Result<Self, Error> {
+        const { assert!(NZ <= MAX_MODES && NX <= MAX_STATES, "states of a rotor") };
+        model.check(NZ, NX)?;
+        let rows = model.channels.iter().map(|channel| {
+            let mut row = [0.0; NZ];
+            for (slot, value) in row.iter_mut().zip(&channel.row) {
+                *slot = *value;
+            }
+            row
+        });
+        let angle = model.speeds.nominal * model.sample_s;
+        Ok(Self {
+            rows: rows.collect(),
+            converters: model.channels.iter().map(|c| c.converter).collect(),
+            counters: model.encoder.iter().map(|e| e.counter).collect(),
+            gate: Gate::try_new(model.gate_nis, PATIENCE)?,
+            constant: Turn {
+                turning: model.turning,
+                pairs: model.loads.len() / 2,
+                cosine: libm::cosf(angle),
+                sine: libm::sinf(angle),
+            },
+            model,
+        })
+    }
+
+    /// The state before the first sample.
+    pub fn start(&self) -> RotorState<NZ, NX> {
+        let mut active = Active {
+            place: f32::MAX,
+            dense: [[0.0; NX]; NZ],
+            gain: [[0.0; NX]; MAX_CHANNELS],
+            variance: [0.0; MAX_CHANNELS],
+            load_std: [0.0; MAX_LOADS],
+        };
+        self.follow(&mut active, self.model.speeds.nominal);
+        RotorState {
+            unwrap: Unwrap::default(),
+            belief: self.initial(),
+            gates: [self.gate; MAX_CHANNELS],
+            shaft: Shaft::new(self.model.speeds.nominal),
+            active,
+            calm: 0,
+            age: u16::MAX,
+            started: false,
+        }
+    }
+
+    fn initial(&self) -> Belief<f32, NX> {
+        let mut covariance = [[0.0; NX]; NX];
+        let mut entry = 0;
+        for i in 0..NX {
+            for j in 0..=i {
+                covariance[i][j] = self.model.initial_covariance.get(entry);
+                covariance[j][i] = covariance[i][j];
+                entry += 1;
+            }
+        }
+        Belief {
+            state: [0.0; NX],
+            covariance,
+        }
+    }
+
+    /// Interpolates the tables at `speed` where it has moved enough.
+    fn follow(&self, active: &mut Active<NZ, NX>, speed: f32) {
+        let speeds = &self.model.speeds;
+        let last = f32::from(speeds.count) - 1.0;
+        let place = ((speed - speeds.lowest) / speeds.step).clamp(0.0, last);
+        if (place - active.place).abs() <= FOLLOW || !place.is_finite() {
+            return;
+        }
+        active.place = place;
+        let stride = self.model.stride();
+        let low = place as usize;
+        let part = place - low as f32;
+        let (low, next) = (low * stride, if part > 0.0 { stride } else { 0 });
+        let at = |i: usize| {
+            let value = self.model.tables.get(low + i);
+            value + part * (self.model.tables.get(low + next + i) - value)
+        };
+        let mut entry = 0;
+        let mut take = || {
+            entry += 1;
+            at(entry - 1)
+        };
+        for row in &mut active.dense {
+            row.fill_with(&mut take);
+        }
+        let channels = self.model.channels.len();
+        for i in 0..NX {
+            for column in active.gain.iter_mut().take(channels) {
+                column[i] = take();
+            }
+        }
+        (active.variance.iter_mut().take(channels)).for_each(|slot| *slot = take());
+        (active.load_std.iter_mut().take(self.model.loads.len())).for_each(|slot| *slot = take());
+    }
+
+    /// One sample: convert, predict, update with each usable reading.
+    pub fn step(&self, state: &mut RotorState<NZ, NX>, raw: &RawSample) -> Estimate {
+        let index = self.model.index.as_ref();
+        let m = (state.unwrap).convert(
+            raw,
+            &self.converters,
+            &self.counters,
+            index,
+            Phase::default(),
+        );
+        let fresh = !state.started || m.lost > LONGEST_GAP;
+        if fresh {
+            self.restart(state);
+        }
+        if let Some(by) = m.rehomed {
+            state.shaft.turn(by);
+        }
+        let turn = self.turn(state, &m);
+        let steady = state.calm >= self.model.full_samples && !self.counts_nothing(&m);
+        if !fresh {
+            for _ in 0..=m.lost {
+                predict_state(&mut state.belief.state, &state.active.dense, &turn);
+                if !steady {
+                    self.predict_covariance(state, &turn);
+                }
+            }
+        }
+        state.age = state.age.saturating_add(1);
+        let mut estimate = Estimate {
+            tick: m.tick,
+            lost: m.lost,
+            angle_rad: state.shaft.angle().to_rad(),
+            homed: m.homed || index.is_none(),
+            ..Estimate::default()
+        };
+        if !(steady && self.correct(state, &m, &mut estimate)) {
+            if steady {
+                self.predict_covariance(state, &turn);
+            }
+            self.update(state, &m, &mut estimate);
+        }
+        self.loads(state, &mut estimate);
+        state.started = estimate.loads.iter().all(|load| load.std < f32::MAX);
+        estimate
+    }
+
+    fn restart(&self, state: &mut RotorState<NZ, NX>) {
+        state.belief = self.initial();
+        state.gates = [self.gate; MAX_CHANNELS];
+        state.shaft = Shaft::new(self.model.speeds.nominal);
+        state.calm = 0;
+        state.age = u16::MAX;
+        state.started = true;
+    }
+
+    /// Whether a sensor is missing, or samples are, for which the steady gain was not made.
+    fn counts_nothing(&self, m: &Measurement) -> bool {
+        m.lost > 0 || m.values.iter().take(self.rows.len()).any(Result::is_err)
+    }
+
+    /// The shaft one sample on, and the matrices after its speed.
+    fn turn(&self, state: &mut RotorState<NZ, NX>, m: &Measurement) -> Turn<f32> {
+        let reading = m.angles.first().and_then(|angle| angle.ok());
+        let (dt, samples) = (self.model.sample_s, m.lost.saturating_add(1));
+        let encoder = self.model.encoder.as_ref();
+        let motion = state
+            .shaft
+            .advance(dt, samples.min(LONGEST_GAP), reading, encoder);
+        if encoder.is_none() {
+            return self.constant;
+        }
+        self.follow(&mut state.active, state.shaft.speed);
+        // The turn of one of the samples that were lost.
+        let each = motion.turned / samples as f32;
+        Turn {
+            cosine: motion.growth * libm::cosf(each),
+            sine: motion.growth * libm::sinf(each),
+            ..self.constant
+        }
+    }
+
+    fn predict_covariance(&self, state: &mut RotorState<NZ, NX>, turn: &Turn<f32>) {
+        let noise = &self.model.process_noise;
+        let p = &mut state.belief.covariance;
+        predict_covariance(p, &state.active.dense, turn, |i| noise.get(i));
+    }
+
+    /// Every channel by the steady gain; false where one is outside of its gate,
+    /// and the state as predicted.
+    fn correct(
+        &self,
+        state: &mut RotorState<NZ, NX>,
+        m: &Measurement,
+        estimate: &mut Estimate,
+    ) -> bool {
+        let mut innovations = [0.0; MAX_CHANNELS];
+        for (i, (row, channel)) in self.rows.iter().zip(&self.model.channels).enumerate() {
+            let Some(Ok(value)) = m.values.get(i) else {
+                return false;
+            };
+            let nu = value - channel.offset - predicted(&state.belief.state, row);
+            let within = nu * nu <= self.model.gate_nis * state.active.variance[i];
+            if !within {
+                return false;
+            }
+            innovations[i] = nu;
+        }
+        for (i, channel) in self.model.channels.iter().enumerate() {
+            let nu = innovations[i];
+            let gain = &state.active.gain[i];
+            for j in 0..NX {
+                state.belief.state[j] += gain[j] * nu;
+            }
+            let variance = state.active.variance[i];
+            let value = m.values.get(i).copied().and_then(Result::ok);
+            let sensor = SensorEstimate {
+                measured: value.unwrap_or(0.0) * channel.unit,
+                innovation: nu * channel.unit,
+                innovation_variance: variance * (channel.unit * channel.unit),
+                nis: nu * nu / variance,
+                fault: Fault::None,
+            };
+            let _ = estimate.sensors.push(sensor);
+        }
+        state.age = 0;
+        true
+    }
+
+    /// Each channel by the full recursion.
+    fn update(&self, state: &mut RotorState<NZ, NX>, m: &Measurement, estimate: &mut Estimate) {
+        let mut all = true;
+        for (i, (row, channel)) in self.rows.iter().zip(&self.model.channels).enumerate() {
+            let value = match m.values.get(i) {
+                Some(Ok(value)) => *value,
+                Some(Err(fault)) => {
+                    all = false;
+                    let _ = estimate.sensors.push(SensorEstimate {
+                        fault: *fault,
+                        ..SensorEstimate::default()
+                    });
+                    continue;
+                }
+                None => continue,
+            };
+            let gate = &mut state.gates[i % MAX_CHANNELS];
+            let (told, used) = update(
+                &mut state.belief,
+                row,
+                value - channel.offset,
+                channel.variance,
+                |nis| gate.admits(nis),
+            );
+            if used {
+                state.age = 0;
+            }
+            all &= used;
+            let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
+            let _ = estimate.sensors.push(SensorEstimate {
+                measured: value * channel.unit,
+                innovation: finite(told.innovation) * channel.unit,
+                innovation_variance: finite(told.variance) * (channel.unit * channel.unit),
+                nis: finite(told.nis),
+                fault: if used {
+                    Fault::None
+                } else if told.nis.is_finite() {
+                    Fault::Erratic
+                } else {
+                    Fault::NotValid
+                },
+            });
+        }
+        state.calm = if all { state.calm.saturating_add(1) } else { 0 };
+    }
+
+    fn loads(&self, state: &RotorState<NZ, NX>, estimate: &mut Estimate) {
+        let steady = state.calm >= self.model.full_samples && state.age == 0;
+        let speeds = &self.model.speeds;
+        let range = f32::from(speeds.count - 1) * speeds.step;
+        let margin = MARGIN * (speeds.lowest + range);
+        let speed = state.shaft.speed;
+        let inside = speed >= speeds.lowest - margin && speed <= speeds.lowest + range + margin;
+        for (j, signal) in self.model.loads.iter().enumerate() {
+            let d = 2 * NZ + j;
+            let (Some(scale), Some(x)) = (self.model.scale.get(d), state.belief.state.get(d))
+            else {
+                continue;
+            };
+            let deviation = if steady {
+                state.active.load_std[j % MAX_LOADS]
+            } else {
+                libm::sqrtf(state.belief.covariance[d % NX][d % NX])
+            };
+            let (value, std) = (x * scale, deviation * scale);
+            let finite = value.is_finite() && std.is_finite();
+            let fault = if !finite || std > signal.valid_std || !inside {
+                Fault::NotValid
+            } else {
+                Fault::None
+            };
+            let _ = estimate.loads.push(LoadEstimate {
+                value: if finite { value } else { 0.0 },
+                std: if finite { std } else { f32::MAX },
+                age: state.age,
+                fault,
+            });
+        }
+    }
+}
+
+impl<const NZ: usize, const NX: usize> RotorState<NZ, NX> {
+    /// The filter's state, in the image's scale.
+    pub fn state(&self) -> &[f32] {
+        &self.belief.state
+    }
+}

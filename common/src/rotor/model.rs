@@ -1,0 +1,220 @@
+//! The numbers of a rotor in a model image, and their ranges.
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+use crate::Error;
+use crate::estimate::MAX_LOADS;
+use crate::image::LoadSignal;
+use crate::measurement::{Converter, Counter, IndexPulse};
+use crate::raw::MAX_CHANNELS;
+
+/// Most modal displacements that a model can have.
+pub const MAX_MODES: usize = 8;
+
+/// Most states that a model can have.
+pub const MAX_STATES: usize = 20;
+
+/// Numbers that stay where the image lies (flash): f32, little endian.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Numbers<'a> {
+    #[serde(borrow)]
+    bytes: &'a [u8],
+}
+
+impl<'a> Numbers<'a> {
+    /// Numbers over `bytes`, 4 for each.
+    pub fn new(bytes: &'a [u8]) -> Self {
+        Self { bytes }
+    }
+
+    /// Number `i`; 0 beyond the end.
+    pub fn get(&self, i: usize) -> f32 {
+        match self
+            .bytes
+            .get(4 * i..)
+            .and_then(|rest| rest.first_chunk::<4>())
+        {
+            Some(bytes) => f32::from_le_bytes(*bytes),
+            None => 0.0,
+        }
+    }
+
+    fn check(&self, len: usize, name: &'static str) -> Result<(), Error> {
+        if self.bytes.len() != 4 * len {
+            return Err(Error::OutOfRange(name));
+        }
+        if (0..len).all(|i| self.get(i).is_finite()) {
+            Ok(())
+        } else {
+            Err(Error::NotFinite(name))
+        }
+    }
+}
+
+/// The numbers of a rotor in a model image.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RotorModel<'a> {
+    /// Modal displacements `z`.
+    pub modes: u8,
+    /// Unit of each state [SI]: the filter's state times this is SI.
+    pub scale: Vec<f32, MAX_STATES>,
+    /// Sample period [s], > 0.
+    pub sample_s: f32,
+    /// Speeds that the tables hold, evenly spaced.
+    pub speeds: Speeds,
+    /// For each speed: `D` by rows, the steady gain `K` by rows, the variance of each
+    /// channel's innovation, the steady standard deviation of each load.
+    #[serde(borrow)]
+    pub tables: Numbers<'a>,
+    /// Lower triangle of Q by rows.
+    #[serde(borrow)]
+    pub process_noise: Numbers<'a>,
+    /// Lower triangle of the covariance before the first sample.
+    #[serde(borrow)]
+    pub initial_covariance: Numbers<'a>,
+    /// Samples in a row, all sensors used, after which the gain has converged.
+    pub full_samples: u32,
+    /// NIS above which a reading is left out, > 0.
+    pub gate_nis: f32,
+    /// Bit k: load pair k turns with the shaft.
+    pub turning: u8,
+    /// The loads in pairs along x and y.
+    pub loads: Vec<LoadSignal, MAX_LOADS>,
+    /// Displacement sensors in the order of the raw words.
+    pub channels: Vec<RotorChannel, MAX_CHANNELS>,
+    /// The shaft's encoder.
+    pub encoder: Option<ShaftEncoder>,
+    /// The pulse that homes the shaft's angle.
+    pub index: Option<IndexPulse>,
+}
+
+/// Speeds of a table.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Speeds {
+    /// The first [rad/s], >= 0.
+    pub lowest: f32,
+    /// From one to the next [rad/s], > 0.
+    pub step: f32,
+    /// How many, > 0.
+    pub count: u16,
+    /// The machine's speed where nothing measures it [rad/s].
+    pub nominal: f32,
+}
+
+/// A displacement sensor in the image.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RotorChannel {
+    /// Raw word to reading, in `unit`s.
+    pub converter: Converter,
+    /// Size of the reading's unit [m], > 0.
+    pub unit: f32,
+    /// Reading of a shaft that rests on its axis.
+    pub offset: f32,
+    /// Row over the modal displacements in the filter's scale.
+    pub row: Vec<f32, MAX_MODES>,
+    /// Variance of the reading, > 0.
+    pub variance: f32,
+}
+
+/// The shaft's encoder in the image.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ShaftEncoder {
+    /// Count to shaft angle.
+    pub counter: Counter,
+    /// Part of an angle error that the tracked angle takes in a sample, 0 to 1.
+    pub angle_gain: f32,
+    /// Part of it that the tracked speed takes [1/s], > 0.
+    pub speed_gain: f32,
+}
+
+impl RotorModel<'_> {
+    /// Numbers of one speed in the tables.
+    pub fn stride(&self) -> usize {
+        let (nz, nx, ny) = (
+            usize::from(self.modes),
+            self.scale.len(),
+            self.channels.len(),
+        );
+        nz * nx + nx * ny + ny + self.loads.len()
+    }
+
+    /// Checks every length and range for `modes` modes and `states` states.
+    pub(super) fn check(&self, modes: usize, states: usize) -> Result<(), Error> {
+        let triangle = states * (states + 1) / 2;
+        if usize::from(self.modes) != modes || self.scale.len() != states {
+            return Err(Error::OutOfRange("number of states"));
+        }
+        positive(self.scale.iter().copied(), "scale")?;
+        let speeds = &self.speeds;
+        positive([self.sample_s], "sample_s")?;
+        positive([speeds.step, speeds.nominal], "speeds")?;
+        if !(speeds.lowest >= 0.0 && speeds.lowest.is_finite()) || speeds.count == 0 {
+            return Err(Error::OutOfRange("speeds"));
+        }
+        let stride = self.stride();
+        self.tables
+            .check(usize::from(speeds.count) * stride, "tables")?;
+        self.process_noise.check(triangle, "process_noise")?;
+        self.initial_covariance
+            .check(triangle, "initial_covariance")?;
+        for i in 0..states {
+            let diagonal = i * (i + 3) / 2;
+            if self.process_noise.get(diagonal) < 0.0 {
+                return Err(Error::NotPositive("process_noise"));
+            }
+            if self.initial_covariance.get(diagonal) < 0.0 {
+                return Err(Error::NotPositive("initial_covariance"));
+            }
+        }
+        let (ny, nd) = (self.channels.len(), self.loads.len());
+        for k in 0..usize::from(speeds.count) {
+            let end = (k + 1) * stride;
+            positive(
+                (end - nd - ny..end - nd).map(|i| self.tables.get(i)),
+                "innovation variance",
+            )?;
+        }
+        positive([self.gate_nis], "gate_nis")?;
+        if nd == 0 || !nd.is_multiple_of(2) || 2 * modes + nd > states {
+            return Err(Error::OutOfRange("loads"));
+        }
+        for load in &self.loads {
+            positive([load.full_scale, load.valid_std], "load")?;
+        }
+        if ny == 0 {
+            return Err(Error::OutOfRange("channels"));
+        }
+        for channel in &self.channels {
+            positive([channel.unit, channel.variance], "channel")?;
+            let gain = channel.converter.gain;
+            if !(gain.is_finite() && gain != 0.0 && channel.offset.is_finite()) {
+                return Err(Error::OutOfRange("channel gain"));
+            }
+            if channel.row.len() != modes || !channel.row.iter().all(|c| c.is_finite()) {
+                return Err(Error::OutOfRange("channel row"));
+            }
+        }
+        if let Some(encoder) = &self.encoder {
+            if !(1..=32).contains(&encoder.counter.bits) {
+                return Err(Error::OutOfRange("encoder bits"));
+            }
+            positive([encoder.angle_gain, encoder.speed_gain], "encoder gain")?;
+        }
+        match &self.index {
+            Some(index) => positive([index.tolerance_rad], "index tolerance"),
+            None => Ok(()),
+        }
+    }
+}
+
+fn positive(values: impl IntoIterator<Item = f32>, name: &'static str) -> Result<(), Error> {
+    if values
+        .into_iter()
+        .all(|value| value > 0.0 && value.is_finite())
+    {
+        Ok(())
+    } else {
+        Err(Error::NotPositive(name))
+    }
+}

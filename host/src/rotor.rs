@@ -1,0 +1,37 @@
+//! The rotor at design time: finite elements, modes, responses, reduction.
+
+mod discrete;
+mod element;
+mod image;
+mod model;
+mod modes;
+mod reduction;
+mod response;
+mod ross;
+mod unbalance;
+
+use thiserror::Error;
+
+pub use discrete::{Discrete, discrete, held, moved, turned};
+pub use element::{ElementMatrix, NODE, PartMatrices, ShaftElement};
+pub use image::RotorPlan;
+pub use model::RotorModel;
+pub use modes::{Mode, UndampedModes, campbell, modes, undamped_modes};
+pub use reduction::{Reduced, ReductionError};
+pub use response::TimeResponse;
+pub use ross::{RossError, read_ross};
+pub use unbalance::{Unbalance, unbalance_response};
+
+/// Why a rotor cannot be computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum RotorError {
+    /// The bearings do not hold the rotor.
+    #[error("the stiffness matrix is singular: the bearings do not hold the rotor")]
+    NotHeld,
+    /// An eigenvalue problem has no solution in floating point.
+    #[error("the eigenvalues cannot be computed: a stiffness or mass is out of all proportion")]
+    NoEigenvalues,
+    /// Undamped and driven exactly at resonance.
+    #[error("the response is infinite: an undamped rotor at its critical speed")]
+    Resonance,
+}

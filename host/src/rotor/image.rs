@@ -1,0 +1,518 @@
+//! From the machine description to the rotor of the image.
+
+use faer::{Mat, c64};
+use heapless::Vec as FixedVec;
+use loadtwin_common::image::{Image, LoadSignal, Model, VERSION};
+use loadtwin_common::line::ROTOR_SIZES;
+use loadtwin_common::measurement::{Converter, Counter, IndexPulse};
+use loadtwin_common::phase::{Phase, PhaseStep};
+use loadtwin_common::rotor::filter::{Belief, Turn, predict_covariance, update};
+use loadtwin_common::rotor::{
+    Numbers, RotorChannel, RotorModel as ImageModel, ShaftEncoder, Speeds,
+};
+
+use super::RotorError;
+use super::discrete::{Discrete, discrete, held, moved, turned};
+use super::model::{BAND, RotorModel};
+use super::reduction::{Reduced, ReductionError};
+use super::unbalance::{Unbalance, unbalance_response};
+use crate::build::{BuildError, Sensors};
+use crate::machine::{Channel, LoadKind, Machine, Rotor, Senses};
+use crate::riccati::{gain, steady_covariance};
+
+/// Speeds of the tables where the machine has a range of them.
+const SPEEDS: usize = 17;
+
+/// Readings are in micrometres.
+const UNIT_M: f64 = 1e-6;
+
+/// Load at the end of the scale on the bus, in nominal loads.
+const FULL_SCALE: f64 = 16.0;
+
+/// Standard deviation at which an estimate is no longer valid, in nominal loads.
+const VALID_STD: f64 = 1.0;
+
+/// Random walk of an unbalance whose description gives none, in nominal loads per
+/// sqrt(s): a mass that moves by 0.1 % in a second.
+const UNBALANCE_WALK: f64 = 1e-3;
+
+/// The same of a force that may do anything: ten times its size in a second.
+const FREE_WALK: f64 = 4.0;
+
+/// Relative difference of every variance to its last at which the gain has converged.
+const CONVERGED: f64 = 0.02;
+
+/// Longest time that is looked at for it [s].
+const LONGEST_S: f64 = 20.0;
+
+/// Bandwidth of the tracked speed, in sample rates, at most [Hz].
+const TRACKING: f64 = 0.01;
+const TRACKING_HZ: f64 = 20.0;
+
+/// Everything that the image of a rotor is made of.
+pub struct RotorPlan {
+    model: RotorModel,
+    reduced: Reduced,
+    /// Modal displacements and states of the filter.
+    size: (usize, usize),
+    scale: Vec<f64>,
+    dt_s: f64,
+    speeds: Vec<f64>,
+    nominal_speed: f64,
+    forces: Vec<Vec<f64>>,
+    turning: Vec<bool>,
+    nominal: Vec<f64>,
+}
+
+impl RotorPlan {
+    /// Assembles and reduces `rotor`.
+    ///
+    /// # Errors
+    /// When it is not held, or is larger than an image.
+    pub fn new(machine: &Machine, rotor: &Rotor) -> Result<Self, BuildError> {
+        let model = RotorModel::new(rotor);
+        let forces: Vec<Vec<f64>> = (rotor.loads.iter())
+            .flat_map(|load| {
+                [0.0, std::f64::consts::FRAC_PI_2].map(|a| model.direction(load.node, a))
+            })
+            .collect();
+        let wanted = rotor.reduction.modes.map(|modes| modes + forces.len());
+        let size = (ROTOR_SIZES.into_iter())
+            .filter(|(nz, nx)| nx - 2 * nz >= forces.len() && *nz > forces.len())
+            .find(|(nz, _)| *nz >= wanted.unwrap_or(8))
+            .ok_or(BuildError::TooLarge("rotor.reduction.modes with its loads"))?;
+        let kept = rotor.reduction.modes.unwrap_or(size.0 - forces.len());
+        let reduced = Reduced::new(&model, rotor.speed_rad_s, kept, &forces)?;
+        let [low, high] = rotor.schedule();
+        let count = if high > low { SPEEDS } else { 1 };
+        let speeds = (0..count)
+            .map(|k| low + (high - low) * k as f64 / (count.max(2) - 1) as f64)
+            .collect();
+        let mut plan = Self {
+            model,
+            reduced,
+            size,
+            scale: Vec::new(),
+            dt_s: 1.0 / machine.rate_hz,
+            speeds,
+            nominal_speed: rotor.speed_rad_s,
+            turning: rotor
+                .loads
+                .iter()
+                .map(|l| l.kind == LoadKind::Unbalance)
+                .collect(),
+            nominal: rotor.loads.iter().flat_map(|l| [l.nominal_n; 2]).collect(),
+            forces,
+        };
+        plan.scale = plan.scales()?;
+        Ok(plan)
+    }
+
+    /// Modal displacements kept.
+    fn modes(&self) -> usize {
+        self.reduced.len()
+    }
+
+    /// Amplitude of each state under the nominal loads; 1 for a state that nothing depends on.
+    fn scales(&self) -> Result<Vec<f64>, BuildError> {
+        let (nz, nx) = self.size;
+        let mut scale = vec![1.0_f64; nx];
+        for i in 0..self.modes() {
+            scale[i] = 1e-12;
+        }
+        for speed in self.speeds.iter().chain([&self.nominal_speed]) {
+            for pair in 0..self.turning.len() {
+                let growth = if self.turning[pair] {
+                    (speed / self.nominal_speed).powi(2)
+                } else {
+                    1.0
+                };
+                let force = self.phasor(pair, growth * self.nominal[2 * pair]);
+                let q = self.reduced.response(&self.model, *speed, &force)?;
+                let mq = Mat::from_fn(q.len(), 1, |i, _| {
+                    let row = i.saturating_sub(BAND)..q.len().min(i + BAND + 1);
+                    row.map(|j| q[j] * self.model.mass[(i, j)]).sum::<c64>()
+                });
+                for i in 0..self.modes() {
+                    let z: c64 = (0..q.len())
+                        .map(|j| mq[(j, 0)] * self.reduced.basis[(j, i)])
+                        .sum();
+                    scale[i] = scale[i].max(z.re.hypot(z.im));
+                }
+            }
+        }
+        // The change in a sample is added to the displacement: in its unit.
+        scale.copy_within(0..nz, nz);
+        for (j, nominal) in self.nominal.iter().enumerate() {
+            scale[2 * nz + j] = *nominal;
+        }
+        Ok(scale)
+    }
+
+    /// A force of `size` [N] that turns with the shaft at the node of a pair.
+    fn phasor(&self, pair: usize, size: f64) -> Vec<c64> {
+        (self.forces[2 * pair].iter().zip(&self.forces[2 * pair + 1]))
+            .map(|(x, y)| c64::new(size * x, -size * y))
+            .collect()
+    }
+
+    /// Where reduced state `i` of `2 modes + loads` stands in the filter.
+    fn place(&self, i: usize) -> usize {
+        let (modes, nz) = (self.modes(), self.size.0);
+        match i {
+            _ if i < modes => i,
+            _ if i < 2 * modes => nz + i - modes,
+            _ => 2 * nz + i - 2 * modes,
+        }
+    }
+
+    fn discrete(&self, speed: f64) -> Result<Discrete, BuildError> {
+        let held = held(&self.model, &self.reduced, speed, &self.forces, self.dt_s);
+        discrete(&held, &moved(&self.turning, speed * self.dt_s)).ok_or(BuildError::Sampled)
+    }
+
+    /// A matrix over the reduced states, in the scale and the places of the filter:
+    /// `m_ij s_j / s_i`, or `m_ij / (s_i s_j)` for a covariance.
+    fn scaled(&self, m: &Mat<f64>, covariance: bool) -> Mat<f64> {
+        let nx = self.size.1;
+        let mut scaled = Mat::<f64>::zeros(nx, nx);
+        for i in 0..m.nrows() {
+            for j in 0..m.ncols() {
+                let (a, b) = (self.place(i), self.place(j));
+                let (si, sj) = (self.scale[a], self.scale[b]);
+                let factor = if covariance { 1.0 / (si * sj) } else { sj / si };
+                scaled[(a, b)] = m[(i, j)] * factor;
+            }
+        }
+        scaled
+    }
+
+    /// Row of a displacement sensor over the states of the filter [`UNIT_M`].
+    fn row(&self, channel: &Channel) -> Vec<f64> {
+        let mut row = vec![0.0; self.size.1];
+        if let Senses::Displacement(at) = &channel.senses {
+            let direction = self.model.direction(at.node, at.direction_deg.to_radians());
+            for (i, value) in self.reduced.row(&direction).iter().enumerate() {
+                row[i] = channel.sensitivity.unwrap_or(1.0) * value * self.scale[i] / UNIT_M;
+            }
+        }
+        row
+    }
+
+    /// Displacements along x and y of every node [m], node by node, of the
+    /// filter's state in the image's scale.
+    pub fn displacements(&self, state: &[f32], into: &mut [f64]) {
+        let basis = &self.reduced.basis;
+        for (k, slot) in into.iter_mut().enumerate() {
+            let row = 4 * (k / 2) + k % 2;
+            *slot = (0..self.modes().min(state.len()))
+                .map(|i| basis[(row, i)] * self.scale[i] * f64::from(state[i]))
+                .sum();
+        }
+    }
+
+    /// Number of nodes.
+    pub fn nodes(&self) -> usize {
+        self.model.nodes
+    }
+
+    /// What the reduction loses of the response to nominal loads over the speeds.
+    ///
+    /// # Errors
+    /// [`RotorError::Resonance`] for an undamped rotor at its critical speed.
+    pub fn reduction_error(&self, rotor: &Rotor) -> Result<ReductionError, RotorError> {
+        let mut error = ReductionError::default();
+        let mut speeds = self.speeds.clone();
+        speeds.push(self.nominal_speed);
+        for speed in speeds.into_iter().filter(|speed| *speed > 0.0) {
+            for (pair, load) in rotor.loads.iter().enumerate() {
+                let growth = (speed / self.nominal_speed).powi(2);
+                let unbalance = Unbalance {
+                    node: load.node,
+                    moment_kg_m: load.nominal_n / self.nominal_speed.powi(2),
+                    phase_rad: 0.0,
+                };
+                let whole = unbalance_response(&self.model, speed, &[unbalance])?;
+                let force = self.phasor(pair, growth * load.nominal_n);
+                let reduced = self.reduced.response(&self.model, speed, &force)?;
+                error.push(speed, &whole, &reduced);
+            }
+        }
+        Ok(error)
+    }
+
+    /// Q and the covariance before the first sample, in the scale of the filter.
+    fn covariances(&self, rotor: &Rotor, discrete: &Discrete) -> (Mat<f64>, Mat<f64>) {
+        let modes = self.modes();
+        let k = self.reduced.stiffness(&self.model, self.nominal_speed);
+        let n = 2 * modes + self.nominal.len();
+        let (mut q, mut p) = (Mat::<f64>::zeros(n, n), Mat::<f64>::zeros(n, n));
+        for i in 0..modes {
+            let (z, w2) = (self.scale[i].powi(2), k[(i, i)]);
+            let (model, start) = (
+                rotor.reduction.model_std.powi(2),
+                rotor.reduction.initial_std.powi(2),
+            );
+            q[(i, i)] = model * z;
+            q[(modes + i, modes + i)] = model * z * w2;
+            p[(i, i)] = start * z;
+            p[(modes + i, modes + i)] = start * z * w2;
+        }
+        for (j, nominal) in self.nominal.iter().enumerate() {
+            let load = &rotor.loads[j / 2];
+            let usual = match load.kind {
+                LoadKind::Unbalance => UNBALANCE_WALK,
+                LoadKind::Walk => FREE_WALK,
+            };
+            let walk = load.walk_n_per_sqrt_s.unwrap_or(usual * nominal);
+            q[(2 * modes + j, 2 * modes + j)] = walk * walk * self.dt_s;
+            p[(2 * modes + j, 2 * modes + j)] = nominal * nominal;
+        }
+        let t = &discrete.coordinates;
+        (
+            self.scaled(&turned(t, &q), true),
+            self.scaled(&turned(t, &p), true),
+        )
+    }
+
+    /// The image's payload, as postcard bytes.
+    ///
+    /// # Errors
+    /// When there is no steady filter, or a sensor set that an image cannot hold.
+    pub fn image(
+        &self,
+        machine: &Machine,
+        rotor: &Rotor,
+        sensors: &Sensors,
+    ) -> Result<Vec<u8>, BuildError> {
+        let (nz, nx) = self.size;
+        let rows: Vec<Vec<f64>> = sensors.channels.iter().map(|c| self.row(c)).collect();
+        let h = Mat::from_fn(rows.len(), nx, |i, j| rows[i][j]);
+        let variances: Vec<f64> = (sensors.channels.iter())
+            .map(|c| (c.to_si(c.noise_std) / UNIT_M).powi(2))
+            .collect();
+        let nominal = self.discrete(self.nominal_speed)?;
+        let (q, p) = self.covariances(rotor, &nominal);
+        let mut tables = Vec::new();
+        for speed in &self.speeds {
+            let discrete = self.discrete(*speed)?;
+            let f = self.scaled(&discrete.transition, false);
+            let steady =
+                steady_covariance(&f, &h, &q, &variances).ok_or(BuildError::NotObserved)?;
+            let k = gain(&steady, &h, &variances);
+            tables.extend(
+                (0..nz)
+                    .flat_map(|i| (0..nx).map(move |j| (nz + i, j)))
+                    .map(|at| f[at]),
+            );
+            tables.extend(
+                (0..nx)
+                    .flat_map(|i| (0..rows.len()).map(move |j| (i, j)))
+                    .map(|at| k[at]),
+            );
+            let hp = &h * &steady;
+            tables.extend(
+                (0..rows.len())
+                    .map(|i| variances[i] + (0..nx).map(|j| hp[(i, j)] * h[(i, j)]).sum::<f64>()),
+            );
+            let posterior = &steady - &k * &hp;
+            let d = 2 * nz..2 * nz + self.nominal.len();
+            tables.extend(d.map(|d| posterior[(d, d)].max(0.0).sqrt()));
+        }
+        let f = self.scaled(&nominal.transition, false);
+        let full_samples = self.converged_after(&f, &rows, &variances, &q, &p);
+        let (tables, q, p) = (bytes(tables), bytes(triangle(&q)), bytes(triangle(&p)));
+        let encoder = sensors.encoders.first().map(|encoder| {
+            let bandwidth = (TRACKING * machine.rate_hz).min(TRACKING_HZ);
+            let rest = (-std::f64::consts::TAU * bandwidth * self.dt_s).exp();
+            ShaftEncoder {
+                counter: Counter {
+                    step: phase_step(1.0 / encoder.counts_per_turn),
+                    bits: encoder.bits as u8,
+                },
+                angle_gain: (1.0 - rest * rest) as f32,
+                speed_gain: ((1.0 - rest).powi(2) / self.dt_s) as f32,
+            }
+        });
+        let index = machine.index.as_ref().filter(|_| encoder.is_some());
+        let step = match self.speeds.as_slice() {
+            [a, b, ..] => b - a,
+            _ => 1.0,
+        };
+        let model = ImageModel {
+            modes: nz as u8,
+            scale: fixed(&self.scale)?,
+            sample_s: self.dt_s as f32,
+            speeds: Speeds {
+                lowest: self.speeds[0] as f32,
+                step: step as f32,
+                count: self.speeds.len() as u16,
+                nominal: self.nominal_speed as f32,
+            },
+            tables: Numbers::new(&tables),
+            process_noise: Numbers::new(&q),
+            initial_covariance: Numbers::new(&p),
+            full_samples,
+            gate_nis: machine.tuning.gate_nis as f32,
+            turning: (self.turning.iter().enumerate())
+                .map(|(k, turns)| u8::from(*turns) << k)
+                .sum(),
+            loads: Self::loads(rotor)?,
+            channels: (sensors.channels.iter().zip(&rows).zip(&variances))
+                .map(|((channel, row), variance)| self.channel(channel, row, *variance))
+                .collect::<Result<_, _>>()?,
+            encoder,
+            index: index.map(|index| IndexPulse {
+                encoder: 0,
+                angle: phase(index.angle_rad),
+                tolerance_rad: index.tolerance_rad as f32,
+            }),
+        };
+        let image = Image {
+            version: VERSION,
+            machine: &machine.name,
+            rate_hz: machine.rate_hz as f32,
+            can_base: machine.can_base,
+            model: Model::Rotor(model),
+        };
+        postcard::to_stdvec(&image).map_err(|_| BuildError::TooLarge("the image"))
+    }
+
+    fn loads<const N: usize>(rotor: &Rotor) -> Result<FixedVec<LoadSignal, N>, BuildError> {
+        (rotor.loads.iter())
+            .flat_map(|load| load.names.iter().map(move |name| (name, load.nominal_n)))
+            .map(|(name, nominal)| {
+                Ok(LoadSignal {
+                    name: (name.as_str().try_into())
+                        .map_err(|_| BuildError::TooLarge("a load's name"))?,
+                    full_scale: (FULL_SCALE * nominal) as f32,
+                    valid_std: (VALID_STD * nominal) as f32,
+                })
+            })
+            .collect()
+    }
+
+    fn channel(
+        &self,
+        channel: &Channel,
+        row: &[f64],
+        variance: f64,
+    ) -> Result<RotorChannel, BuildError> {
+        let extreme = 1_i64 << (channel.adc.bits - 1);
+        Ok(RotorChannel {
+            converter: Converter {
+                zero: channel.zero_word(),
+                gain: (channel.lsb_si() / UNIT_M) as f32,
+                lowest: (-extreme) as i32,
+                highest: (extreme - 1) as i32,
+                stuck_after: channel.adc.stuck_after,
+            },
+            unit: UNIT_M as f32,
+            offset: (channel.to_si(channel.offset) / UNIT_M) as f32,
+            row: fixed(&row[..self.size.0])?,
+            variance: variance as f32,
+        })
+    }
+
+    /// Samples of the full recursion at the nominal speed after which no variance
+    /// differs by more than [`CONVERGED`] from what it ends at.
+    fn converged_after(
+        &self,
+        f: &Mat<f64>,
+        rows: &[Vec<f64>],
+        variances: &[f64],
+        q: &Mat<f64>,
+        p: &Mat<f64>,
+    ) -> u32 {
+        let case = Recursion {
+            f,
+            rows,
+            variances,
+            q: triangle(q),
+            p,
+            turn: Turn {
+                turning: (self.turning.iter().enumerate())
+                    .map(|(k, turns)| u8::from(*turns) << k)
+                    .sum(),
+                pairs: self.turning.len(),
+                cosine: (self.nominal_speed * self.dt_s).cos(),
+                sine: (self.nominal_speed * self.dt_s).sin(),
+            },
+            most: (LONGEST_S / self.dt_s) as u32,
+        };
+        match self.size {
+            (8, 20) => case.converged_after::<8, 20>(),
+            _ => case.most,
+        }
+    }
+}
+
+/// The recursion of the covariance, as on the line but in f64.
+struct Recursion<'a> {
+    f: &'a Mat<f64>,
+    rows: &'a [Vec<f64>],
+    variances: &'a [f64],
+    q: Vec<f64>,
+    p: &'a Mat<f64>,
+    turn: Turn<f64>,
+    most: u32,
+}
+
+impl Recursion<'_> {
+    fn converged_after<const NZ: usize, const NX: usize>(&self) -> u32 {
+        let dense: [[f64; NX]; NZ] =
+            std::array::from_fn(|i| std::array::from_fn(|j| self.f[(NZ + i, j)]));
+        let rows: Vec<[f64; NZ]> = (self.rows.iter())
+            .map(|row| std::array::from_fn(|j| row[j]))
+            .collect();
+        let mut belief = Belief::<f64, NX> {
+            state: [0.0; NX],
+            covariance: std::array::from_fn(|i| std::array::from_fn(|j| self.p[(i, j)])),
+        };
+        let loads = 2 * NZ..2 * NZ + 2 * self.turn.pairs;
+        let mut history = Vec::new();
+        for _ in 0..self.most {
+            predict_covariance(&mut belief.covariance, &dense, &self.turn, |i| self.q[i]);
+            for (row, variance) in rows.iter().zip(self.variances) {
+                update(&mut belief, row, 0.0, *variance, |_| true);
+            }
+            history.push(loads.clone().map(|d| belief.covariance[d][d]).sum::<f64>());
+        }
+        let Some(last) = history.last().copied() else {
+            return self.most;
+        };
+        let near = |p: &f64| (p - last).abs() <= CONVERGED * last;
+        let settled = history.iter().rev().take_while(|p| near(p)).count();
+        (history.len() - settled) as u32 + 1
+    }
+}
+
+fn triangle(m: &Mat<f64>) -> Vec<f64> {
+    (0..m.nrows())
+        .flat_map(|i| (0..=i).map(move |j| (i, j)))
+        .map(|at| m[at])
+        .collect()
+}
+
+fn bytes(values: Vec<f64>) -> Vec<u8> {
+    (values.into_iter())
+        .flat_map(|value| (value as f32).to_le_bytes())
+        .collect()
+}
+
+fn fixed<const N: usize>(values: &[f64]) -> Result<FixedVec<f32, N>, BuildError> {
+    let mut fixed = FixedVec::new();
+    for value in values {
+        (fixed.push(*value as f32)).map_err(|_| BuildError::TooLarge("the number of states"))?;
+    }
+    Ok(fixed)
+}
+
+fn phase(rad: f64) -> Phase {
+    let turns = rad / std::f64::consts::TAU;
+    phase_step(turns - turns.floor()).into_phase()
+}
+
+fn phase_step(turns: f64) -> PhaseStep {
+    PhaseStep((turns * 18_446_744_073_709_551_616.0) as i128 as u64)
+}

@@ -1,0 +1,189 @@
+//! The rotor in few degrees of freedom: modes, and what is missing of them where
+//! forces act and sensors look.
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Scale, Side, c64};
+
+use super::RotorError;
+use super::model::{BAND, RotorModel};
+use super::modes::undamped_modes;
+
+/// Part of a static deflection that the modes must leave over for it to count.
+const NEW: f64 = 1e-6;
+
+/// A reduced rotor, `q = T z`, `T' M T = I`, `z'' + (C + speed G) z' + K z = T' f`.
+///
+/// `T`: the lowest undamped modes at one speed, then the static deflections
+/// under unit forces as far as the modes lack them, M-orthonormal, turned so
+/// that `K` is diagonal at that speed.
+#[derive(Clone, Debug)]
+pub struct Reduced {
+    /// `T`, degrees of freedom x kept.
+    pub basis: Mat<f64>,
+    gyroscopic: Mat<f64>,
+}
+
+/// The largest difference between the whole and the reduced rotor.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ReductionError {
+    /// Largest displacement error at any node [m].
+    pub error_m: f64,
+    /// Largest displacement at any node [m].
+    pub peak_m: f64,
+    /// Speed of the largest error [rad/s].
+    pub speed_rad_s: f64,
+}
+
+impl Reduced {
+    /// Keeps `modes` modes at `speed_rad_s` and what static deflection under each of
+    /// `forces`, rows over the degrees of freedom, is missing of them.
+    ///
+    /// # Errors
+    /// [`RotorError`] where the rotor is not held.
+    pub fn new(
+        model: &RotorModel,
+        speed_rad_s: f64,
+        modes: usize,
+        forces: &[Vec<f64>],
+    ) -> Result<Self, RotorError> {
+        let n = model.len();
+        let undamped = undamped_modes(model, speed_rad_s, modes)?;
+        let k = model.stiffness(speed_rad_s);
+        let k = Scale(0.5) * (&k + k.transpose());
+        let right = Mat::from_fn(n, forces.len(), |i, j| forces[j][i]);
+        let statics = k
+            .llt(Side::Lower)
+            .map_err(|_| RotorError::NotHeld)?
+            .solve(&right);
+        let mut columns: Vec<Mat<f64>> = (0..undamped.shapes.ncols())
+            .map(|j| Mat::from_fn(n, 1, |i, _| undamped.shapes[(i, j)]))
+            .collect();
+        for j in 0..forces.len() {
+            let mut v = Mat::from_fn(n, 1, |i, _| statics[(i, j)]);
+            let whole = mass_norm(model, &v);
+            // Twice is enough: what the first pass rounds, the second removes.
+            for _ in 0..2 {
+                let mv = &model.mass * &v;
+                for c in &columns {
+                    let along = (c.transpose() * &mv)[(0, 0)];
+                    v -= Scale(along) * c;
+                }
+            }
+            let left = mass_norm(model, &v);
+            if left > NEW * whole {
+                columns.push(Scale(1.0 / left) * v);
+            }
+        }
+        let t = Mat::from_fn(n, columns.len(), |i, j| columns[j][(i, 0)]);
+        let turned = project(&t, &k)
+            .self_adjoint_eigen(Side::Lower)
+            .map_err(|_| RotorError::NoEigenvalues)?;
+        let basis = &t * turned.U();
+        Ok(Self {
+            gyroscopic: project(&basis, &model.gyroscopic),
+            basis,
+        })
+    }
+
+    /// A reduced rotor on a given basis, M-orthonormal.
+    pub fn on(model: &RotorModel, basis: Mat<f64>) -> Self {
+        Self {
+            gyroscopic: project(&basis, &model.gyroscopic),
+            basis,
+        }
+    }
+
+    /// Degrees of freedom kept.
+    pub fn len(&self) -> usize {
+        self.basis.ncols()
+    }
+
+    /// Whether none is kept; never so.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// `K` at a speed [rad/s].
+    pub fn stiffness(&self, model: &RotorModel, speed_rad_s: f64) -> Mat<f64> {
+        project(&self.basis, &model.stiffness(speed_rad_s))
+    }
+
+    /// `C + speed G` at a speed [rad/s].
+    pub fn turning_damping(&self, model: &RotorModel, speed_rad_s: f64) -> Mat<f64> {
+        project(&self.basis, &model.damping(speed_rad_s)) + Scale(speed_rad_s) * &self.gyroscopic
+    }
+
+    /// `row T`: a force, or a measured displacement, over what is kept.
+    pub fn row(&self, row: &[f64]) -> Vec<f64> {
+        (0..self.len())
+            .map(|j| {
+                (row.iter().enumerate())
+                    .map(|(i, r)| r * self.basis[(i, j)])
+                    .sum()
+            })
+            .collect()
+    }
+
+    /// Amplitudes of all degrees of freedom under `force exp(i speed t)`.
+    ///
+    /// # Errors
+    /// [`RotorError::Resonance`] for an undamped rotor at its critical speed.
+    pub fn response(
+        &self,
+        model: &RotorModel,
+        speed_rad_s: f64,
+        force: &[c64],
+    ) -> Result<Vec<c64>, RotorError> {
+        let r = self.len();
+        let k = self.stiffness(model, speed_rad_s);
+        let c = self.turning_damping(model, speed_rad_s);
+        let w = speed_rad_s;
+        let matrix = Mat::from_fn(r, r, |i, j| {
+            let inertia = if i == j { w * w } else { 0.0 };
+            c64::new(k[(i, j)] - inertia, w * c[(i, j)])
+        });
+        let right = Mat::from_fn(r, 1, |j, _| {
+            (force.iter().enumerate())
+                .map(|(i, f)| *f * self.basis[(i, j)])
+                .sum::<c64>()
+        });
+        let z = matrix.partial_piv_lu().solve(&right);
+        if !z.norm_l2().is_finite() {
+            return Err(RotorError::Resonance);
+        }
+        Ok((0..model.len())
+            .map(|i| (0..r).map(|j| z[(j, 0)] * self.basis[(i, j)]).sum())
+            .collect())
+    }
+}
+
+impl ReductionError {
+    /// Adds the amplitudes of the whole and of the reduced rotor at one speed.
+    pub fn push(&mut self, speed_rad_s: f64, whole: &[c64], reduced: &[c64]) {
+        let size = |z: c64| z.re.hypot(z.im);
+        for (i, (a, b)) in whole.iter().zip(reduced).enumerate() {
+            if i % 4 < 2 {
+                self.peak_m = self.peak_m.max(size(*a));
+                let error = size(*a - *b);
+                if error > self.error_m {
+                    (self.error_m, self.speed_rad_s) = (error, speed_rad_s);
+                }
+            }
+        }
+    }
+}
+
+/// `T' A T` for a matrix of the model, within its band.
+pub(super) fn project(basis: &Mat<f64>, matrix: &Mat<f64>) -> Mat<f64> {
+    let n = matrix.nrows();
+    let product = Mat::from_fn(n, basis.ncols(), |i, j| {
+        (i.saturating_sub(BAND)..n.min(i + BAND + 1))
+            .map(|k| matrix[(i, k)] * basis[(k, j)])
+            .sum::<f64>()
+    });
+    basis.transpose() * product
+}
+
+fn mass_norm(model: &RotorModel, v: &Mat<f64>) -> f64 {
+    (v.transpose() * (&model.mass * v))[(0, 0)].sqrt()
+}

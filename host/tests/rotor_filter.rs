@@ -1,0 +1,255 @@
+//! The rotor's filter: against a filter made independently, on the paper's case,
+//! and through its first critical speed.
+
+use std::f64::consts::PI;
+use std::path::Path;
+
+use faer::Mat;
+use loadtwin::build::Sensors;
+use loadtwin::machine::{LoadKind, Machine};
+use loadtwin::replay::{Displacements, Figures, run_line};
+use loadtwin::rotor::discrete;
+use loadtwin::simulate::{AppliedUnbalance, RotorScenario, RotorSimulation};
+use loadtwin_common::rotor::filter::{
+    Belief, Real, Turn, predict_covariance, predict_state, update,
+};
+use serde_json::Value;
+
+fn matrix(value: &Value) -> Vec<Vec<f64>> {
+    (value.as_array().unwrap().iter()).map(vector).collect()
+}
+
+fn vector(value: &Value) -> Vec<f64> {
+    (value.as_array().unwrap().iter())
+        .map(|x| x.as_f64().unwrap())
+        .collect()
+}
+
+/// The golden run in one precision: largest difference of each state over its
+/// largest value, displacements, speeds and forces apart.
+fn golden<T: Real>(run: &str, from: fn(f64) -> T, into: fn(T) -> f64) -> f64 {
+    const NZ: usize = 8;
+    const NX: usize = 20;
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/rotor/filter.json");
+    let file: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+    let (case, omega) = (&file["runs"][run], file["omega"].as_f64().unwrap());
+    let dt = file["dt"].as_f64().unwrap();
+    let a = matrix(&case["A_A"]);
+    let held = Mat::from_fn(16, NX, |i, j| a[i][j]);
+    let moved = Mat::from_fn(4, 4, |i, j| a[16 + i][16 + j]);
+    let model = discrete(&held, &moved).unwrap();
+    // In units of 0.1 mm and 1 N.
+    let scale: Vec<f64> = (0..NX)
+        .map(|i| if i < 2 * NZ { 1e-4 } else { 1.0 })
+        .collect();
+    let scaled = |diagonal: &Value| {
+        let d = vector(diagonal);
+        let d = Mat::from_fn(NX, NX, |i, j| if i == j { d[i] } else { 0.0 });
+        let t = &model.coordinates;
+        let m = t * d * t.transpose();
+        Mat::from_fn(NX, NX, |i, j| m[(i, j)] / (scale[i] * scale[j]))
+    };
+    let (q, p) = (scaled(&case["Q_diag"]), scaled(&case["P0_diag"]));
+    let noise: Vec<T> = (0..NX)
+        .flat_map(|i| (0..=i).map(move |j| (i, j)))
+        .map(|at| from(q[at]))
+        .collect();
+    let dense: [[T; NX]; NZ] = std::array::from_fn(|i| {
+        std::array::from_fn(|j| from(model.dense[(i, j)] * scale[j] / scale[NZ + i]))
+    });
+    let turn = Turn {
+        turning: if run == "rot" { 3 } else { 0 },
+        pairs: 2,
+        cosine: from((omega * dt).cos()),
+        sine: from((omega * dt).sin()),
+    };
+    let unit = 1e-6;
+    let rows: Vec<[T; NZ]> = (matrix(&file["D"]).iter())
+        .map(|row| std::array::from_fn(|j| from(row[j] * scale[j] / unit)))
+        .collect();
+    let variances: Vec<T> = (vector(&case["R_diag"]).iter())
+        .map(|r| from(r / (unit * unit)))
+        .collect();
+    let mut belief = Belief::<T, NX> {
+        state: [T::ZERO; NX],
+        covariance: std::array::from_fn(|i| std::array::from_fn(|j| from(p[(i, j)]))),
+    };
+    let expected = matrix(&case["states"]);
+    let peak = |range: std::ops::Range<usize>| {
+        expected
+            .iter()
+            .flat_map(|row| row[1..][range.clone()].to_vec())
+            .fold(0.0_f64, |p, x| p.max(x.abs()))
+    };
+    let peaks = [peak(0..8), peak(8..16), peak(16..20)];
+    let (mut worst, mut compared) = (0.0_f64, 0);
+    for (k, measured) in matrix(&file["measured"]).iter().enumerate() {
+        if k > 0 {
+            predict_state(&mut belief.state, &dense, &turn);
+            predict_covariance(&mut belief.covariance, &dense, &turn, |i| noise[i]);
+        }
+        for ((row, r), y) in rows.iter().zip(&variances).zip(measured) {
+            assert!(update(&mut belief, row, from(y / unit), *r, |_| true).1);
+        }
+        let Some(expected) = expected.iter().find(|row| row[0] == k as f64) else {
+            continue;
+        };
+        compared += 1;
+        // Back to (z, z', f): z' = A_12^-1 (e - (A_11 - I) z - B_1 f).
+        let x = Mat::from_fn(NX, 1, |i, _| into(belief.state[i]) * scale[i]);
+        let lu = model.coordinates.partial_piv_lu();
+        let x = faer::linalg::solvers::Solve::solve(&lu, &x);
+        for i in 0..NX {
+            let kind = usize::from(i >= NZ) + usize::from(i >= 2 * NZ);
+            worst = worst.max((x[(i, 0)] - expected[1 + i]).abs() / peaks[kind]);
+        }
+    }
+    assert_eq!(compared, expected.len());
+    println!("{run}: {worst:.1e}");
+    worst
+}
+
+#[test]
+fn the_filter_is_the_independent_one_in_f64_and_to_four_digits_in_f32() {
+    for run in ["rw", "rot"] {
+        let double = golden::<f64>(run, |x| x, |x| x);
+        assert!(double < 1e-9, "{run}: {double:e}");
+        let single = golden::<f32>(run, |x| x as f32, f64::from);
+        assert!(single < 1e-4, "{run}: {single:e}");
+    }
+}
+
+/// What a case came to.
+struct Outcome {
+    start_um: f64,
+    settled_um: f64,
+    peak_um: f64,
+    force_percent: f64,
+    samples: u64,
+}
+
+fn machine() -> Machine {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/rotor/machine.toml");
+    Machine::load(&path).unwrap()
+}
+
+fn replayed(machine: &Machine, scenario: RotorScenario) -> Outcome {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rotor.parquet");
+    let rotor = machine.rotor.as_ref().unwrap();
+    let simulation = RotorSimulation::new(machine, rotor, scenario).unwrap();
+    simulation.write(&path, |_| ()).unwrap();
+    let sensors = Sensors::choose(machine, None).unwrap();
+    let mut displacements = Displacements::new(machine).unwrap();
+    let mut figures = Figures::new(machine);
+    let (mut squares, mut truth) = (0.0, 0.0);
+    let from_s = machine.segments[1].from_s;
+    run_line(machine, &sensors, &path, |sample, estimate, line, _| {
+        figures.push(sample, estimate);
+        displacements.push(sample, line);
+        if sample.t >= from_s {
+            for (load, reference) in estimate.loads.iter().zip(sample.references) {
+                squares += (f64::from(load.value) - reference).powi(2);
+                truth += reference * reference;
+            }
+        }
+    })
+    .unwrap();
+    let worst = displacements.worst_m();
+    Outcome {
+        start_um: 1e6 * worst["start_up"],
+        settled_um: 1e6 * worst["settled"],
+        peak_um: 1e6 * displacements.peak_m(),
+        force_percent: 100.0 * f64::sqrt(squares / truth),
+        samples: figures.samples(),
+    }
+}
+
+/// Table 2 of the paper, from rest.
+fn paper(noise: f64, seed: u64) -> RotorScenario {
+    let unbalance = |degrees: f64| AppliedUnbalance {
+        moment_kg_m: 0.007 * 0.068,
+        phase_rad: degrees * PI / 180.0,
+    };
+    RotorScenario {
+        duration_s: 2.0,
+        speeds_rad_s: [87.96; 2],
+        unbalances: vec![unbalance(70.0), unbalance(30.0)],
+        noise,
+        seed,
+    }
+}
+
+/// The paper's case with sensors of `noise_m`, their noise in the recording or not.
+fn case(kind: LoadKind, noise_m: f64, noisy: bool, seed: u64) -> Outcome {
+    let mut machine = machine();
+    for channel in &mut machine.channels {
+        channel.noise_std = noise_m;
+        if !noisy {
+            channel.adc.lsb = 1e-11;
+            channel.adc.bits = 32;
+        }
+    }
+    for load in &mut machine.rotor.as_mut().unwrap().loads {
+        load.kind = kind;
+    }
+    let outcome = replayed(&machine, paper(f64::from(u8::from(noisy)), seed));
+    println!(
+        "{kind:?}, {noise_m:e} m, noisy {noisy}, seed {seed}: start-up {:.3} µm, settled {:.3} µm of {:.1} µm, force {:.2} %",
+        outcome.start_um, outcome.settled_um, outcome.peak_um, outcome.force_percent
+    );
+    assert_eq!(outcome.samples, 4000);
+    outcome
+}
+
+#[test]
+fn the_papers_case_without_noise() {
+    for kind in [LoadKind::Unbalance, LoadKind::Walk] {
+        let outcome = case(kind, 3e-9, false, 1);
+        assert!(outcome.start_um <= 1.1, "{}", outcome.start_um);
+        assert!(outcome.settled_um <= 0.2, "{}", outcome.settled_um);
+    }
+}
+
+#[test]
+fn the_papers_case_with_noise() {
+    for seed in [1, 2, 3] {
+        let turning = case(LoadKind::Unbalance, 1e-7, true, seed);
+        assert!(turning.settled_um <= 0.2, "{}", turning.settled_um);
+        assert!(turning.force_percent <= 0.5, "{}", turning.force_percent);
+        let walking = case(LoadKind::Walk, 1e-7, true, seed);
+        assert!(walking.settled_um <= 2.2, "{}", walking.settled_um);
+        let coarse = case(LoadKind::Unbalance, 1e-6, true, seed);
+        assert!(coarse.settled_um <= 0.5, "{}", coarse.settled_um);
+        assert!(coarse.force_percent <= 2.5, "{}", coarse.force_percent);
+    }
+}
+
+/// From well below to well above the first critical speed, 141 rad/s, in 10 s.
+#[test]
+fn a_run_up_through_the_first_critical_speed() {
+    let text = std::fs::read_to_string(
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/rotor/machine.toml"),
+    )
+    .unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("machine.toml");
+    let text = text.replace(
+        "speed_rad_s = 87.96\n",
+        "speed_rad_s = 87.96\nschedule_rad_s = [40, 240]\n",
+    ) + "\n[[encoder]]\nname = \"encoder\"\ncounts_per_turn = 4096\n";
+    std::fs::write(&path, text).unwrap();
+    let machine = Machine::load(&path).unwrap();
+    let scenario = RotorScenario {
+        duration_s: 10.0,
+        speeds_rad_s: [40.0, 240.0],
+        ..paper(1.0, 1)
+    };
+    let outcome = replayed(&machine, scenario);
+    let part = 100.0 * outcome.settled_um / outcome.peak_um;
+    println!(
+        "run-up: settled {:.2} µm, {part:.3} % of {:.0} µm, force {:.2} %",
+        outcome.settled_um, outcome.peak_um, outcome.force_percent
+    );
+    assert!(part <= 1.0, "{part}");
+}
