@@ -24,6 +24,9 @@ pub struct Sensors {
 /// Why no image can be made.
 #[derive(Debug, Error)]
 pub enum BuildError {
+    /// The machine is of a kind that has no estimator.
+    #[error("{}: found no machine to estimate loads of, allowed: a table [drivetrain] (one with [balance] is for `loadtwin diagnose`)", .0.display())]
+    NoEstimator(std::path::PathBuf),
     /// A file that the description names cannot be used.
     #[error(transparent)]
     Machine(#[from] MachineError),
@@ -139,8 +142,6 @@ impl Sensors {
 pub fn image(machine: &Machine, sensors: &Sensors) -> Result<Vec<u8>, BuildError> {
     match machine.kind() {
         Some(Kind::Drivetrain(drivetrain)) => gearbox::image(machine, drivetrain, sensors),
-        None => Err(BuildError::Model(loadtwin_common::Error::Malformed(
-            "machine of no kind",
-        ))),
+        None => Err(BuildError::NoEstimator(machine.path.clone())),
     }
 }

@@ -65,3 +65,141 @@ fn the_tool_drive_is_replayed_and_its_error_is_what_the_model_lacks() {
         assert!((0.6..1.0).contains(&(rmse / rms)), "{file}: {rmse}");
     }
 }
+
+/// A drive that was measured, and what its recordings have to show.
+struct Drive {
+    /// Folder of the data.
+    folder: &'static str,
+    /// Description in `examples`.
+    machine: &'static str,
+    fit: &'static [&'static str],
+    /// Recordings that take no part in the fit; empty for a third of the fitted one.
+    validate: &'static [&'static str],
+    /// The effects of which one has to be named.
+    lacks: &'static [&'static str],
+    /// Least error without effects, linear part fitted [% of the drive's RMS].
+    before: f64,
+    /// Greatest error with them.
+    after: f64,
+}
+
+const DRIVES: [Drive; 6] = [
+    Drive {
+        folder: "tool-drive",
+        machine: "tool-drive/balance.toml",
+        fit: &["00.TXT", "03.TXT", "32.TXT"],
+        validate: &["02.TXT", "11.TXT", "21.TXT"],
+        lacks: &["presliding-hysteresis"],
+        before: 40.0,
+        after: 12.0,
+    },
+    Drive {
+        folder: "tool-drive",
+        machine: "tool-drive/balance.toml",
+        fit: &["02.TXT", "11.TXT", "21.TXT"],
+        validate: &["00.TXT", "03.TXT", "32.TXT"],
+        lacks: &["presliding-hysteresis"],
+        before: 40.0,
+        after: 12.0,
+    },
+    Drive {
+        folder: "positioning-axis",
+        machine: "positioning-axis/machine.toml",
+        fit: &["axis-tracking.csv"],
+        validate: &[],
+        lacks: &["coulomb-friction"],
+        before: 15.0,
+        after: 3.0,
+    },
+    Drive {
+        folder: "direct-drive-motor",
+        machine: "direct-drive-motor/slow-turn.toml",
+        fit: &["slow-turn-1.csv"],
+        validate: &["slow-turn-0.csv", "slow-turn-2.csv"],
+        lacks: &["torque-ripple"],
+        before: 80.0,
+        after: 18.0,
+    },
+    Drive {
+        folder: "direct-drive-motor",
+        machine: "direct-drive-motor/hold.toml",
+        fit: &["hold-current-map-a_16.csv"],
+        validate: &["hold-current-map-b_16.csv"],
+        lacks: &["torque-ripple"],
+        before: 90.0,
+        after: 10.0,
+    },
+    Drive {
+        folder: "lead-screw-drive/steady_state/0.096kg",
+        machine: "lead-screw-drive/machine.toml",
+        fit: &[
+            "2.csv", "20.csv", "40.csv", "60.csv", "80.csv", "100.csv", "140.csv", "180.csv",
+            "n2.csv", "n20.csv", "n40.csv", "n60.csv", "n80.csv", "n100.csv", "n140.csv",
+            "n180.csv",
+        ],
+        validate: &[
+            "10.csv", "30.csv", "50.csv", "70.csv", "90.csv", "120.csv", "160.csv", "200.csv",
+            "n10.csv", "n30.csv", "n50.csv", "n70.csv", "n90.csv", "n120.csv", "n160.csv",
+            "n200.csv",
+        ],
+        lacks: &["coulomb-friction", "stribeck-friction"],
+        before: 40.0,
+        after: 3.0,
+    },
+];
+
+/// The diagnosis names what a drive lacks, and its error on recordings that took
+/// no part in the fit is as low as docs/results.md says.
+#[test]
+fn what_measured_drives_lack_is_found() {
+    for drive in &DRIVES {
+        let Some(folder) = measured(drive.folder) else {
+            continue;
+        };
+        let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples");
+        let files = |names: &[&str]| names.iter().map(|n| folder.join(n)).collect::<Vec<_>>();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_loadtwin"));
+        command
+            .args(["diagnose", "--json"])
+            .arg(examples.join(drive.machine))
+            .args(files(drive.fit));
+        if !drive.validate.is_empty() {
+            command.arg("--validate").args(files(drive.validate));
+        }
+        let output = command.output().unwrap();
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let effects: Vec<&str> = json["effects"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|e| e["name"].as_str().unwrap())
+            .collect();
+        let percent = |model: &str, when: &str| {
+            json["error"][model][when]["value_percent"]
+                .as_f64()
+                .unwrap()
+        };
+        let (described, before) = (
+            percent("nominal", "before"),
+            percent("recalibrated", "before"),
+        );
+        let after = percent("recalibrated", "after");
+        let interval = &json["error"]["recalibrated"]["after"]["interval_percent"];
+        println!(
+            "{} {:?}: {described:.1} % as described, {before:.1} % linear, {after:.1} % {interval} with {effects:?}",
+            drive.machine, drive.fit
+        );
+        assert!(
+            effects.iter().any(|e| drive.lacks.contains(e)),
+            "{}: {effects:?}",
+            drive.machine
+        );
+        assert!(before > drive.before, "{}: {before}", drive.machine);
+        assert!(after < drive.after, "{}: {after}", drive.machine);
+    }
+}

@@ -1,9 +1,11 @@
 //! The command line: one file for each command.
 
+mod balance;
 mod build;
 mod calibrate;
 mod can;
 mod demo;
+mod diagnose;
 mod key;
 mod manual;
 mod output;
@@ -42,6 +44,8 @@ enum Command {
     Simulate(simulate::Simulate),
     /// Reproduce the tables of the gearbox paper on simulated individuals.
     Tables(tables::Tables),
+    /// Find which physical effect a model lacks, and add it.
+    Diagnose(diagnose::Diagnose),
     /// Choose the noise of the filter from recordings and from the wanted bandwidth.
     Tune(tune::Tune),
     /// Zero a strain bridge, and adjust its gauge factor by a shunt resistor.
@@ -85,6 +89,7 @@ impl Cli {
             Some(Command::Calibrate(calibrate)) => calibrate.run(json),
             Some(Command::Simulate(simulate)) => simulate.run(json),
             Some(Command::Tables(tables)) => tables.run(json),
+            Some(Command::Diagnose(diagnose)) => diagnose.run(json),
             Some(Command::Tune(tune)) => tune.run(json),
             Some(Command::Zero(zero)) => zero.run(json),
             Some(Command::Build(build)) => build.run(json),

@@ -6,7 +6,7 @@ use std::fmt::Display;
 use crate::recording::{Quantity, Unit};
 
 use super::error::Violation;
-use super::{Drivetrain, Kind, Machine, Senses};
+use super::{Balance, Drivetrain, Kind, Machine, Regime, Senses};
 
 type Checked = Result<(), Violation>;
 
@@ -32,6 +32,15 @@ impl Machine {
         range("tuning.parameter_std", self.tuning.parameter_std, 0.0, 1.0)?;
         positive("tuning.cutoff_hz", self.tuning.cutoff_hz)?;
         at_least("tuning.gate_nis", self.tuning.gate_nis, 1.0)?;
+        if let Some(balance) = &self.balance {
+            within(
+                "balance",
+                "another kind of machine beside it",
+                self.kind().is_none(),
+                "one table that says what kind of machine it is",
+            )?;
+            return balance.check();
+        }
         self.check_names()?;
         match self.kind() {
             Some(Kind::Drivetrain(drivetrain)) => {
@@ -232,6 +241,51 @@ impl Machine {
                 set.encoders.as_ref().map_or(0, Vec::len),
                 MAX_ENCODERS,
             )?;
+        }
+        Ok(())
+    }
+}
+
+impl Balance {
+    fn check(&self) -> Checked {
+        let mut names = HashSet::from(["t"]);
+        for (key, signal) in self.signals() {
+            let field = |name: &str| format!("balance.{key}.{name}");
+            let fresh = names.insert(&signal.name);
+            within(
+                &field("name"),
+                &signal.name,
+                fresh && !signal.name.trim().is_empty(),
+                "a name that no other column has",
+            )?;
+            nonzero(&field("gain"), signal.gain)?;
+            finite(&field("zero"), signal.zero)?;
+        }
+        let (is, allowed) = match self.regime {
+            Regime::Moving => (
+                self.position.is_some() || self.speed.is_some(),
+                "position or speed",
+            ),
+            Regime::Holding => (self.position.is_some(), "position"),
+            Regime::Steady => (self.speed.is_some(), "speed"),
+        };
+        within("balance", "no such column", is, allowed)?;
+        finite("balance.inertia", self.inertia)?;
+        finite("balance.drag", self.drag)?;
+        finite("balance.offset", self.offset)?;
+        if let Some(turn) = self.turn {
+            positive("balance.turn", turn)?;
+        }
+        for (i, effect) in self.effects.iter().enumerate() {
+            let field = |name: &str| format!("balance.effect[{}].{name}", i + 1);
+            let known: Vec<&str> = crate::balance::EFFECTS.iter().map(|e| e.name()).collect();
+            one_of(&field("name"), &effect.name, &known)?;
+            crate::balance::check_effect(effect, self.loads.len()).or_else(|(part, allowed)| {
+                refuse(&field(part), "another number of values", &allowed)
+            })?;
+            for value in effect.shape.iter().chain(&effect.coefficients) {
+                finite(&field("coefficients"), *value)?;
+            }
         }
         Ok(())
     }

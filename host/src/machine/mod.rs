@@ -5,6 +5,7 @@
 //! what is allowed.
 
 mod angle_map;
+mod balance;
 mod channel;
 mod check;
 mod drivetrain;
@@ -18,6 +19,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use angle_map::{MAP_ENTRIES, read_column, resampled};
+pub use balance::{Balance, BalanceEffect, Regime, Signal};
 pub use channel::{Adc, Auxiliary, Channel, Encoder, Group, Index, Reference, Senses};
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, Shaft};
 pub use error::{MachineError, Violation};
@@ -27,7 +29,7 @@ use crate::recording::CsvLayout;
 
 /// A machine: its mechanics, its sensors, its recordings.
 ///
-/// Exactly one of `drivetrain`, `rotor` and `bearing` says what kind it is.
+/// Exactly one of `drivetrain`, `rotor`, `bearing` and `balance` says what kind it is.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Machine {
@@ -42,6 +44,8 @@ pub struct Machine {
     pub can_base: u16,
     /// A gearbox or another torsional drivetrain.
     pub drivetrain: Option<Drivetrain>,
+    /// A measured drive without gauges, for `loadtwin diagnose`.
+    pub balance: Option<Balance>,
     /// Analogue channels: strain gauges, torque transducers, tachometers.
     #[serde(default, rename = "channel")]
     pub channels: Vec<Channel>,

@@ -22,6 +22,8 @@ pub(super) struct Csv {
     /// `destination[i]`: where column `i` of the file goes.
     destination: Vec<Option<usize>>,
     rows: u64,
+    /// Time from row to row where the file has no time [s].
+    row_period_s: Option<f64>,
 }
 
 /// How a line becomes numbers.
@@ -48,13 +50,19 @@ impl Csv {
                 .map(|c| Column::from_header(c))
                 .collect()
         };
-        Ok(Self {
+        let mut csv = Self {
             lines,
             format,
             destination: vec![None; columns.len()],
             columns,
             rows: 0,
-        })
+            row_period_s: None,
+        };
+        if let Some(period) = layout.row_period_ms {
+            csv.row_period_s = Some(f64::from(period.get()) * 1e-3);
+            csv.columns.push(Column::from_header("t [s]"));
+        }
+        Ok(csv)
     }
 
     pub(super) fn columns(&self) -> &[Column] {
@@ -64,7 +72,10 @@ impl Csv {
     /// Delivers all rows; column `picks[k]` of the file becomes their column `k`.
     pub(super) fn run(mut self, picks: &[usize], output: &Output) -> Result<(), Problem> {
         for (k, &column) in picks.iter().enumerate() {
-            self.destination[column] = Some(k);
+            // The time that the file lacks is behind its last column.
+            if let Some(destination) = self.destination.get_mut(column) {
+                *destination = Some(k);
+            }
         }
         loop {
             let mut rows = Rows::with_columns(picks.len());
@@ -92,12 +103,15 @@ impl Csv {
                 line: Some(self.lines.number),
             };
             rows.lines.push(self.lines.number);
+            if let Some(period) = self.row_period_s {
+                rows.columns[Rows::TIME].push((self.rows - 1) as f64 * period);
+            }
             if let Err(problem) = self.format.parse(line, &self.destination, rows) {
                 return Err(match problem {
                     Flaw::Length(found) => Problem::RowLength {
                         row: place,
                         found,
-                        allowed: self.columns.len(),
+                        allowed: self.destination.len(),
                         last: self.lines.at_end(),
                     },
                     Flaw::Cell {

@@ -31,6 +31,9 @@ pub struct CsvLayout {
     /// are put in as rows without values, and the estimator flags them; a
     /// longer gap is an error.
     pub largest_gap: u32,
+    /// Time from row to row [ms], > 0, for text files without a time column; `columns`
+    /// then names none. Absent unless given.
+    pub row_period_ms: Option<std::num::NonZeroU32>,
 }
 
 impl Default for CsvLayout {
@@ -43,6 +46,7 @@ impl Default for CsvLayout {
             decimal_comma: false,
             written_nan: WrittenNan::Refuse,
             largest_gap: 0,
+            row_period_ms: None,
         }
     }
 }

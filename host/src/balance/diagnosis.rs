@@ -1,0 +1,139 @@
+//! What is known after the loop is closed: the keys of `--json`.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use super::Remainder;
+
+/// What is known after the loop is closed; the keys of `--json`.
+#[derive(Debug, Serialize)]
+pub struct Diagnosis {
+    /// `none`, `effect`, `effects`, `inseparable` or `unknown`.
+    pub verdict: &'static str,
+    /// What was missing, in the order found.
+    pub effects: Vec<FoundEffect>,
+    /// For each effect, others that would do as well in its place.
+    pub alternatives: Vec<Alternative>,
+    /// What would tell them apart.
+    pub next_experiment: Option<String>,
+    /// Error on the validation recordings [% of the drive's RMS there].
+    pub error: Errors,
+    /// The linear part, fitted anew together with the effects.
+    pub recalibrated: Linear,
+    /// What no effect explains.
+    pub remainder: Remainder,
+    /// Where the validation recordings go beyond the fitted ones: the error there
+    /// says what extrapolation is worth, not what the model is.
+    pub beyond: Vec<Beyond>,
+    /// The drive is judged below this [Hz].
+    pub cutoff_hz: f64,
+    /// Recordings that were fitted.
+    pub fitted_on: Vec<PathBuf>,
+    /// Recordings that took no part in the fit.
+    pub validated_on: Vec<Validated>,
+    /// The improved description.
+    pub machine_out: Option<PathBuf>,
+}
+
+/// An effect that was missing.
+#[derive(Debug, Serialize)]
+pub struct FoundEffect {
+    /// Its name in the library.
+    pub name: &'static str,
+    /// Where it acts.
+    pub channels: Vec<String>,
+    /// Its shape, and the coefficient of each term.
+    pub parameters: Parameters,
+    /// How sure that is.
+    pub evidence: FoundEvidence,
+}
+
+/// Parameters of an effect.
+#[derive(Debug, Serialize)]
+pub struct Parameters {
+    /// See the effect's documentation.
+    pub shape: Vec<f64>,
+    /// Term and coefficient.
+    pub terms: Vec<(String, f64)>,
+}
+
+/// How sure an effect is.
+#[derive(Debug, Serialize)]
+pub struct FoundEvidence {
+    /// Fall of the error on what was left out of the fit, when it is added last [%].
+    pub gain_percent: f64,
+    /// Probability of that by chance, corrected for the number of candidates.
+    pub p_value: f64,
+}
+
+/// Effects that would do as well as one that was found.
+#[derive(Debug, Serialize)]
+pub struct Alternative {
+    /// The one that was found.
+    pub effect: &'static str,
+    /// The others, with their error in parts of its error.
+    pub instead: Vec<(&'static str, f64)>,
+}
+
+/// An error before and after, with the linear part as described and fitted anew.
+#[derive(Debug, Serialize)]
+pub struct Errors {
+    /// The linear part as described.
+    pub nominal: BeforeAfter,
+    /// The linear part fitted anew.
+    pub recalibrated: BeforeAfter,
+}
+
+/// An error without and with the effects.
+#[derive(Debug, Serialize)]
+pub struct BeforeAfter {
+    /// Without.
+    pub before: Figure,
+    /// With.
+    pub after: Figure,
+}
+
+/// An error with its interval.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Figure {
+    /// RMS of what is unexplained [% of the drive's RMS].
+    pub value_percent: f64,
+    /// 95 % interval by resampling stretches.
+    pub interval_percent: [f64; 2],
+}
+
+/// The linear part of a balance.
+#[derive(Clone, Debug, Serialize)]
+pub struct Linear {
+    /// [the drive's unit]
+    pub offset: f64,
+    /// Per acceleration.
+    pub inertia: f64,
+    /// Per speed.
+    pub drag: f64,
+    /// Factor on each measured load.
+    pub load_gains: Vec<f64>,
+}
+
+/// Error on one validation recording.
+#[derive(Debug, Serialize)]
+pub struct Validated {
+    /// Which.
+    pub recording: PathBuf,
+    /// Linear part fitted anew, without effects [% of the drive's RMS there].
+    pub before_percent: f64,
+    /// With effects.
+    pub after_percent: f64,
+}
+
+/// A variable that goes far beyond what was fitted.
+#[derive(Debug, Serialize)]
+pub struct Beyond {
+    /// Which.
+    pub what: &'static str,
+    /// Its greatest size in the fitted recordings [SI].
+    pub fitted: f64,
+    /// Its greatest size in the validation recordings [SI].
+    pub validated: f64,
+}

@@ -1,0 +1,292 @@
+//! The four models of a diagnosis and their errors: linear part as described and
+//! fitted anew, without and with the effects.
+
+use std::path::PathBuf;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::Request;
+use super::design::{self, Table};
+use super::diagnosis::{
+    Alternative, BeforeAfter, Beyond, Diagnosis, Errors, Figure, FoundEffect, FoundEvidence,
+    Linear, Parameters, Validated,
+};
+use super::fit::{Columns, fit};
+use super::motion::Motion;
+use super::remainder::Remainder;
+use super::selection::Selection;
+use crate::machine::{Balance, BalanceEffect};
+
+/// Ratio from which a validation is an extrapolation.
+const FAR_BEYOND: f64 = 2.0;
+
+/// A remainder above this part of the drive that no effect explains [%] and
+/// that has structure is something unknown.
+const UNKNOWN_PERCENT: f64 = 10.0;
+
+/// Resamples of the interval of an error.
+const RESAMPLES: usize = 1000;
+
+/// Everything that was fitted, and its errors.
+pub(super) struct Outcome {
+    pub(super) linear: Linear,
+    /// Those of the description, recalibrated, then those found.
+    pub(super) effects: Vec<BalanceEffect>,
+    error: Errors,
+    validated: Vec<Validated>,
+    remainder: Remainder,
+    beyond: Vec<Beyond>,
+}
+
+impl Outcome {
+    pub(super) fn new(
+        balance: &Balance,
+        selection: &Selection<'_>,
+        base: &Columns,
+        (fitted, table): (&[Motion], &Table),
+        (validation, judge): (&[Motion], &Table),
+    ) -> Self {
+        let noise = selection.noise_variance();
+        let full = selection.fitted().coefficients;
+        let (known, found) = full.split_at(base.len());
+        let plain = fit(base, &table.drive, table, noise).coefficients;
+        let nominal = nominal_coefficients(balance);
+        // The effects alone, beside a linear part that stays as described.
+        let mut effects_here = Columns::default();
+        let mut effects_there = Columns::default();
+        for part in &selection.parts {
+            effects_here.push(&part.columns, &part.prior);
+            let columns = design::columns(validation, part.effect, &part.shape);
+            effects_there.push(&columns, &part.prior);
+        }
+        let rest = without(&table.drive, &base.times(&nominal, table.len()));
+        let beside = fit(&effects_here, &rest, table, noise).coefficients;
+        // What each of the four models leaves of recordings that it never saw.
+        let base_there = super::base(balance, validation);
+        let rows = judge.len();
+        let none = vec![0.0; effects_there.len()];
+        let residual = |linear: &[f64], effects: &[f64]| -> Vec<f64> {
+            let rest = without(&judge.drive, &base_there.times(linear, rows));
+            without(&rest, &effects_there.times(effects, rows))
+        };
+        let before = residual(&plain, &none);
+        let after = residual(known, found);
+        let error = Errors {
+            nominal: BeforeAfter {
+                before: figure(&residual(&nominal, &none), judge),
+                after: figure(&residual(&nominal, &beside), judge),
+            },
+            recalibrated: BeforeAfter {
+                before: figure(&before, judge),
+                after: figure(&after, judge),
+            },
+        };
+        let loads = balance.loads.len();
+        let left = without(
+            &table.drive,
+            &selection.columns(None).times(&full, table.len()),
+        );
+        Self {
+            linear: Linear {
+                offset: full[0],
+                inertia: full[1],
+                drag: full[2],
+                load_gains: full[3..3 + loads].to_vec(),
+            },
+            effects: effects(balance, selection, &full[3 + loads..]),
+            error,
+            validated: validated(validation, judge, &before, &after),
+            remainder: Remainder::new(fitted, table, &left),
+            beyond: beyond(fitted, validation),
+        }
+    }
+
+    pub(super) fn diagnosis(
+        self,
+        request: &Request<'_>,
+        machine_out: Option<PathBuf>,
+        selection: &Selection<'_>,
+        balance: &Balance,
+    ) -> Diagnosis {
+        let effects: Vec<FoundEffect> = selection
+            .parts
+            .iter()
+            .zip(self.effects.iter().skip(balance.effects.len()))
+            .map(|(part, found)| FoundEffect {
+                name: part.effect.name(),
+                channels: vec![balance.drive.name.clone()],
+                parameters: Parameters {
+                    shape: part.shape.clone(),
+                    terms: part
+                        .effect
+                        .terms(&part.shape, balance.loads.len())
+                        .into_iter()
+                        .zip(found.coefficients.iter().copied())
+                        .collect(),
+                },
+                evidence: FoundEvidence {
+                    gain_percent: 100.0 * part.evidence.gain,
+                    p_value: part.evidence.p_value,
+                },
+            })
+            .collect();
+        let alternatives: Vec<Alternative> = selection
+            .parts
+            .iter()
+            .filter(|part| !part.alternatives.is_empty())
+            .map(|part| Alternative {
+                effect: part.effect.name(),
+                instead: part.alternatives.clone(),
+            })
+            .collect();
+        // The effect that explains most decides whether the finding is certain.
+        let main = selection
+            .parts
+            .iter()
+            .max_by(|a, b| a.evidence.gain.total_cmp(&b.evidence.gain));
+        let verdict = match effects.len() {
+            0 if self.remainder.percent > UNKNOWN_PERCENT && self.remainder.structured() => {
+                "unknown"
+            }
+            0 => "none",
+            _ if main.is_some_and(|m| !m.alternatives.is_empty()) => "inseparable",
+            1 => "effect",
+            _ => "effects",
+        };
+        let next_experiment = selection
+            .parts
+            .iter()
+            .find(|part| !part.alternatives.is_empty())
+            .map(|part| {
+                format!(
+                    "to tell {} from {}: {}",
+                    part.effect.name(),
+                    part.alternatives[0].0,
+                    part.effect.shown_by()
+                )
+            });
+        Diagnosis {
+            verdict,
+            effects,
+            alternatives,
+            next_experiment,
+            error: self.error,
+            recalibrated: self.linear,
+            remainder: self.remainder,
+            beyond: self.beyond,
+            cutoff_hz: request.cutoff_hz,
+            fitted_on: request.fit.to_vec(),
+            validated_on: self.validated,
+            machine_out,
+        }
+    }
+}
+
+/// The difference of two signals.
+fn without(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a - b).collect()
+}
+
+/// The effects of the description, then those found, with the coefficients `c` of both.
+fn effects(balance: &Balance, selection: &Selection<'_>, c: &[f64]) -> Vec<BalanceEffect> {
+    let described = balance
+        .effects
+        .iter()
+        .map(|e| (e.name.clone(), e.shape.clone(), e.coefficients.len()));
+    let found = selection
+        .parts
+        .iter()
+        .map(|p| (p.effect.name().into(), p.shape.clone(), p.columns.len()));
+    let mut rest = c;
+    described
+        .chain(found)
+        .map(|(name, shape, count)| {
+            let (coefficients, more) = rest.split_at(count);
+            rest = more;
+            BalanceEffect {
+                name,
+                shape,
+                coefficients: coefficients.to_vec(),
+            }
+        })
+        .collect()
+}
+
+/// The error on each recording, from the residuals `before` and `after`.
+fn validated(motions: &[Motion], judge: &Table, before: &[f64], after: &[f64]) -> Vec<Validated> {
+    let power = |x: &[f64], k: usize| -> f64 {
+        let here = judge.recording.iter().zip(x).filter(|(r, _)| **r == k);
+        here.map(|(_, x)| x * x).sum()
+    };
+    let percent = |rest: &[f64], k| 100.0 * (power(rest, k) / power(&judge.drive, k)).sqrt();
+    motions
+        .iter()
+        .enumerate()
+        .map(|(k, motion)| Validated {
+            recording: motion.path.clone(),
+            before_percent: percent(before, k),
+            after_percent: percent(after, k),
+        })
+        .collect()
+}
+
+/// Where the validation goes far beyond what was fitted.
+fn beyond(fitted: &[Motion], validation: &[Motion]) -> Vec<Beyond> {
+    let greatest = |motions: &[Motion], of: fn(&Motion) -> &Vec<f64>| {
+        let values = motions.iter().flat_map(|m| m.judged(of(m)));
+        values.fold(0.0, |a: f64, b| a.max(b.abs()))
+    };
+    let compared = |what, of: fn(&Motion) -> &Vec<f64>| Beyond {
+        what,
+        fitted: greatest(fitted, of),
+        validated: greatest(validation, of),
+    };
+    [
+        compared("speed", |m| &m.speed),
+        compared("acceleration", |m| &m.acceleration),
+        compared("drive", |m| &m.drive),
+    ]
+    .into_iter()
+    .filter(|b| b.validated > FAR_BEYOND * b.fitted)
+    .collect()
+}
+
+/// The description's own coefficients, in the order of the columns.
+fn nominal_coefficients(balance: &Balance) -> Vec<f64> {
+    let mut c = vec![balance.offset, balance.inertia, balance.drag];
+    c.extend(balance.loads.iter().map(|_| 1.0));
+    c.extend(
+        balance
+            .effects
+            .iter()
+            .flat_map(|e| e.coefficients.iter().copied()),
+    );
+    c
+}
+
+/// RMS of a residual over that of the drive, with its interval by resampling
+/// stretches with replacement.
+fn figure(rest: &[f64], table: &Table) -> Figure {
+    let stretches = table.stretch.iter().max().map_or(1, |s| s + 1);
+    let mut sums = vec![(0.0, 0.0); stretches];
+    for (i, r) in rest.iter().enumerate() {
+        let sum = &mut sums[table.stretch[i]];
+        sum.0 += r * r;
+        sum.1 += table.drive[i] * table.drive[i];
+    }
+    let percent = |drawn: &mut dyn Iterator<Item = (f64, f64)>| {
+        let (rest, drive) = drawn.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+        100.0 * (rest / drive).sqrt()
+    };
+    let value_percent = percent(&mut sums.iter().copied());
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut drawn: Vec<f64> = (0..RESAMPLES)
+        .map(|_| percent(&mut (0..stretches).map(|_| sums[rng.random_range(0..stretches)])))
+        .collect();
+    drawn.sort_by(f64::total_cmp);
+    Figure {
+        value_percent,
+        interval_percent: [drawn[RESAMPLES / 40], drawn[RESAMPLES - 1 - RESAMPLES / 40]],
+    }
+}
