@@ -18,7 +18,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use angle_map::{MAP_ENTRIES, read_column, resampled};
-pub use channel::{Adc, Auxiliary, Channel, Encoder, Group, Index, Reference, Senses};
+pub use channel::{Adc, Auxiliary, Channel, Drift, Encoder, Group, Index, Reference, Senses};
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, Shaft};
 pub use error::{MachineError, Violation};
 pub use kind::{Kind, NamedLoad};
