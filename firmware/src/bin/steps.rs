@@ -21,6 +21,9 @@
 #![no_main]
 #![allow(unsafe_code, reason = "the timer of the board and the heap of a peer")]
 
+extern crate alloc;
+
+use alloc::vec::Vec;
 use core::hint::black_box;
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
@@ -166,6 +169,8 @@ fn unscented() {
 }
 
 /// Six states, four channels, 64 gains over the angle.
+// Inlined, its table would be on the stack below that of the line.
+#[inline(never)]
 fn scheduled_gain() {
     let transition = Transition::<6, 2>::try_new(&system::<6>(), RandomWalk).unwrap();
     let rows: [RowSVector<f32, 6>; 4] = core::array::from_fn(channel);
@@ -225,9 +230,9 @@ const TURN: usize = 1024;
 
 /// What the four gauges of the line read over a turn at half the nominal load,
 /// with noise of half a micrometre a metre.
-fn words(model: &GearboxModel<'_>) -> [[i32; 4]; TURN] {
+fn words(model: &GearboxModel<'_>) -> Vec<[i32; 4]> {
     let pulse = model.index.as_ref().unwrap().angle;
-    core::array::from_fn(|k| {
+    let words = (0..TURN).map(|k| {
         let angle = pulse.turned_by(Phase(((k as u64) << 32) / TURN as u64 * (1 << 32)));
         core::array::from_fn(|i| {
             let channel = &model.channels[i];
@@ -238,10 +243,13 @@ fn words(model: &GearboxModel<'_>) -> [[i32; 4]; TURN] {
             let noise = ((k * 37 + i * 101) % 64) as i32 - 32;
             channel.converter.zero + (reading / channel.converter.gain) as i32 + 16 * noise
         })
-    })
+    });
+    words.collect()
 }
 
 /// The whole gearbox line, raw words to payload bytes, on a sealed image.
+// Inlined, two of them would be on the stack at once.
+#[inline(never)]
 fn line(name: &str, sealed: &[u8]) {
     let (_, payload) = sealed::open(sealed).unwrap();
     let image = Image::from_bytes(payload).unwrap();
@@ -249,7 +257,7 @@ fn line(name: &str, sealed: &[u8]) {
         panic!("not the image of a gearbox");
     };
     let words = words(model);
-    let mut encoder = Encoder::try_build(&image, 0).unwrap();
+    let encoder = Encoder::try_build(&image, 0).unwrap();
     let mut line = Line::try_build(image).unwrap();
     let mut steady = 0;
     let mut sample = |tick: u32| {

@@ -13,7 +13,7 @@ use super::process_noise::process_noise;
 use super::steady::{SteadyTable, steady_gains};
 use super::torsion::Torsion;
 use crate::build::{BuildError, Filter, Sensors};
-use crate::machine::{self, Drivetrain, MAP_ENTRIES, Machine, Senses, resampled};
+use crate::machine::{self, Drift, Drivetrain, MAP_ENTRIES, Machine, Senses, resampled};
 
 /// Load at the end of the scale on the bus, in nominal loads.
 const FULL_SCALE: f64 = 4.0;
@@ -39,25 +39,29 @@ pub fn image(
     drivetrain: &Drivetrain,
     sensors: &Sensors,
 ) -> Result<Vec<u8>, BuildError> {
-    let plan = Plan::new(machine, drivetrain, sensors);
+    let mut plan = Plan::new(machine, drivetrain, sensors);
     let tables: Vec<Tables> = sensors
         .channels
         .iter()
         .map(|c| Tables::new(machine, c, &plan))
         .collect::<Result<_, _>>()?;
+    plan.size_drifts(&tables);
     let channels = sensors
         .channels
         .iter()
         .zip(&tables)
-        .map(|(channel, tables)| plan.channel(channel, tables))
+        .enumerate()
+        .map(|(i, (channel, tables))| plan.channel(i, channel, tables))
         .collect::<Result<_, _>>()?;
-    let table;
-    let mut model = plan.model(machine, drivetrain, sensors, channels)?;
-    table = match sensors.filter {
+    let full = plan.model(machine, drivetrain, sensors, channels)?;
+    let table = match sensors.filter {
         Filter::Aekf => None,
-        Filter::Steady => Some(plan.steady_table(&model)?),
+        Filter::Steady => Some(plan.steady_table(&full)?),
     };
-    model.steady = table.as_ref().map(SteadyTable::gains);
+    let model = GearboxModel {
+        steady: table.as_ref().map(SteadyTable::gains),
+        ..full
+    };
     let rate_hz = machine.rate_hz;
     let image = Image {
         version: VERSION,
@@ -78,6 +82,8 @@ struct Plan {
     mechanical: usize,
     /// Zeros of the encoders after the first.
     zeros: usize,
+    /// Channels that drift, by number, with the drift in SI units.
+    drifts: Vec<(usize, Drift)>,
     /// States that nothing depends on.
     fill: usize,
     loads: usize,
@@ -101,13 +107,21 @@ impl Plan {
         let mechanical = scale.len();
         let zeros = sensors.encoders.len().saturating_sub(1);
         // Up to a number of states that a filter is compiled for.
-        let needed = mechanical + zeros + LOADS;
+        let drifts: Vec<(usize, Drift)> = (sensors.channels.iter().enumerate())
+            .filter(|(_, channel)| !matches!(channel.senses, Senses::Drive(_)))
+            .filter_map(|(i, channel)| {
+                let drift = channel.drift?;
+                let std = channel.to_si(drift.std);
+                Some((i, Drift { std, ..drift }))
+            })
+            .collect();
+        let needed = mechanical + zeros + drifts.len() + LOADS;
         let compiled = STATES
             .into_iter()
             .find(|states| *states >= needed)
             .unwrap_or(needed);
         let fill = compiled - needed;
-        scale.extend(std::iter::repeat_n(ZERO_SCALE, zeros + fill));
+        scale.extend(std::iter::repeat_n(ZERO_SCALE, zeros + drifts.len() + fill));
         scale.extend(&nominal);
         scale.resize(compiled, 1.0);
         Self {
@@ -116,6 +130,7 @@ impl Plan {
             scale,
             mechanical,
             zeros,
+            drifts,
             fill,
             loads: nominal.len(),
             nominal,
@@ -129,7 +144,36 @@ impl Plan {
     }
 
     fn first_load(&self) -> usize {
-        self.mechanical + self.zeros + self.fill
+        self.mechanical + self.zeros + self.drifts.len() + self.fill
+    }
+
+    /// The state that holds the drift of channel `i`.
+    fn drift_state(&self, i: usize) -> Option<usize> {
+        let at = self.drifts.iter().position(|(channel, _)| *channel == i)?;
+        Some(self.mechanical + self.zeros + at)
+    }
+
+    /// A drift is estimated in the unit of its channel's reading.
+    fn size_drifts(&mut self, tables: &[Tables]) {
+        for (at, (channel, _)) in self.drifts.iter().enumerate() {
+            self.scale[self.mechanical + self.zeros + at] = tables[*channel].unit;
+        }
+    }
+
+    /// What is left of state `i` above the mechanical ones after a sample, and the
+    /// variance of what is added to it, in its own unit.
+    fn walk(&self, i: usize) -> (f64, f64) {
+        // A zero stays; the filter only must not freeze. A state that nothing
+        // depends on is forgotten.
+        let still = 1e-12;
+        match i.checked_sub(self.mechanical + self.zeros) {
+            None => (1.0, still),
+            Some(at) => self.drifts.get(at).map_or((0.0, still), |(_, drift)| {
+                let left = (-self.dt_s / drift.time_s).exp();
+                let std = drift.std / self.scale[i];
+                (left, std * std * (1.0 - left * left))
+            }),
+        }
     }
 
     /// A row over mechanics and loads, in the scale of the filter.
@@ -173,6 +217,7 @@ impl Plan {
 
     fn channel<'a>(
         &self,
+        i: usize,
         channel: &machine::Channel,
         tables: &'a Tables,
     ) -> Result<Channel<'a>, BuildError> {
@@ -201,7 +246,7 @@ impl Plan {
                 map_deviation: (tables.deviation * tables.sensed / tables.unit) as f32,
                 variance: PeriodicTable::try_new(&tables.variance, "variance")
                     .map_err(BuildError::Model)?,
-                bias_state: None,
+                bias_state: self.drift_state(i).map(|state| state as u8),
             };
             (row.iter().map(|c| c / tables.sensed).collect(), role)
         };
@@ -244,8 +289,7 @@ impl Plan {
         for i in 0..top {
             for j in 0..n {
                 let entry = if i >= self.mechanical {
-                    // A zero stays; a state that nothing depends on is forgotten.
-                    f64::from(u8::from(i == j && i < self.mechanical + self.zeros))
+                    if i == j { self.walk(i).0 } else { 0.0 }
                 } else if j < self.mechanical {
                     f[(i, j)]
                 } else if (top..top + self.loads).contains(&j) {
@@ -350,8 +394,7 @@ impl Plan {
         if i < self.mechanical {
             q[(i, j)] / (self.scale[i] * self.scale[j])
         } else if i == j {
-            // A zero does not move; the filter only must not freeze.
-            1e-12
+            self.walk(i).1
         } else {
             0.0
         }
@@ -365,6 +408,10 @@ impl Plan {
         std[0] = twists + 1e-3;
         std[n..self.mechanical].fill(2.0);
         std[self.mechanical..self.first_load()].fill(2.0 * (twists + 1e-3) / ZERO_SCALE);
+        for (at, (_, drift)) in self.drifts.iter().enumerate() {
+            let state = self.mechanical + self.zeros + at;
+            std[state] = drift.std / self.scale[state];
+        }
         std[self.first_load() + self.loads..].fill(1e-9);
         std
     }

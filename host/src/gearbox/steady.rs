@@ -18,7 +18,8 @@ const MOST_TURNS: usize = 400;
 /// the best gains, at a speed that the table is used for.
 const LOSS: f64 = 1.1;
 
-/// Slower speeds at which that is looked at, in parts of the nominal one.
+/// Slower speeds at which that is looked at, in parts of the nominal one. At
+/// standstill a gauge may be blind for good, so the least of them is the end.
 const SLOWER: [f64; 4] = [0.5, 0.25, 0.125, 0.0625];
 
 /// A table that borrows nothing yet.
@@ -63,14 +64,7 @@ pub fn steady_gains(model: &GearboxModel<'_>, turn_rad: f64) -> Option<SteadyTab
     } else {
         let holds = |part: f64| recursion.loss(&table, turn_rad * part, log2_bins) <= LOSS;
         let slowest = SLOWER.into_iter().take_while(|part| holds(*part)).last();
-        let lowest = match slowest {
-            // Down to next to nothing: then perhaps backwards as well.
-            Some(least) if least == SLOWER[SLOWER.len() - 1] && holds(-least) && holds(-1.0) => {
-                -1.1
-            }
-            Some(least) => least,
-            None => 0.75,
-        };
+        let lowest = slowest.unwrap_or(0.75);
         let highest = if holds(2.0) { 2.0 } else { 1.1 };
         [lowest, highest].map(|part| (part * turn_rad) as f32)
     };

@@ -44,6 +44,9 @@ pub struct Channel {
     /// CSV file with the standard deviation over bins of the carrier angle, as
     /// `sensitivity_map`; eq. (15)-(18).
     pub noise_map: Option<PathBuf>,
+    /// Slow drift of the zero that no load causes (creep, temperature), which the
+    /// filter then estimates as a state of its own.
+    pub drift: Option<Drift>,
     /// Where the sensor sits, for tables: `torque arm`, `ring gear`, ...
     pub group: Option<Group>,
     /// The converter.
@@ -120,6 +123,22 @@ pub struct Place {
 
 fn patch() -> f64 {
     0.02
+}
+
+/// Drift of a channel's zero: `b+ = a b + w`, `a = exp(-dt / time_s)`,
+/// `var w = std^2 (1 - a^2)`.
+///
+/// The deviation is bounded by `std`, so that where nothing tells the drift from
+/// a load, the load takes the change and its standard deviation grows by no
+/// more than the drift's; where the sensitivity varies over the carrier angle,
+/// or another sensor contradicts, the drift is found and taken out.
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Drift {
+    /// Standard deviation in the long run [the channel's unit], > 0.
+    pub std: f64,
+    /// Time constant [s], > 0.
+    pub time_s: f64,
 }
 
 /// A group of sensors that tables show together.

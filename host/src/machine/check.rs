@@ -148,6 +148,10 @@ impl Machine {
             one_of(&field(&format!("senses.{kind}")), name, &allowed)?;
             finite(&field("offset"), channel.offset)?;
             positive(&field("noise_std"), channel.noise_std)?;
+            if let Some(drift) = &channel.drift {
+                positive(&field("drift.std"), drift.std)?;
+                positive(&field("drift.time_s"), drift.time_s)?;
+            }
             match (channel.sensitivity, &channel.sensitivity_map) {
                 (Some(_), Some(_)) => {
                     refuse(

@@ -24,7 +24,7 @@ use serde::{Deserialize, Serialize};
 pub use angle_map::{MAP_ENTRIES, read_column, read_columns, resampled, six_digits, write_columns};
 pub use balance::{Balance, BalanceEffect, Regime, Signal};
 pub use channel::{
-    Adc, Auxiliary, Channel, Displacement, Encoder, Group, Index, Place, Reference, Senses,
+    Adc, Auxiliary, Channel, Displacement, Drift, Encoder, Group, Index, Place, Reference, Senses,
 };
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, Shaft};
 pub use error::{MachineError, Violation};
