@@ -50,10 +50,12 @@ impl Build {
         let sensors = Sensors::choose(&machine, self.sensors.as_deref())?.filtered_by(self.filter);
         let payload = build::image(&machine, &sensors)?;
         let image = Image::from_bytes(&payload)?;
-        let Model::Gearbox(model) = &image.model;
-        let steady_speed = model
-            .steady
-            .map(|gains| gains.turn().map(|turn| f64::from(turn) * machine.rate_hz));
+        let steady_speed = match &image.model {
+            Model::Gearbox(model) => model
+                .steady
+                .map(|gains| gains.turn().map(|turn| f64::from(turn) * machine.rate_hz)),
+            _ => None,
+        };
         Line::try_build(image)?;
         let issue = self.issue.map_or_else(seconds_since_1970, Ok)?;
         let key = self.key.as_deref().map(SigningKey::read).transpose()?;

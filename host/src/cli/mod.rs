@@ -49,8 +49,6 @@ enum Command {
     Diagnose(diagnose::Diagnose),
     /// Reproduce the tables of the gearbox paper on simulated individuals.
     Tables(tables::Tables),
-    /// Find which physical effect a model lacks, and add it.
-    Diagnose(diagnose::Diagnose),
     /// Choose the noise of the filter from recordings and from the wanted bandwidth.
     Tune(tune::Tune),
     /// Zero a strain bridge, and adjust its gauge factor by a shunt resistor.
@@ -96,7 +94,6 @@ impl Cli {
             Some(Command::Simulate(simulate)) => simulate.run(json),
             Some(Command::Diagnose(diagnose)) => diagnose.run(json),
             Some(Command::Tables(tables)) => tables.run(json),
-            Some(Command::Diagnose(diagnose)) => diagnose.run(json),
             Some(Command::Tune(tune)) => tune.run(json),
             Some(Command::Zero(zero)) => zero.run(json),
             Some(Command::Build(build)) => build.run(json),

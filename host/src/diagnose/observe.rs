@@ -157,7 +157,7 @@ pub fn observe(machine: &Machine, path: &Path) -> Result<Session, DiagnoseError>
                 let i = torsion.inertia(name);
                 (&motion.speed[i], None, 1.0 / torsion.ratio(name))
             }
-            Senses::Drive(_) => continue,
+            _ => continue,
         };
         let stuck = take_out_stuck(&mut recorded.channels[k]);
         let table = channel.sensitivity_over_angle(machine)?;

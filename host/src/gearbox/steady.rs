@@ -347,7 +347,9 @@ mod tests {
             channel.sensitivity = Some(3e-10);
         }
         let payload = image(&machine, &Sensors::choose(&machine, None).unwrap()).unwrap();
-        let Model::Gearbox(model) = Image::from_bytes(&payload).unwrap().model;
+        let Model::Gearbox(model) = Image::from_bytes(&payload).unwrap().model else {
+            unreachable!("a gearbox")
+        };
         let table = steady_gains(&model, 0.005).unwrap();
         assert_eq!(table.log2_bins, 0);
         let point = OperatingPoint::new(&model, machine.drivetrain.as_ref().unwrap(), 0.0);
@@ -383,7 +385,9 @@ mod tests {
         let mut machine = machine();
         machine.sensor_sets[0].channels.clear();
         let payload = image(&machine, &Sensors::choose(&machine, None).unwrap()).unwrap();
-        let Model::Gearbox(model) = Image::from_bytes(&payload).unwrap().model;
+        let Model::Gearbox(model) = Image::from_bytes(&payload).unwrap().model else {
+            unreachable!("a gearbox")
+        };
         assert!(steady_gains(&model, 0.005).is_none());
     }
 }
