@@ -321,22 +321,24 @@ impl Plant {
     fn new(rotor: &Rotor) -> Option<Self> {
         let matrices = Assembly::new(rotor);
         let n = matrices.mass.nrows();
-        let factor = matrices.mass.llt(Side::Lower).ok()?;
+        // From the flexibility: from the stiffness the slow modes would lose their
+        // digits beside the stiff bearings.
+        let factor = matrices.stiffness.llt(Side::Lower).ok()?;
         let l = factor.L();
-        let mut a = matrices.stiffness.clone();
+        let mut a = matrices.mass.clone();
         l.solve_lower_triangular_in_place(a.as_mut());
         let mut a = a.transpose().to_owned();
         l.solve_lower_triangular_in_place(a.as_mut());
         let eigen = a.self_adjoint_eigen(Side::Lower).ok()?;
         let count = MODES.min(n);
-        let mut phi = Mat::from_fn(n, count, |i, j| eigen.U()[(i, j)]);
-        l.transpose().solve_upper_triangular_in_place(phi.as_mut());
-        // Not from the eigenvalues: the lowest have lost digits beside the stiff bearings.
-        let kept = phi.transpose() * (&matrices.stiffness * &phi);
-        let squares: Vec<f64> = (0..count).map(|k| kept[(k, k)]).collect();
+        let squares: Vec<f64> = (0..count).map(|k| 1.0 / eigen.S()[n - 1 - k]).collect();
         if !squares.iter().all(|w2| *w2 > 0.0) {
             return None;
         }
+        let mut phi = Mat::from_fn(n, count, |i, k| {
+            eigen.U()[(i, n - 1 - k)] * squares[k].sqrt()
+        });
+        l.transpose().solve_upper_triangular_in_place(phi.as_mut());
         let project = |m: &Mat<f64>| -> Vec<f64> {
             let p = phi.transpose() * (m * &phi);
             (0..count * count)
