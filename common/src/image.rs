@@ -7,6 +7,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
+use crate::bearing::BearingModel;
 use crate::gearbox::GearboxModel;
 
 /// Version of the layout of [`Image`]; another one is refused.
@@ -38,6 +39,8 @@ pub enum Model<'a> {
     /// A torsional drivetrain with strain gauges.
     #[serde(borrow)]
     Gearbox(GearboxModel<'a>),
+    /// A wheel bearing with gauges on its outer ring.
+    Bearing(BearingModel),
 }
 
 /// A load as the outside knows it.
@@ -73,6 +76,7 @@ impl<'a> Image<'a> {
     pub fn loads(&self) -> &[LoadSignal] {
         match &self.model {
             Model::Gearbox(model) => &model.loads,
+            Model::Bearing(model) => &model.loads,
         }
     }
 }

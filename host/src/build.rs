@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use thiserror::Error;
 
-use crate::gearbox;
 use crate::machine::{Channel, Encoder, Kind, Machine, MachineError, SensorSet};
+use crate::{bearing, gearbox};
 
 /// The channels and encoders of a machine that an estimator uses, in the
 /// order of the raw words and counters.
@@ -38,6 +38,16 @@ pub enum BuildError {
     /// More than an image holds.
     #[error("{0} is larger than an image can hold")]
     TooLarge(&'static str),
+    /// A bearing's phases were lost on the rig.
+    #[error(
+        "the phases of ball passing were followed in {part:.0} % of the recording; at least {least:.0} % is needed: check gauges, wheel encoder and number of balls"
+    )]
+    NotFollowed {
+        /// Part that was followed [%].
+        part: f64,
+        /// Part that is needed [%].
+        least: f64,
+    },
     /// The model's numbers are refused by the estimator.
     #[error("the model is refused: {0}")]
     Model(loadtwin_common::Error),
@@ -139,6 +149,7 @@ impl Sensors {
 pub fn image(machine: &Machine, sensors: &Sensors) -> Result<Vec<u8>, BuildError> {
     match machine.kind() {
         Some(Kind::Drivetrain(drivetrain)) => gearbox::image(machine, drivetrain, sensors),
+        Some(Kind::Bearing(description)) => bearing::image(machine, description, sensors),
         None => Err(BuildError::Model(loadtwin_common::Error::Malformed(
             "machine of no kind",
         ))),

@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod atomic_file;
+pub mod bearing;
 pub mod build;
 pub mod calibrate;
 pub mod can;

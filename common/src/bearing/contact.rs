@@ -28,6 +28,9 @@ pub const INPUTS: usize = LOADS + 1;
 /// Longest step of Newton's method [um].
 const LONGEST_STEP: f32 = 15.0;
 
+/// Over which approach a contact begins to carry [um].
+const ROUNDING: f32 = 1.0;
+
 /// Dimensions of the bearing in the units of the filter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Geometry {
@@ -177,7 +180,7 @@ impl Contacts {
     ///
     /// `d = A cos a0 + dx cos + dz sin + c h/R T - u_r`,
     /// `w = A sin a0 + p + c (dy + T)`, `T = R gz cos - R gx sin`, `c` = 1 for
-    /// row 0 and -1 for row 1; `delta = |(d, w)| - A`, `Q = K_n delta^1.5`.
+    /// row 0 and -1 for row 1; `delta = |(d, w)| - A`, `Q = K_n delta^1.5`, rounded off about `delta = 0`.
     ///
     /// Source: Kerst et al. 2019, eq. (4)-(6), with the rows' offset `h`.
     #[inline]
@@ -193,13 +196,13 @@ impl Contacts {
         }
         let w = g.groove_um * g.contact_angle.1 + preload + c * (z[1] + tilt);
         let distance = libm::sqrtf(d * d + w * w);
+        // Rounded off about zero, so that a row without load still says which way load lies.
         let delta = distance - g.groove_um;
-        let (load, slope) = if delta > 0.0 {
-            let root = libm::sqrtf(delta) * g.stiffness;
-            (root * delta, 1.5 * root)
-        } else {
-            (0.0, 0.0)
-        };
+        let rounded = libm::sqrtf(delta * delta + ROUNDING * ROUNDING);
+        let approach = 0.5 * (delta + rounded);
+        let root = libm::sqrtf(approach) * g.stiffness;
+        let load = root * approach;
+        let slope = 1.5 * root * approach / rounded;
         let (cos, sin) = (d / distance, w / distance);
         let (mut normal, mut across) = ([0.0; LOADS + SHAPES], [0.0; LOADS + SHAPES]);
         let by_d = [at.cos, 0.0, at.sin, -lever * at.sin, lever * at.cos];
@@ -231,13 +234,7 @@ impl Contacts {
     /// of the groove centres, is 2 % of it, and changes no solution.
     ///
     /// Source: Kerst et al. 2019, eq. (7)-(9).
-    #[expect(clippy::needless_range_loop, reason = "rows of a matrix by their place")]
-    pub fn newton(
-        &self,
-        position: &[f32; DOF],
-        loads: &[f32; LOADS],
-        preload: f32,
-    ) -> Equilibrium {
+    pub fn newton(&self, position: &[f32; DOF], loads: &[f32; LOADS], preload: f32) -> Equilibrium {
         let share = f32::from(self.geometry.balls) / NODES as f32;
         let preload = self.geometry.preload_um + preload;
         let mut k = [[0.0; DOF]; DOF];
@@ -263,9 +260,6 @@ impl Contacts {
             let place = |i: usize| if i < LOADS { i } else { i + row * SHAPES };
             for node in &self.nodes {
                 let touch = self.touch(position, preload, row, node);
-                if touch.load == 0.0 {
-                    continue;
-                }
                 let (q, slope) = (touch.load * share, touch.slope * share);
                 let by_preload = slope * touch.sin;
                 for j in 0..LOADS + SHAPES {
@@ -327,7 +321,8 @@ impl Contacts {
         let (cos0, sin0) = self.geometry.contact_angle;
         let azimuths = &self.gauges[gauge % GAUGES];
         for row in 0..ROWS {
-            let [here, before, after] = [0, 1, 2].map(|i| self.touch(&at.position, preload, row, &azimuths[i]));
+            let [here, before, after] =
+                [0, 1, 2].map(|i| self.touch(&at.position, preload, row, &azimuths[i]));
             let turned = here.sin * cos0 - here.cos * sin0;
             let turning = (here.cos * cos0 + here.sin * sin0) / here.distance;
             value[row] = [
@@ -366,7 +361,10 @@ impl Contacts {
 
 /// Solves `k x = rhs` for each right side; `k` symmetric positive, its lower
 /// triangle given, replaced by `L D L'`.
-#[expect(clippy::needless_range_loop, reason = "rows of a matrix by their place")]
+#[expect(
+    clippy::needless_range_loop,
+    reason = "rows of a matrix by their place"
+)]
 fn solve<const N: usize>(k: &mut [[f32; DOF]; DOF], rhs: &mut [[f32; DOF]; N]) {
     let mut inverse = [0.0; DOF];
     for j in 0..DOF {

@@ -31,6 +31,9 @@ pub const PRELOAD: usize = LOAD + LOADS;
 /// Place of the first bias.
 pub const BIAS: usize = PRELOAD + 1;
 
+/// Phases further apart than this are not the same [rad].
+const APART: f32 = 0.6;
+
 /// Variance of a load that is known [kN^2].
 const KNOWN_VARIANCE: f32 = 1e-8;
 
@@ -135,6 +138,59 @@ impl Belief {
         }
     }
 
+    /// Starts with the biases anew: what they have taken up belongs to another belief.
+    pub fn forget_biases(&mut self, tuning: &Tuning) {
+        let p = &mut self.gaussian.upper;
+        for b in BIAS..NX {
+            self.gaussian.state[b] = 0.0;
+            for j in 0..NX {
+                p[b.max(j)][b.min(j)] = 0.0;
+            }
+            p[b][b] = tuning.bias_std * tuning.bias_std;
+        }
+    }
+
+    /// Starts with the loads anew, in the phases as they are.
+    pub fn forget_loads(&mut self, tuning: &Tuning) {
+        let p = &mut self.gaussian.upper;
+        for i in 0..LOADS {
+            let l = LOAD + i;
+            self.gaussian.state[l] = tuning.load_mean[i];
+            for j in 0..NX {
+                p[l.max(j)][l.min(j)] = 0.0;
+            }
+            p[l][l] = tuning.load_std[i] * tuning.load_std[i];
+        }
+    }
+
+    /// Whether the phases of two beliefs are not the same.
+    pub fn is_apart(&self, other: &Self) -> bool {
+        (0..ROWS).any(|row| wrap_rad(self.gaussian.state[row] - other.gaussian.state[row]).abs() > APART)
+    }
+
+    /// Minus twice the logarithm of the prior of what a belief holds: biases,
+    /// slips, preload and loads in units of their standard deviations, squared.
+    ///
+    /// Two beliefs that explain the readings equally well may differ in what they had to assume for it.
+    pub fn prior(&self, tuning: &Tuning) -> f32 {
+        let x = &self.gaussian.state;
+        let mut sum = 0.0;
+        for b in BIAS..NX {
+            let part = x[b] / tuning.bias_std;
+            sum += part * part;
+        }
+        for row in 0..ROWS {
+            let part = x[ROWS + row] / tuning.slip_std;
+            sum += part * part;
+        }
+        for i in 0..LOADS {
+            let part = (x[LOAD + i] - tuning.load_mean[i]) / tuning.load_std[i];
+            sum += part * part;
+        }
+        let part = x[PRELOAD] / tuning.preload_std;
+        sum + part * part
+    }
+
     /// Takes the loads as known [kN].
     pub fn know(&mut self, loads: &[f32; LOADS]) {
         let p = &mut self.gaussian.upper;
@@ -146,6 +202,12 @@ impl Belief {
             }
             p[i][i] = KNOWN_VARIANCE;
         }
+        // Neither may the preload take up what the gauges' model lacks.
+        self.gaussian.state[PRELOAD] = 0.0;
+        for j in 0..NX {
+            p[PRELOAD.max(j)][PRELOAD.min(j)] = 0.0;
+        }
+        p[PRELOAD][PRELOAD] = KNOWN_VARIANCE;
         self.linearised_at = self.gaussian.state;
     }
 
@@ -197,8 +259,8 @@ impl Belief {
                     p[b.max(j)][b.min(j)] *= keep;
                 }
             }
-            p[b][b] = keep * keep * p[b][b]
-                + (1.0 - keep * keep) * tuning.bias_std * tuning.bias_std;
+            p[b][b] =
+                keep * keep * p[b][b] + (1.0 - keep * keep) * tuning.bias_std * tuning.bias_std;
         }
         self.linearised_at = *x;
     }
@@ -222,7 +284,6 @@ impl Belief {
     }
 
     /// Coefficients of one gauge's strain and their derivatives by the states.
-    #[expect(clippy::needless_range_loop, reason = "one index over several tables")]
     fn coefficients(
         &self,
         model: &GaugeModel,
@@ -233,7 +294,7 @@ impl Belief {
         let x = &self.linearised_at;
         let mut c = [0.0; BASIS];
         let mut by = [[0.0; NX]; BASIS];
-        c[0] = x[BIAS + g];
+        c[0] = model.offset + x[BIAS + g];
         by[0][BIAS + g] = 1.0;
         for i in 0..LOADS {
             c[0] += model.bulk_load[i] * x[LOAD + i];
@@ -301,8 +362,8 @@ impl Belief {
         for value in &c[1..] {
             square += value * value;
         }
-        let local = model.noise_std * model.noise_std
-            + tuning.model_error * tuning.model_error * square;
+        let local =
+            model.noise_std * model.noise_std + model.model_error * model.model_error * square;
         let bulk = local + tuning.bulk_std * tuning.bulk_std * f32::from(block.count);
         let (mut rows, mut product) = (0.0, 1.0);
         for k in 0..BASIS {
@@ -327,11 +388,7 @@ impl Belief {
             }
             let r = if k == 0 { bulk } else { local };
             let nu = block.reading[g][k] - predicted;
-            let mut gate = if used {
-                Gate::open()
-            } else {
-                Gate::shut()
-            };
+            let mut gate = if used { Gate::open() } else { Gate::shut() };
             let told_row = kalman::update(&mut self.gaussian, &row, nu, r, &mut gate);
             told.nis += told_row.nis;
             product *= told_row.variance / r;

@@ -48,8 +48,9 @@ pub const BLOCK_HZ: f32 = 100.0;
 const JOBS: u16 = 2 * BELIEF_JOBS + 1;
 const BELIEF_JOBS: u16 = 8;
 
-/// Starting points of challengers: eight moves of the phases, swapped labels.
-const CANDIDATES: u8 = 9;
+/// Starting points of challengers: eight moves of the phases, and between them
+/// swapped labels and loads anew.
+const CANDIDATES: u8 = 16;
 
 /// Blocks of a duel, and those at its start that do not count.
 const DUEL: u16 = 36;
@@ -57,7 +58,7 @@ const BURN_IN: u16 = 16;
 
 /// By how much the challenger's cost must be lower, and by how much it may be
 /// higher before the duel is over.
-const MARGIN: f32 = 40.0;
+const MARGIN: f32 = 15.0;
 const HOPELESS: f32 = 400.0;
 
 /// Natural frequency of the loop that follows the wheel [rad/s].
@@ -92,6 +93,10 @@ pub struct GaugeModel {
     pub passing: f32,
     /// Standard deviation of a reading about the model [um/m], > 0.
     pub noise_std: f32,
+    /// Error of the local strain's model, as part of the strain.
+    pub model_error: f32,
+    /// Bulk strain at no load when calibrated [um/m].
+    pub offset: f32,
     /// Bulk strain by the loads [um/m / kN].
     pub bulk_load: [f32; LOADS],
     /// Bulk strain by the features of each row [um/m / kN].
@@ -127,8 +132,6 @@ pub struct Tuning {
     pub bias_time_s: f32,
     /// Error of the bulk strain's model from block to block [um/m].
     pub bulk_std: f32,
-    /// Error of the local strain's model, as part of the strain.
-    pub model_error: f32,
     /// Frequency of ball passing below which bulk and local strain cannot be told apart [Hz], > 0.
     pub lowest_hz: f32,
 }
@@ -234,10 +237,8 @@ impl Bearing {
             std[row] = 1.0;
             std[ROWS + row] = t.slip_std;
         }
-        for i in 0..LOADS {
-            state[LOAD + i] = t.load_mean[i];
-            std[LOAD + i] = t.load_std[i];
-        }
+        state[LOAD..PRELOAD].copy_from_slice(&t.load_mean);
+        std[LOAD..PRELOAD].copy_from_slice(&t.load_std);
         std[PRELOAD] = t.preload_std;
         for b in BIAS..NX {
             std[b] = t.bias_std;
@@ -282,7 +283,13 @@ impl Bearing {
 
     /// One sample: gather it, and do the jobs of the block before that are due.
     pub fn step(&self, state: &mut BearingState, raw: &RawSample) -> Estimate {
-        let m = (state.unwrap).convert(raw, &self.converters, &self.counters, None, Phase::default());
+        let m = (state.unwrap).convert(
+            raw,
+            &self.converters,
+            &self.counters,
+            None,
+            Phase::default(),
+        );
         let phase = self.follow_wheel(state, &m);
         let mut readings = [None; GAUGES];
         for (reading, value) in readings.iter_mut().zip(&m.values) {
@@ -296,7 +303,7 @@ impl Bearing {
             self.close_block(state);
         }
         state.age = state.age.saturating_add(1);
-        self.estimate(state, &m)
+        estimate(state, &m)
     }
 
     /// Phase of ball passing since the last sample [rad], from the wheel's
@@ -304,7 +311,12 @@ impl Bearing {
     fn follow_wheel(&self, state: &mut BearingState, m: &Measurement) -> f32 {
         let elapsed = self.dt_s * (m.lost.min(1000) + 1) as f32;
         let mut turned = state.speed * elapsed;
-        let angle = m.angles.first().copied().unwrap_or(Err(Fault::Missing)).ok();
+        let angle = m
+            .angles
+            .first()
+            .copied()
+            .unwrap_or(Err(Fault::Missing))
+            .ok();
         match (state.wheel, angle) {
             (Some(wheel), Some(angle)) => {
                 let predicted = wheel.turned_by(Phase::from_rad(turned));
@@ -369,8 +381,15 @@ impl Bearing {
             }
             part @ 1..=4 => {
                 let g = usize::from(part) - 1;
-                let used = state.block.whole[g % GAUGES] && state.health[g % GAUGES].fault.is_none();
-                let told = belief.update(&self.model.gauges[g % GAUGES], tuning, &state.block, g, used);
+                let used =
+                    state.block.whole[g % GAUGES] && state.health[g % GAUGES].fault.is_none();
+                let told = belief.update(
+                    &self.model.gauges[g % GAUGES],
+                    tuning,
+                    &state.block,
+                    g,
+                    used,
+                );
                 let cost = if used { told.cost } else { 0.0 };
                 if challenger {
                     state.cost.1 += cost;
@@ -423,9 +442,13 @@ impl Bearing {
         }
         let broken = !state.champion.is_finite();
         if duel.blocks >= DUEL || duel.lead > HOPELESS || broken {
-            if broken || duel.lead < -MARGIN {
+            let prior = state.challenger.prior(&self.model.tuning)
+                - state.champion.prior(&self.model.tuning);
+            if broken || duel.lead + prior < -MARGIN {
                 core::mem::swap(&mut state.champion, &mut state.challenger);
-                state.duel.won = 0;
+                if broken || state.champion.is_apart(&state.challenger) {
+                    state.duel.won = 0;
+                }
                 if !state.champion.is_finite() {
                     state.champion = self.start.clone();
                 }
@@ -439,19 +462,23 @@ impl Bearing {
     /// Sends the next challenger out.
     fn challenge(&self, state: &mut BearingState) {
         let tuning = &self.model.tuning;
+        let locked = state.is_locked();
         let duel = &mut state.duel;
         duel.candidate = (duel.candidate + 1) % CANDIDATES;
         duel.blocks = 0;
         duel.lead = 0.0;
         state.challenger = state.champion.clone();
         let next = &mut state.challenger;
-        if duel.candidate == 0 {
-            next.swap_rows();
-        } else {
-            // Thirds of a turn in both phases, all but (0, 0).
-            let third = core::f32::consts::TAU / 3.0;
-            next.turn(0, third * f32::from(duel.candidate % 3));
-            next.turn(1, third * f32::from(duel.candidate / 3));
+        let moved = duel.candidate / 2 + 1;
+        match duel.candidate % 4 {
+            0 => next.swap_rows(),
+            2 => next.forget_loads(tuning),
+            _ => {
+                // Thirds of a turn in both phases, all but (0, 0).
+                let third = core::f32::consts::TAU / 3.0;
+                next.turn(0, third * f32::from(moved % 3));
+                next.turn(1, third * f32::from(moved / 3));
+            }
         }
         for row in 0..ROWS {
             next.widen(row, 0.5);
@@ -460,6 +487,10 @@ impl Bearing {
         for i in 0..LOADS {
             next.widen(LOAD + i, 0.25 * tuning.load_std[i] * tuning.load_std[i]);
         }
+        if !locked {
+            // Later they are what is known best, and tell the labels apart.
+            next.forget_biases(tuning);
+        }
         next.balance(&self.contacts);
         next.balance(&self.contacts);
         for g in 0..GAUGES {
@@ -467,16 +498,13 @@ impl Bearing {
         }
     }
 
-    fn locked(&self, state: &BearingState) -> bool {
-        state.running && state.duel.won >= CANDIDATES
-    }
-
     fn publish(&self, state: &mut BearingState) {
         state.age = 0;
-        let locked = self.locked(state);
+        let locked = state.is_locked();
         let radius = self.model.geometry.radius_mm;
-        let slipped = (0..ROWS)
-            .any(|row| state.champion.gaussian.state[ROWS + row].abs() > self.model.tuning.slip_limit);
+        let slipped = (0..ROWS).any(|row| {
+            state.champion.gaussian.state[ROWS + row].abs() > self.model.tuning.slip_limit
+        });
         for i in 0..LOADS {
             // kN; moments over the radius [mm] in kN: N m.
             let unit = if i < 3 { 1000.0 } else { radius };
@@ -496,42 +524,46 @@ impl Bearing {
             };
         }
     }
-
-    fn estimate(&self, state: &BearingState, m: &Measurement) -> Estimate {
-        let mut estimate = Estimate {
-            tick: m.tick,
-            lost: m.lost,
-            angle_rad: wrap_rad(state.wheel.map_or(0.0, Phase::to_rad)),
-            homed: true,
-            ..Estimate::default()
-        };
-        for load in &state.published {
-            let _ = estimate.loads.push(LoadEstimate {
-                age: state.age,
-                ..*load
-            });
-        }
-        for (g, (told, health)) in state.told.iter().zip(&state.health).enumerate() {
-            let reading = m.values.get(g).copied().unwrap_or(Err(Fault::Missing));
-            let known = if state.running { *told } else { Told::default() };
-            let _ = estimate.sensors.push(SensorEstimate {
-                measured: reading.unwrap_or(0.0) * STRAIN,
-                innovation: known.mean.0 * STRAIN,
-                innovation_variance: known.mean.1 * (STRAIN * STRAIN),
-                nis: known.nis,
-                fault: reading.err().unwrap_or(health.fault),
-            });
-        }
-        let angle = m.angles.first().copied().unwrap_or(Err(Fault::Missing));
-        let _ = estimate.sensors.push(SensorEstimate {
-            measured: angle.map_or(0.0, Phase::to_rad),
-            fault: angle.err().unwrap_or(Fault::None),
-            ..SensorEstimate::default()
-        });
-        estimate
-    }
 }
 
+/// What is said after a sample.
+fn estimate(state: &BearingState, m: &Measurement) -> Estimate {
+    let mut estimate = Estimate {
+        tick: m.tick,
+        lost: m.lost,
+        angle_rad: wrap_rad(state.wheel.map_or(0.0, Phase::to_rad)),
+        homed: true,
+        ..Estimate::default()
+    };
+    for load in &state.published {
+        let _ = estimate.loads.push(LoadEstimate {
+            age: state.age,
+            ..*load
+        });
+    }
+    for (g, (told, health)) in state.told.iter().zip(&state.health).enumerate() {
+        let reading = m.values.get(g).copied().unwrap_or(Err(Fault::Missing));
+        let known = if state.running {
+            *told
+        } else {
+            Told::default()
+        };
+        let _ = estimate.sensors.push(SensorEstimate {
+            measured: reading.unwrap_or(0.0) * STRAIN,
+            innovation: known.mean.0 * STRAIN,
+            innovation_variance: known.mean.1 * (STRAIN * STRAIN),
+            nis: known.nis,
+            fault: reading.err().unwrap_or(health.fault),
+        });
+    }
+    let angle = m.angles.first().copied().unwrap_or(Err(Fault::Missing));
+    let _ = estimate.sensors.push(SensorEstimate {
+        measured: angle.map_or(0.0, Phase::to_rad),
+        fault: angle.err().unwrap_or(Fault::None),
+        ..SensorEstimate::default()
+    });
+    estimate
+}
 /// A load of which nothing is known.
 const UNKNOWN: LoadEstimate = LoadEstimate {
     value: 0.0,
@@ -557,8 +589,8 @@ impl BearingState {
         (self.running && self.job == JOBS - 1).then_some((&self.block, &self.champion))
     }
 
-    /// Challenges that the champion has met.
-    pub fn won(&self) -> u8 {
-        self.duel.won
+    /// Whether the champion has met every challenge since it became one.
+    pub fn is_locked(&self) -> bool {
+        self.running && self.duel.won >= CANDIDATES
     }
 }

@@ -77,7 +77,10 @@ impl Motion {
         let payload = build::image(machine, &sensors).map_err(ReplayError::from)?;
         let Model::Gearbox(model) = Image::from_bytes(&payload)
             .map_err(ReplayError::Image)?
-            .model;
+            .model
+        else {
+            return Err(CalibrateError::NoDrivetrain);
+        };
         let counters: Vec<_> = model
             .encoders
             .iter()
@@ -244,7 +247,7 @@ impl Motion {
         let drivetrain = machine.drivetrain.as_ref()?;
         let known = |j: usize| self.loads[j].iter().any(|load| load.is_finite());
         match senses {
-            Senses::Drive(_) => None,
+            Senses::Drive(_) | Senses::OuterRing(_) => None,
             Senses::Speed(name) => {
                 let ratio = drivetrain
                     .inertias

@@ -157,7 +157,9 @@ impl Plan {
                     .sum()
             }
             Senses::Speed(name) => self.nominal_speed * self.torsion.ratio(name).abs(),
-            Senses::Drive(name) => self.nominal_torque / self.torsion.ratio(name).abs(),
+            Senses::Drive(name) | Senses::OuterRing(name) => {
+                self.nominal_torque / self.torsion.ratio(name).abs()
+            }
         }
     }
 

@@ -116,6 +116,8 @@ pub enum Senses {
     /// Nothing unknown: a measured torque that drives the named inertia
     /// [N m], a known input of the filter.
     Drive(String),
+    /// The deformation of a bearing's outer ring at the named gauge.
+    OuterRing(String),
 }
 
 /// The converter behind an analogue channel: `value = (word - zero) * lsb`.

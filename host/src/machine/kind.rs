@@ -1,6 +1,6 @@
 //! What is the same for every kind of machine.
 
-use super::{Drivetrain, Machine};
+use super::{BEARING_LOADS, Bearing, Drivetrain, Machine};
 use crate::recording::Unit;
 
 /// The kind of a machine, with the part of the description that says so.
@@ -8,6 +8,8 @@ use crate::recording::Unit;
 pub enum Kind<'a> {
     /// A gearbox or another torsional drivetrain.
     Drivetrain(&'a Drivetrain),
+    /// A wheel bearing.
+    Bearing(&'a Bearing),
 }
 
 /// A load as tables, estimates and references know it.
@@ -24,7 +26,11 @@ pub struct NamedLoad<'a> {
 impl Machine {
     /// The machine's kind; none in a description that [`Machine::check`] refuses.
     pub fn kind(&self) -> Option<Kind<'_>> {
-        self.drivetrain.as_ref().map(Kind::Drivetrain)
+        let bearing = || self.bearing.as_ref().map(Kind::Bearing);
+        self.drivetrain
+            .as_ref()
+            .map(Kind::Drivetrain)
+            .or_else(bearing)
     }
 
     /// The loads in the order of the estimates.
@@ -37,6 +43,20 @@ impl Machine {
                     name: &load.name,
                     unit: Unit::NEWTON_METRE,
                     nominal: load.nominal_nm,
+                })
+                .collect(),
+            Some(Kind::Bearing(bearing)) => BEARING_LOADS
+                .into_iter()
+                .zip(bearing.range.all())
+                .enumerate()
+                .map(|(i, (name, [from, to]))| NamedLoad {
+                    name,
+                    unit: if i < 3 {
+                        Unit::NEWTON
+                    } else {
+                        Unit::NEWTON_METRE
+                    },
+                    nominal: to - from,
                 })
                 .collect(),
             None => Vec::new(),

@@ -5,6 +5,7 @@
 //! what is allowed.
 
 mod angle_map;
+mod bearing;
 mod channel;
 mod check;
 mod drivetrain;
@@ -18,6 +19,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use angle_map::{MAP_ENTRIES, read_column, resampled};
+pub use bearing::{BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, SHAPES};
 pub use channel::{Adc, Auxiliary, Channel, Encoder, Group, Index, Reference, Senses};
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, Shaft};
 pub use error::{MachineError, Violation};
@@ -42,6 +44,8 @@ pub struct Machine {
     pub can_base: u16,
     /// A gearbox or another torsional drivetrain.
     pub drivetrain: Option<Drivetrain>,
+    /// A wheel bearing.
+    pub bearing: Option<Bearing>,
     /// Analogue channels: strain gauges, torque transducers, tachometers.
     #[serde(default, rename = "channel")]
     pub channels: Vec<Channel>,

@@ -22,6 +22,7 @@
 //! ```
 
 mod angle_function;
+mod bearing;
 mod bench;
 mod chain;
 mod draw;
@@ -52,6 +53,7 @@ use plant::{Drive, Plant};
 use scenario::Profile;
 use thermal::Housing;
 
+pub use bearing::{BEARING_EFFECTS, BearingEffect, BearingScenario, BearingSimulation};
 pub use effect::{Applied, EFFECTS, Effect};
 pub use error::SimulateError;
 pub use scenario::Scenario;
@@ -452,7 +454,7 @@ fn sensed(drivetrain: &Drivetrain, senses: &Senses) -> Sensed {
                 .position(|l| l.name == *name)
                 .unwrap_or(0),
         ),
-        Senses::Drive(name) => Sensed::Drive(place(drivetrain, name)),
+        Senses::Drive(name) | Senses::OuterRing(name) => Sensed::Drive(place(drivetrain, name)),
     }
 }
 

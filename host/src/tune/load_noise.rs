@@ -108,7 +108,10 @@ pub fn tune_loads(
     let payload = build::image(machine, sensors)?;
     let Model::Gearbox(model) = Image::from_bytes(&payload)
         .map_err(ReplayError::Image)?
-        .model;
+        .model
+    else {
+        return Err(crate::calibrate::CalibrateError::NoDrivetrain.into());
+    };
     let nominal: Vec<f64> = drivetrain.loads.iter().map(|l| l.nominal_nm).collect();
     let responses: Vec<FrequencyResponse> = (0..ANGLES)
         .into_par_iter()
