@@ -7,7 +7,6 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
-use crate::bearing::BearingModel;
 use crate::gearbox::GearboxModel;
 
 /// Version of the layout of [`Image`]; another one is refused.
@@ -39,8 +38,6 @@ pub enum Model<'a> {
     /// A torsional drivetrain with strain gauges.
     #[serde(borrow)]
     Gearbox(GearboxModel<'a>),
-    /// A wheel bearing with gauges on its outer ring.
-    Bearing(BearingModel),
 }
 
 /// A load as the outside knows it.
@@ -76,7 +73,6 @@ impl<'a> Image<'a> {
     pub fn loads(&self) -> &[LoadSignal] {
         match &self.model {
             Model::Gearbox(model) => &model.loads,
-            Model::Bearing(model) => &model.loads,
         }
     }
 }

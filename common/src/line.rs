@@ -1,7 +1,6 @@
 //! The straight line: raw sample in, estimate out, for any machine.
 
 use crate::Error;
-use crate::bearing::{Bearing, BearingState};
 use crate::estimate::Estimate;
 use crate::gearbox::{Gearbox, GearboxModel, GearboxState};
 use crate::image::{Image, Model};
@@ -34,7 +33,6 @@ enum Kind<'a> {
     Gearbox8(Gearbox<'a, 8>, GearboxState<8>),
     Gearbox12(Gearbox<'a, 12>, GearboxState<12>),
     Gearbox16(Gearbox<'a, 16>, GearboxState<16>),
-    Bearing(Bearing, BearingState),
 }
 
 fn start<const NX: usize>(
@@ -54,18 +52,13 @@ impl<'a> Line<'a> {
         if !(image.rate_hz > 0.0 && image.rate_hz.is_finite()) {
             return Err(Error::NotPositive("rate_hz"));
         }
-        let kind = match image.model {
-            Model::Gearbox(model) => match model.scale.len() {
-                6 => start(model).map(|(g, s)| Kind::Gearbox6(g, s)),
-                8 => start(model).map(|(g, s)| Kind::Gearbox8(g, s)),
-                12 => start(model).map(|(g, s)| Kind::Gearbox12(g, s)),
-                16 => start(model).map(|(g, s)| Kind::Gearbox16(g, s)),
-                _ => Err(Error::OutOfRange("number of states")),
-            },
-            Model::Bearing(model) => Bearing::try_build(model, image.rate_hz).map(|bearing| {
-                let state = bearing.start();
-                Kind::Bearing(bearing, state)
-            }),
+        let Model::Gearbox(model) = image.model;
+        let kind = match model.scale.len() {
+            6 => start(model).map(|(g, s)| Kind::Gearbox6(g, s)),
+            8 => start(model).map(|(g, s)| Kind::Gearbox8(g, s)),
+            12 => start(model).map(|(g, s)| Kind::Gearbox12(g, s)),
+            16 => start(model).map(|(g, s)| Kind::Gearbox16(g, s)),
+            _ => Err(Error::OutOfRange("number of states")),
         }?;
         Ok(Self { kind })
     }
@@ -77,7 +70,6 @@ impl<'a> Line<'a> {
             Kind::Gearbox8(g, s) => g.step(s, raw),
             Kind::Gearbox12(g, s) => g.step(s, raw),
             Kind::Gearbox16(g, s) => g.step(s, raw),
-            Kind::Bearing(b, s) => b.step(s, raw),
         }
     }
 }

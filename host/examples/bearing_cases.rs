@@ -47,6 +47,15 @@ fn record(
     samples
 }
 
+/// Name, scenario, effects.
+const CASES: [(&str, &str, &[BearingEffect]); 5] = [
+    ("lc1", "lc1", &[]),
+    ("lc2", "lc2", &[]),
+    ("lc3", "lc3", &[]),
+    ("stop-and-go", "stop-and-go", &[]),
+    ("lc1, preload -12 %", "lc1", &[BearingEffect::Preload(0.88)]),
+];
+
 struct Score {
     rmse: [f64; 5],
     valid: f64,
@@ -60,7 +69,6 @@ fn score(
     sensors: &Sensors,
     calibration: &Calibration,
     samples: &[RigSample],
-    trace: bool,
 ) -> Score {
     let filter = Filter::try_build(
         model(machine, bearing, sensors, calibration).unwrap(),
@@ -73,24 +81,6 @@ fn score(
     let started = std::time::Instant::now();
     for (i, (raw, truth)) in samples.iter().enumerate() {
         let estimate = filter.step(&mut state, raw);
-        if trace && i % 1000 == 999 {
-            let b = state.taken_in();
-            let nis: Vec<f32> = estimate.sensors[..4].iter().map(|s| s.nis).collect();
-            let values: Vec<String> = estimate
-                .loads
-                .iter()
-                .zip(truth)
-                .map(|(l, t)| format!("{:8.0}/{t:8.0}", l.value))
-                .collect();
-            println!(
-                "{:6.1} {} nis {:5.1?} {} {:?}",
-                i as f64 / 2000.0,
-                values.join(" "),
-                nis,
-                state.is_locked(),
-                b.map(|b| b.1.gaussian.state.as_slice()[0..4].to_vec())
-            );
-        }
         if estimate.loads.iter().all(|load| load.fault.is_none()) {
             valid += 1.0;
             if first.is_nan() {
@@ -121,7 +111,6 @@ fn main() {
             .map_or(default, |text| text.parse().unwrap())
     };
     let (first, count) = (number(1, 101), number(2, 1));
-    let trace = std::env::var_os("TRACE").is_some();
     let path = Path::new(concat!(
         env!("CARGO_MANIFEST_DIR"),
         "/../examples/bearing/machine.toml"
@@ -147,47 +136,6 @@ fn main() {
             individual,
             &[],
         );
-        if std::env::var_os("DUMP").is_some() {
-            std::fs::create_dir_all("/tmp/proto/data").unwrap();
-            let m = model(&machine, bearing, &sensors, &Calibration::guess(4)).unwrap();
-            std::fs::write(
-                "/tmp/proto/data/model.bin",
-                postcard::to_stdvec(&m).unwrap(),
-            )
-            .unwrap();
-            let dump = |name: &str, samples: &[RigSample]| {
-                let mut bytes = Vec::new();
-                for (raw, loads) in samples {
-                    for w in &raw.words[..4] {
-                        bytes.extend(w.to_le_bytes());
-                    }
-                    bytes.extend(raw.encoders[0].to_le_bytes());
-                    for l in loads {
-                        bytes.extend((*l as f32).to_le_bytes());
-                    }
-                }
-                std::fs::write(format!("/tmp/proto/data/{individual}_{name}.bin"), bytes).unwrap();
-            };
-            dump("calibration", &samples);
-            for case in ["lc1", "lc2", "lc3", "stop-and-go"] {
-                dump(
-                    case,
-                    &record(&machine, bearing, case, individual + 1000, individual, &[]),
-                );
-            }
-            dump(
-                "preload",
-                &record(
-                    &machine,
-                    bearing,
-                    "lc1",
-                    individual + 1000,
-                    individual,
-                    &[BearingEffect::Preload(0.88)],
-                ),
-            );
-            continue;
-        }
         let t1 = t0.elapsed().as_secs_f64();
         let calibration = match calibrate(&rig, &samples) {
             Ok(calibration) => calibration,
@@ -197,35 +145,13 @@ fn main() {
             }
         };
         println!(
-            "{individual}: simulated {t1:.1} s, calibrated {:.1} s: stiffness {:?} preload {:?} compliance {:?} left {:?}",
+            "{individual}: simulated {t1:.1} s, calibrated {:.1} s; stiffness x {:.2}, preload x {:.2}, compliance x {:.2}",
             t0.elapsed().as_secs_f64() - t1,
-            calibration.stiffness,
-            calibration.preload,
-            calibration.compliance,
-            calibration
-                .gauge
-                .iter()
-                .map(|g| (
-                    (g.noise_std * 100.0).round() / 100.0,
-                    (g.bulk_error * 100.0).round() / 100.0
-                ))
-                .collect::<Vec<_>>()
+            calibration.stiffness[0],
+            calibration.preload[0],
+            calibration.compliance[0],
         );
-        let cases: [(&str, &str, &[BearingEffect]); 5] = [
-            ("lc1", "lc1", &[]),
-            ("lc2", "lc2", &[]),
-            ("lc3", "lc3", &[]),
-            ("stop-and-go", "stop-and-go", &[]),
-            ("lc1, preload -12 %", "lc1", &[BearingEffect::Preload(0.88)]),
-        ];
-        let wanted = std::env::var("CASES").ok();
-        for (case, scenario, effects) in cases {
-            if wanted
-                .as_ref()
-                .is_some_and(|wanted| !case.contains(wanted.as_str()))
-            {
-                continue;
-            }
+        for (case, scenario, effects) in CASES {
             let samples = record(
                 &machine,
                 bearing,
@@ -234,7 +160,7 @@ fn main() {
                 individual,
                 effects,
             );
-            let s = score(&machine, bearing, &sensors, &calibration, &samples, trace);
+            let s = score(&machine, bearing, &sensors, &calibration, &samples);
             println!(
                 "  {case:<20} {:6.2?} valid {:.3} from {:.1} s, {:.0} samples/s",
                 s.rmse, s.valid, s.first_valid_s, s.rate

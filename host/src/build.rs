@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use thiserror::Error;
 
+use crate::gearbox;
 use crate::machine::{Channel, Encoder, Kind, Machine, MachineError, SensorSet};
-use crate::{bearing, gearbox};
 
 /// The channels and encoders of a machine that an estimator uses, in the
 /// order of the raw words and counters.
@@ -38,6 +38,11 @@ pub enum BuildError {
     /// More than an image holds.
     #[error("{0} is larger than an image can hold")]
     TooLarge(&'static str),
+    /// A kind of machine that boards do not run.
+    #[error(
+        "no image of {0} can be made: boards run drivetrains; found [bearing], allowed: [drivetrain]"
+    )]
+    NoImage(&'static str),
     /// A bearing's phases were lost on the rig.
     #[error(
         "the phases of ball passing were followed in {part:.0} % of the recording; at least {least:.0} % is needed: check gauges, wheel encoder and number of balls"
@@ -149,7 +154,7 @@ impl Sensors {
 pub fn image(machine: &Machine, sensors: &Sensors) -> Result<Vec<u8>, BuildError> {
     match machine.kind() {
         Some(Kind::Drivetrain(drivetrain)) => gearbox::image(machine, drivetrain, sensors),
-        Some(Kind::Bearing(description)) => bearing::image(machine, description, sensors),
+        Some(Kind::Bearing(_)) => Err(BuildError::NoImage("a bearing")),
         None => Err(BuildError::Model(loadtwin_common::Error::Malformed(
             "machine of no kind",
         ))),

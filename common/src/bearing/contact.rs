@@ -188,7 +188,7 @@ impl Contacts {
         let g = &self.geometry;
         let c = if row == 0 { 1.0 } else { -1.0 };
         let lever = c * g.row_offset;
-        let shapes = LOADS + (row % ROWS) * SHAPES;
+        let shapes = LOADS + shapes_before(row);
         let tilt = z[4] * at.cos - z[3] * at.sin;
         let mut d = g.groove_um * g.contact_angle.0 + z[0] * at.cos + z[2] * at.sin + lever * tilt;
         for (k, shape) in at.shapes.iter().enumerate() {
@@ -257,7 +257,8 @@ impl Contacts {
             rhs[INPUTS][i] = loads[i];
         }
         for row in 0..ROWS {
-            let place = |i: usize| if i < LOADS { i } else { i + row * SHAPES };
+            let shapes = shapes_before(row);
+            let place = |i: usize| if i < LOADS { i } else { i + shapes };
             for node in &self.nodes {
                 let touch = self.touch(position, preload, row, node);
                 let (q, slope) = (touch.load * share, touch.slope * share);
@@ -338,7 +339,7 @@ impl Contacts {
                         sum += direction[i] * column[i];
                     }
                     for i in 0..SHAPES {
-                        sum += direction[LOADS + i] * column[LOADS + row * SHAPES + i];
+                        sum += direction[LOADS + i] * column[LOADS + shapes_before(row) + i];
                     }
                     // The preload also moves the contact itself.
                     (sum, if input == LOADS { touch.sin } else { 0.0 })
@@ -357,6 +358,11 @@ impl Contacts {
             }
         }
     }
+}
+
+/// Shapes of the rows before `row`; bounded, so that no index can be out of range.
+fn shapes_before(row: usize) -> usize {
+    if row == 0 { 0 } else { SHAPES }
 }
 
 /// Solves `k x = rhs` for each right side; `k` symmetric positive, its lower

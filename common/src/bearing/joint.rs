@@ -165,7 +165,8 @@ impl Belief {
 
     /// Whether the phases of two beliefs are not the same.
     pub fn is_apart(&self, other: &Self) -> bool {
-        (0..ROWS).any(|row| wrap_rad(self.gaussian.state[row] - other.gaussian.state[row]).abs() > APART)
+        (0..ROWS)
+            .any(|row| wrap_rad(self.gaussian.state[row] - other.gaussian.state[row]).abs() > APART)
     }
 
     /// Minus twice the logarithm of the prior of what a belief holds: biases,
@@ -291,6 +292,7 @@ impl Belief {
         phase: f32,
         g: usize,
     ) -> ([f32; BASIS], [[f32; NX]; BASIS]) {
+        let g = g % GAUGES;
         let x = &self.linearised_at;
         let mut c = [0.0; BASIS];
         let mut by = [[0.0; NX]; BASIS];

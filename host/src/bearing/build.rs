@@ -1,12 +1,14 @@
-//! From the description of a bearing to the model of the image.
+//! From the description of a bearing to the estimator.
 
 use std::f64::consts::PI;
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use loadtwin_common::bearing::contact::{Geometry, RING};
-use loadtwin_common::bearing::{BearingModel, GAUGES, GaugeModel, LOADS, Tuning};
-use loadtwin_common::image::{Image, LoadSignal, Model, VERSION};
+use loadtwin_common::bearing::{
+    Bearing as Filter, BearingModel, GAUGES, GaugeModel, LOADS, Tuning,
+};
+use loadtwin_common::image::LoadSignal;
 use loadtwin_common::measurement::{Converter, Counter};
 use loadtwin_common::phase::PhaseStep;
 
@@ -20,16 +22,16 @@ const FULL_SCALE: f64 = 4.0;
 /// Standard deviation at which an estimate is no longer valid, in ranges.
 const VALID_STD: f64 = 0.2;
 
-/// The image's payload for `machine`, as postcard bytes.
+/// The estimator of `machine` with the calibration that its description names.
 ///
 /// # Errors
 /// When the bearing is not calibrated, its calibration cannot be read or the
-/// model does not fit an image.
-pub fn image(
+/// description does not fit the model.
+pub fn estimator(
     machine: &Machine,
     bearing: &Bearing,
     sensors: &Sensors,
-) -> Result<Vec<u8>, BuildError> {
+) -> Result<Filter, BuildError> {
     let Some(file) = &bearing.calibration else {
         let text = std::fs::read_to_string(&machine.path).unwrap_or_default();
         return Err(BuildError::Machine(MachineError::violation(
@@ -43,14 +45,8 @@ pub fn image(
         )));
     };
     let calibration = Calibration::read(&machine.resolve(file), bearing.gauges.len())?;
-    let image = Image {
-        version: VERSION,
-        machine: &machine.name,
-        rate_hz: machine.rate_hz as f32,
-        can_base: machine.can_base,
-        model: Model::Bearing(model(machine, bearing, sensors, &calibration)?),
-    };
-    postcard::to_stdvec(&image).map_err(|_| BuildError::TooLarge("the image"))
+    let model = model(machine, bearing, sensors, &calibration)?;
+    Filter::try_build(model, machine.rate_hz as f32).map_err(BuildError::Model)
 }
 
 /// The model of the bearing with `calibration`.

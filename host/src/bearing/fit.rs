@@ -34,6 +34,11 @@ const STRETCHES: usize = 40;
 const THINNED: usize = 4;
 /// Least part of the blocks that must have been followed.
 const LEAST_FOLLOWED: f64 = 0.5;
+/// Errors of the model stay for many blocks, where the filter takes them for new ones
+/// in each: how much larger they are told to it.
+const TOGETHER: f64 = 3.0;
+/// Smallest noise of a gauge that is believed [um/m].
+const LEAST_NOISE: f64 = 0.5;
 /// Weight of the mean strain: its error from block to block [um/m].
 const BULK_ERROR: f64 = 5.0;
 
@@ -310,30 +315,68 @@ fn fit_gauges(
             &mut answer.bulk_feature,
             &mut answer.local,
         );
-        // What is left, apart for the local and the bulk strain.
         let passing = f64::from(rig.bearing.balls) * rig.bearing.gauges[g].azimuth_deg.to_radians();
-        let (mut local, mut bulk) = ((0.0, 1e-9), (0.0, 1e-9));
-        for (block, features) in known.iter().zip(&features) {
-            rows(block, features, passing, g, |row, y, k| {
-                let left = y - row
-                    .iter()
-                    .enumerate()
-                    .map(|(i, r)| r * x[(i, 0)])
-                    .sum::<f64>();
-                let sum = if k == 0 { &mut bulk } else { &mut local };
-                let scale = if k == 0 {
-                    f64::from(block.block.count)
-                } else {
-                    1.0
-                };
-                sum.0 += left * left / scale;
-                sum.1 += 1.0;
-            });
-        }
-        answer.noise_std = f64::sqrt(local.0 / local.1);
-        answer.bulk_error = f64::sqrt(bulk.0 / bulk.1);
+        let left = Left::of(known, &features, passing, g, x);
+        answer.bulk_error = left.bulk;
+        answer.noise_std = left.noise;
+        answer.model_error = TOGETHER * left.relative;
     }
     Ok(())
+}
+
+/// What a fit leaves of a gauge's strain.
+struct Left {
+    /// Standard deviation of the bulk strain [um/m].
+    bulk: f64,
+    /// Of the local strain at rest [um/m], and the part that goes with the strain.
+    noise: f64,
+    relative: f64,
+}
+
+impl Left {
+    /// `e^2 = noise^2 + relative^2 |C|^2` over the blocks, large errors counting less.
+    fn of(known: &[Known], features: &[Features], passing: f64, g: usize, x: &Mat<f64>) -> Self {
+        let mut bulk = (0.0, 1e-9);
+        let mut q = [1e-9, 0.0, 1e-9, 0.0, 0.0];
+        for (block, features) in known.iter().zip(features) {
+            let (mut square, mut error, mut count) = (0.0, 0.0, 0.0);
+            rows(block, features, passing, g, |row, y, k| {
+                let predicted: f64 = row.iter().enumerate().map(|(i, r)| r * x[(i, 0)]).sum();
+                let left = y - predicted;
+                if k == 0 {
+                    bulk.0 += left * left / f64::from(block.block.count);
+                    bulk.1 += 1.0;
+                } else {
+                    square += predicted * predicted;
+                    error += left * left;
+                    count += 1.0;
+                }
+            });
+            if count > 0.0 {
+                let (strain, error) = (2.0 * square / f64::from(block.block.count), error / count);
+                let w = 1.0 / (1.0 + error + 0.01 * strain).powi(2);
+                for (sum, value) in
+                    q.iter_mut()
+                        .zip([1.0, strain, strain * strain, error, strain * error])
+                {
+                    *sum += w * value;
+                }
+            }
+        }
+        let determinant = q[0] * q[2] - q[1] * q[1];
+        let mut noise = (q[3] * q[2] - q[4] * q[1]) / determinant;
+        let mut relative = (q[0] * q[4] - q[1] * q[3]) / determinant;
+        // All of it may go with the strain; a converter's noise remains.
+        if noise.is_nan() || noise <= LEAST_NOISE * LEAST_NOISE {
+            noise = LEAST_NOISE * LEAST_NOISE;
+            relative = q[4] / q[2];
+        }
+        Self {
+            bulk: f64::sqrt(bulk.0 / bulk.1),
+            noise: noise.sqrt(),
+            relative: relative.max(1e-4).sqrt(),
+        }
+    }
 }
 
 /// Spreads the coefficients over the fields of an answer.

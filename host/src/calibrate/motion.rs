@@ -77,10 +77,7 @@ impl Motion {
         let payload = build::image(machine, &sensors).map_err(ReplayError::from)?;
         let Model::Gearbox(model) = Image::from_bytes(&payload)
             .map_err(ReplayError::Image)?
-            .model
-        else {
-            return Err(CalibrateError::NoDrivetrain);
-        };
+            .model;
         let counters: Vec<_> = model
             .encoders
             .iter()

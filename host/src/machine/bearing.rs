@@ -126,12 +126,12 @@ impl Default for BearingFilter {
             slip_time_s: 1.0,
             slip_limit: 0.03,
             phase_walk: 0.01,
-            load_walk: 0.7,
-            preload_std_um: 1.0,
-            preload_walk_um: 0.05,
-            bias_std: 25.0,
-            bias_time_s: 100.0,
-            bulk_std: 8.0,
+            load_walk: 0.5,
+            preload_std_um: 0.2,
+            preload_walk_um: 0.003,
+            bias_std: 15.0,
+            bias_time_s: 4000.0,
+            bulk_std: 2.0,
             lowest_hz: 10.0,
         }
     }

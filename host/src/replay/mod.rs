@@ -10,6 +10,7 @@ use std::path::Path;
 use loadtwin_common::estimate::Estimate;
 use loadtwin_common::image::Image;
 use loadtwin_common::line::Line;
+use loadtwin_common::raw::RawSample;
 use thiserror::Error;
 
 pub use estimates::EstimateWriter;
@@ -18,7 +19,7 @@ pub use page::ReportPage;
 pub use samples::{Sample, Samples};
 
 use crate::build::{self, BuildError, Sensors};
-use crate::machine::Machine;
+use crate::machine::{Kind, Machine};
 use crate::recording::RecordingError;
 
 /// Why a recording cannot be replayed.
@@ -44,15 +45,30 @@ pub fn run(
     machine: &Machine,
     sensors: &Sensors,
     path: &Path,
-    mut each: impl FnMut(&Sample<'_>, &Estimate, f64),
+    each: impl FnMut(&Sample<'_>, &Estimate, f64),
 ) -> Result<(), ReplayError> {
+    if let Some(Kind::Bearing(bearing)) = machine.kind() {
+        let filter = crate::bearing::estimator(machine, bearing, sensors)?;
+        let mut state = filter.start();
+        let samples = Samples::open(machine, sensors, path)?;
+        return every(samples, |raw| filter.step(&mut state, raw), each);
+    }
     let payload = build::image(machine, sensors)?;
     let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
     let mut line = Line::try_build(image).map_err(ReplayError::Image)?;
-    let mut samples = Samples::open(machine, sensors, path)?;
+    let samples = Samples::open(machine, sensors, path)?;
+    every(samples, |raw| line.step(raw), each)
+}
+
+/// Shows every sample and what `step` makes of it to `each`.
+fn every(
+    mut samples: Samples,
+    mut step: impl FnMut(&RawSample) -> Estimate,
+    mut each: impl FnMut(&Sample<'_>, &Estimate, f64),
+) -> Result<(), ReplayError> {
     loop {
         let progress = samples.progress();
-        let more = samples.next_block(|sample| each(sample, &line.step(&sample.raw), progress))?;
+        let more = samples.next_block(|sample| each(sample, &step(&sample.raw), progress))?;
         if !more {
             return Ok(());
         }

@@ -108,10 +108,7 @@ pub fn tune_loads(
     let payload = build::image(machine, sensors)?;
     let Model::Gearbox(model) = Image::from_bytes(&payload)
         .map_err(ReplayError::Image)?
-        .model
-    else {
-        return Err(crate::calibrate::CalibrateError::NoDrivetrain.into());
-    };
+        .model;
     let nominal: Vec<f64> = drivetrain.loads.iter().map(|l| l.nominal_nm).collect();
     let responses: Vec<FrequencyResponse> = (0..ANGLES)
         .into_par_iter()

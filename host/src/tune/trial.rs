@@ -39,13 +39,6 @@ pub struct Outcome {
     pub load: f64,
 }
 
-/// What is said of a load noise that the estimator refuses.
-const REFUSED: Outcome = Outcome {
-    misfit: f64::INFINITY,
-    innovation: f64::INFINITY,
-    load: f64::INFINITY,
-};
-
 impl<'a> Trial<'a> {
     /// Reads the start of each recording; `payload` is the image's.
     ///
@@ -66,9 +59,7 @@ impl<'a> Trial<'a> {
             raw.truncate(SAMPLES);
             all.push(raw);
         }
-        let Model::Gearbox(model) = &image.model else {
-            return Err(crate::calibrate::CalibrateError::NoDrivetrain.into());
-        };
+        let Model::Gearbox(model) = &image.model;
         Ok(Self {
             noise: noise(model),
             recordings: all,
@@ -81,9 +72,7 @@ impl<'a> Trial<'a> {
     /// nominal loads squared, and no reading left out; infinite where it is refused.
     pub fn run(&self, load_noise: &[f64]) -> Outcome {
         let mut image = self.image.clone();
-        let Model::Gearbox(model) = &mut image.model else {
-            return REFUSED;
-        };
+        let Model::Gearbox(model) = &mut image.model;
         for (slot, variance) in model.load_noise.iter_mut().zip(load_noise) {
             *slot = *variance as f32;
         }
@@ -98,10 +87,15 @@ impl<'a> Trial<'a> {
                 .map(f64::from)
                 .collect()
         };
+        let infinite = Outcome {
+            misfit: f64::INFINITY,
+            innovation: f64::INFINITY,
+            load: f64::INFINITY,
+        };
         let (mut sum, mut count) = (Outcome::default(), 0);
         for recording in &self.recordings {
             let Ok(mut line) = Line::try_build(image.clone()) else {
-                return REFUSED;
+                return infinite;
             };
             for (k, raw) in recording.iter().enumerate() {
                 let estimate = line.step(raw);

@@ -356,7 +356,7 @@ impl Plant {
             .collect()
     }
 
-    /// Loads that the balls carry: what equilibrium should give back.
+    /// Largest difference between the forces that the balls carry and those asked for [N].
     #[cfg(test)]
     pub(super) fn residual(&self) -> f64 {
         let mut sum = [0.0; 3];
@@ -370,5 +370,72 @@ impl Plant {
         (0..3)
             .map(|i| (sum[i] * 1e3 - self.loads[i]).abs())
             .fold(0.0, f64::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use rand::SeedableRng;
+
+    use super::*;
+    use crate::bearing::{Calibration, model};
+    use crate::build::Sensors;
+    use crate::machine::Machine;
+
+    /// The plant finds equilibrium, and its mean contact under a gauge is the
+    /// estimator's, which shares no code with it, to within the individual's scatter.
+    #[test]
+    fn two_models_of_one_bearing_agree() {
+        let path = Path::new(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../examples/bearing/machine.toml"
+        ));
+        let machine = Machine::load(path).unwrap();
+        let bearing = machine.bearing.as_ref().unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let individual = Individual::draw(bearing, &mut rng, false);
+        let loads = [-2000.0, 2500.0, 6000.0, 800.0, -100.0];
+        let radius = individual.radius;
+        let mut plant = Plant::new(individual, [0.1, 0.3], loads);
+        let mut sums = [[0.0; 2]; 4];
+        let steps = 600;
+        for _ in 0..steps {
+            plant.advance(0.013, [0.0; 2], loads);
+            for ball in &plant.balls {
+                for (g, sum) in sums.iter_mut().enumerate() {
+                    let psi = g as f64 * std::f64::consts::FRAC_PI_2;
+                    let off = (ball.azimuth - psi + std::f64::consts::PI)
+                        .rem_euclid(std::f64::consts::TAU);
+                    if (off - std::f64::consts::PI).abs() < std::f64::consts::PI / 13.0 {
+                        sum[ball.row] += ball.load / f64::from(steps);
+                    }
+                }
+            }
+        }
+        assert!(
+            plant.residual() < 30.0,
+            "{} N out of balance",
+            plant.residual()
+        );
+        let sensors = Sensors::choose(&machine, None).unwrap();
+        let geometry = model(&machine, bearing, &sensors, &Calibration::guess(4))
+            .unwrap()
+            .geometry;
+        let contacts = loadtwin_common::bearing::contact::Contacts::try_new(geometry).unwrap();
+        let unit = |i: usize| if i < 3 { 1e-3 } else { 1.0 / radius };
+        let at = contacts.settle(&std::array::from_fn(|i| (loads[i] * unit(i)) as f32), 0.0);
+        let mut features = loadtwin_common::bearing::contact::Features::default();
+        for g in 0..4 {
+            contacts.features(&at, 0.0, g, &mut features.value[g], &mut features.slope[g]);
+            for row in 0..2 {
+                let (plant, filter) = (sums[g][row], f64::from(features.value[g][row][0]));
+                assert!(
+                    (plant - filter).abs() < 0.15 + 0.2 * plant,
+                    "gauge {g} row {row}: {plant:.3} kN, {filter:.3} kN"
+                );
+            }
+        }
     }
 }
