@@ -70,6 +70,15 @@ impl Gate {
         }
     }
 
+    /// A gate that lets nothing pass: innovations are told, the belief stays.
+    pub const fn shut() -> Self {
+        Self {
+            limit: -1.0,
+            patience: u16::MAX,
+            refused: 0,
+        }
+    }
+
     /// Gate at a NIS of `limit` (chi-squared, one degree of freedom: 10.83 is
     /// exceeded by one sound sample in a thousand), open again after
     /// `patience` refusals in a row; `u16::MAX`: never.

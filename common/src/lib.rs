@@ -3,6 +3,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod bearing;
 pub mod butterworth;
 pub mod error;
 pub mod estimate;

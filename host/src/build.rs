@@ -66,6 +66,21 @@ pub enum BuildError {
     /// More than an image holds.
     #[error("{0} is larger than an image can hold")]
     TooLarge(&'static str),
+    /// A kind of machine that boards do not run.
+    #[error(
+        "no image of {0} can be made: boards run drivetrains; found [bearing], allowed: [drivetrain]"
+    )]
+    NoImage(&'static str),
+    /// A bearing's phases were lost on the rig.
+    #[error(
+        "the phases of ball passing were followed in {part:.0} % of the recording; at least {least:.0} % is needed: check gauges, wheel encoder and number of balls"
+    )]
+    NotFollowed {
+        /// Part that was followed [%].
+        part: f64,
+        /// Part that is needed [%].
+        least: f64,
+    },
     /// The model's numbers are refused by the estimator.
     #[error("the model is refused: {0}")]
     Model(loadtwin_common::Error),
@@ -193,6 +208,7 @@ pub fn image(machine: &Machine, sensors: &Sensors) -> Result<Vec<u8>, BuildError
     match machine.kind() {
         Some(Kind::Drivetrain(drivetrain)) => gearbox::image(machine, drivetrain, sensors),
         Some(Kind::Rotor(rotor)) => RotorPlan::new(machine, rotor)?.image(machine, rotor, sensors),
+        Some(Kind::Bearing(_)) => Err(BuildError::NoImage("a bearing")),
         None => Err(BuildError::NoEstimator(machine.path.clone())),
     }
 }

@@ -3,6 +3,7 @@
 
 pub mod atomic_file;
 pub mod balance;
+pub mod bearing;
 pub mod build;
 pub mod calibrate;
 pub mod can;

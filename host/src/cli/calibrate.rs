@@ -8,11 +8,15 @@ use serde_json::{Value, json};
 
 use super::output::say;
 use super::progress::Progress;
+use crate::atomic_file::AtomicFile;
+use crate::bearing::{Rig, RigSample};
+use crate::build::Sensors;
 use crate::calibrate::{
     self, Candidate, Description, Gauge, MapSource, Observations, Proposal, calibrated, fronts,
     page, select,
 };
-use crate::machine::{Machine, resampled};
+use crate::machine::{BEARING_LOADS, Bearing, Kind, Machine, resampled};
+use crate::replay::Samples;
 use crate::tune::{NOISE_BINS, rms};
 
 /// Sizes of the sets that are proposed.
@@ -69,6 +73,9 @@ impl Calibrate {
             self.patch
         );
         let machine = Machine::load(&self.machine)?;
+        if let Some(Kind::Bearing(bearing)) = machine.kind() {
+            return self.bearing(&machine, bearing, as_json);
+        }
         let progress = Progress::new("calibrate");
         let observations =
             Observations::read(&machine, &self.recordings, |part| progress.show(part))?;
@@ -111,6 +118,80 @@ impl Calibrate {
                 say!("{group}: {}", sets.as_str().unwrap_or(&sets.to_string()));
             }
             say!("{:.0} turns, {:.1} s", observations.turns, seconds);
+        }
+        Ok(())
+    }
+
+    /// Fits a bearing to a recording on a rig; `--output` gets the answers of its gauges.
+    fn bearing(&self, machine: &Machine, bearing: &Bearing, as_json: bool) -> anyhow::Result<()> {
+        let started = Instant::now();
+        let [recording] = self.recordings.as_slice() else {
+            anyhow::bail!(
+                "a bearing is calibrated from one recording; found {}",
+                self.recordings.len()
+            );
+        };
+        let sensors = Sensors::choose(machine, None)?;
+        let column: Vec<usize> = BEARING_LOADS
+            .iter()
+            .map(|load| {
+                let found = machine.references.iter().position(|r| r.load == *load);
+                found.ok_or_else(|| {
+                    anyhow::anyhow!(
+                        "{}: no [[reference]] of load {load}: all five are needed to calibrate",
+                        machine.path.display()
+                    )
+                })
+            })
+            .collect::<Result<_, _>>()?;
+        let mut samples: Vec<RigSample> = Vec::new();
+        let mut reader = Samples::open(machine, &sensors, recording)?;
+        while reader.next_block(|sample| {
+            let loads = std::array::from_fn(|i| sample.references[column[i]]);
+            samples.push((sample.raw, loads));
+        })? {}
+        let rig = Rig {
+            machine,
+            bearing,
+            sensors: &sensors,
+        };
+        let calibration = crate::bearing::calibrate(&rig, &samples)?;
+        if let Some(output) = &self.output {
+            let mut file = AtomicFile::create(output)?;
+            std::io::Write::write_all(&mut file, toml::to_string(&calibration)?.as_bytes())?;
+            file.finish()?;
+        }
+        let seconds = started.elapsed().as_secs_f64();
+        if as_json {
+            let gauges: Vec<Value> = (calibration.gauge.iter())
+                .map(|g| json!({ "name": g.name, "noise_std": g.noise_std, "bulk_error": g.bulk_error }))
+                .collect();
+            say!(
+                "{}",
+                json!({
+                    "machine": machine.name, "recordings": self.recordings, "samples": samples.len(),
+                    "stiffness": calibration.stiffness, "preload": calibration.preload,
+                    "compliance": calibration.compliance, "gauges": gauges,
+                    "calibration_out": self.output, "seconds": seconds,
+                })
+            );
+        } else {
+            for (name, [factor, std]) in [
+                ("contact stiffness", calibration.stiffness),
+                ("preload", calibration.preload),
+                ("compliance", calibration.compliance),
+            ] {
+                say!("{name:<20} x {factor:.3} +- {std:.3}");
+            }
+            for gauge in &calibration.gauge {
+                say!(
+                    "{:<20} left: local {:.2}, bulk {:.2} um/m",
+                    gauge.name,
+                    gauge.noise_std,
+                    gauge.bulk_error
+                );
+            }
+            say!("{} samples, {seconds:.1} s", samples.len());
         }
         Ok(())
     }

@@ -140,7 +140,9 @@ fn one_set(
         recording,
         |sample, estimate, line, part| {
             figures.push(sample, estimate);
-            displacements.push(sample, line);
+            if let Some(line) = line {
+                displacements.push(sample, line);
+            }
             each(sample, estimate);
             if figures.samples().is_multiple_of(8192) {
                 progress.show(part);

@@ -8,9 +8,10 @@ use serde_json::json;
 
 use super::output::say;
 use super::progress::Progress;
-use crate::machine::{Kind, Machine, Rotor};
+use crate::machine::{Bearing, Kind, Machine, Rotor};
 use crate::simulate::{
-    Applied, EFFECTS, ROTOR_SCENARIOS, RotorScenario, RotorSimulation, Scenario, Simulation,
+    Applied, BEARING_EFFECTS, BearingEffect, BearingScenario, BearingSimulation, EFFECTS,
+    ROTOR_SCENARIOS, RotorScenario, RotorSimulation, Scenario, Simulation,
 };
 
 /// Write a recording of a machine that is not there, from an independent,
@@ -45,8 +46,12 @@ impl Simulate {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let started = Instant::now();
         let machine = Machine::load(&self.machine)?;
-        if let Some(Kind::Rotor(rotor)) = machine.kind() {
-            return self.run_rotor(&machine, rotor, started, as_json);
+        match machine.kind() {
+            Some(Kind::Rotor(rotor)) => return self.run_rotor(&machine, rotor, started, as_json),
+            Some(Kind::Bearing(bearing)) => {
+                return self.run_bearing(&machine, bearing, started, as_json);
+            }
+            _ => {}
         }
         let mut scenario = Scenario::by_name(&self.scenario)?;
         if let Some(duration_s) = self.duration_s {
@@ -84,6 +89,33 @@ impl Simulate {
         Ok(())
     }
 
+    fn run_bearing(
+        &self,
+        machine: &Machine,
+        bearing: &Bearing,
+        started: Instant,
+        as_json: bool,
+    ) -> anyhow::Result<()> {
+        let (scenario, usual_s) = BearingScenario::by_name(&self.scenario)?;
+        let effects = (self.effect.iter())
+            .map(|text| text.parse())
+            .collect::<Result<Vec<BearingEffect>, _>>()?;
+        let simulation = BearingSimulation::new(
+            machine,
+            bearing,
+            scenario,
+            self.duration_s.unwrap_or(usual_s),
+            self.seed,
+            self.individual,
+            &effects,
+        )?;
+        let rows = simulation.rows();
+        let progress = Progress::new("simulate");
+        simulation.write(&self.output, |part| progress.show(part))?;
+        self.say(machine, &self.scenario, rows, started, as_json);
+        Ok(())
+    }
+
     fn say(&self, machine: &Machine, scenario: &str, rows: u64, started: Instant, as_json: bool) {
         let seconds = started.elapsed().as_secs_f64();
         if as_json {
@@ -110,7 +142,7 @@ impl Simulate {
 /// Scenarios and effects, for the long help.
 fn lists() -> String {
     let mut text = "Scenarios:\n".to_owned();
-    for (name, what) in Scenario::all() {
+    for (name, what) in Scenario::all().chain(BearingScenario::all()) {
         text += &format!("  {name:<20}{what}\n");
     }
     text += "\nScenarios of a rotor:\n";
@@ -120,6 +152,9 @@ fn lists() -> String {
     text += "\nEffects, and what strength 1 is:\n";
     for effect in EFFECTS {
         text += &format!("  {:<20}{}\n", effect.name, effect.typical);
+    }
+    for (name, what) in BEARING_EFFECTS {
+        text += &format!("  {name:<20}{what}\n");
     }
     text
 }

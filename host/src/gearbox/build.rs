@@ -211,7 +211,7 @@ impl Plan {
             Senses::Speed(name) => self.nominal_speed * self.torsion.ratio(name).abs(),
             Senses::Drive(name) => self.nominal_torque / self.torsion.ratio(name).abs(),
             // Refused where the description is checked.
-            Senses::Displacement(_) => 1.0,
+            Senses::Displacement(_) | Senses::OuterRing(_) => 1.0,
         }
     }
 

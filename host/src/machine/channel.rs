@@ -159,6 +159,8 @@ pub enum Senses {
     Drive(String),
     /// The displacement of a rotor's shaft [m].
     Displacement(Displacement),
+    /// The deformation of a bearing's outer ring at the named gauge.
+    OuterRing(String),
 }
 
 /// Where and along what a displacement is measured.

@@ -6,7 +6,7 @@ use std::fmt::Display;
 use crate::recording::{Quantity, Unit};
 
 use super::error::Violation;
-use super::{Balance, Drivetrain, Kind, Machine, Regime, Senses};
+use super::{BEARING_LOADS, Balance, Bearing, Channel, Drivetrain, Kind, Machine, Regime, Senses};
 
 pub(super) type Checked = Result<(), Violation>;
 
@@ -51,6 +51,10 @@ impl Machine {
             Some(Kind::Rotor(rotor)) => {
                 rotor.check()?;
                 self.check_rotor_sensors(rotor)?;
+            }
+            Some(Kind::Bearing(bearing)) => {
+                bearing.check()?;
+                self.check_outer_ring(bearing)?;
             }
             None => {
                 return refuse(
@@ -137,21 +141,15 @@ impl Machine {
                 Senses::Load(name) => ("load", name, names(&drivetrain.loads, |l| &l.name)),
                 Senses::Speed(name) => ("speed", name, names(&drivetrain.inertias, |j| &j.name)),
                 Senses::Drive(name) => ("drive", name, names(&drivetrain.inertias, |j| &j.name)),
-                Senses::Displacement(_) => {
+                Senses::Displacement(_) | Senses::OuterRing(_) => {
                     return refuse(
                         &field("senses"),
-                        "displacement",
+                        "a quantity of another kind of machine",
                         "shaft, load, speed, drive",
                     );
                 }
             };
             one_of(&field(&format!("senses.{kind}")), name, &allowed)?;
-            finite(&field("offset"), channel.offset)?;
-            positive(&field("noise_std"), channel.noise_std)?;
-            if let Some(drift) = &channel.drift {
-                positive(&field("drift.std"), drift.std)?;
-                positive(&field("drift.time_s"), drift.time_s)?;
-            }
             match (channel.sensitivity, &channel.sensitivity_map) {
                 (Some(_), Some(_)) => {
                     refuse(
@@ -171,23 +169,47 @@ impl Machine {
                 positive(&field("place.direction (its length)"), length)?;
                 positive(&field("place.patch_m"), place.patch_m)?;
             }
-            if channel.bridge.is_some() {
-                let strain = channel.unit.quantity() == Quantity::Strain;
-                within(
-                    &field("unit"),
-                    channel.unit,
-                    strain,
-                    "a unit of strain, as there is a bridge",
-                )?;
-            }
-            nonzero(&field("adc.lsb"), channel.adc.lsb)?;
-            let bits = channel.adc.bits;
+            check_reading(&field, channel)?;
+        }
+        Ok(())
+    }
+
+    /// One channel for each gauge, in the order of the gauges, and the wheel's encoder.
+    fn check_outer_ring(&self, bearing: &Bearing) -> Checked {
+        for (i, channel) in self.channels.iter().enumerate() {
+            let field = |name: &str| format!("channel[{}].{name}", i + 1);
+            let gauge = bearing.gauges.get(i).map_or("", |g| &g.name);
+            let senses = match &channel.senses {
+                Senses::OuterRing(name) => name.as_str(),
+                _ => "another kind of quantity",
+            };
+            let allowed = match gauge {
+                "" => "4 channels, one for each gauge".to_owned(),
+                name => format!("outer_ring = {name:?}: channels in the order of the gauges"),
+            };
+            within(&field("senses"), senses, senses == gauge, &allowed)?;
             within(
-                &field("adc.bits"),
-                bits,
-                (8..=32).contains(&bits),
-                "8 to 32",
+                &field("unit"),
+                channel.unit,
+                channel.unit.quantity() == Quantity::Strain,
+                "a unit of strain",
             )?;
+            check_reading(&field, channel)?;
+        }
+        let channels = self.channels.len();
+        within(
+            "channel",
+            channels,
+            channels == bearing.gauges.len(),
+            "4 tables, one for each gauge",
+        )?;
+        let encoders = self.encoders.len();
+        within("encoder", encoders, encoders == 1, "1 table, the wheel's")?;
+        for encoder in &self.encoders {
+            one_of("encoder[1].inertia", &encoder.inertia, &["wheel"])?;
+            nonzero("encoder[1].counts_per_turn", encoder.counts_per_turn)?;
+            let bits = encoder.bits;
+            within("encoder[1].bits", bits, (8..=32).contains(&bits), "8 to 32")?;
         }
         Ok(())
     }
@@ -309,6 +331,111 @@ impl Balance {
             for value in effect.shape.iter().chain(&effect.coefficients) {
                 finite(&field("coefficients"), *value)?;
             }
+        }
+        Ok(())
+    }
+}
+
+/// What holds for a channel whatever it senses.
+fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
+    finite(&field("offset"), channel.offset)?;
+    positive(&field("noise_std"), channel.noise_std)?;
+    if let Some(drift) = &channel.drift {
+        positive(&field("drift.std"), drift.std)?;
+        positive(&field("drift.time_s"), drift.time_s)?;
+    }
+    if channel.bridge.is_some() {
+        let strain = channel.unit.quantity() == Quantity::Strain;
+        within(
+            &field("unit"),
+            channel.unit,
+            strain,
+            "a unit of strain, as there is a bridge",
+        )?;
+    }
+    nonzero(&field("adc.lsb"), channel.adc.lsb)?;
+    let bits = channel.adc.bits;
+    within(
+        &field("adc.bits"),
+        bits,
+        (8..=32).contains(&bits),
+        "8 to 32",
+    )?;
+    Ok(())
+}
+
+impl Bearing {
+    fn check(&self) -> Checked {
+        let field = |name: &str| format!("bearing.{name}");
+        let balls = self.balls;
+        within(&field("balls"), balls, (6..=40).contains(&balls), "6 to 40")?;
+        positive(&field("ball_mm"), self.ball_mm)?;
+        within(
+            &field("pitch_mm"),
+            self.pitch_mm,
+            self.pitch_mm > self.ball_mm && self.pitch_mm.is_finite(),
+            "more than ball_mm",
+        )?;
+        at_least(&field("rows_mm"), self.rows_mm, 0.0)?;
+        range(
+            &field("contact_angle_deg"),
+            self.contact_angle_deg,
+            5.0,
+            60.0,
+        )?;
+        range(&field("conformity"), self.conformity, 0.505, 0.6)?;
+        positive(
+            &field("stiffness_n_per_mm_1_5"),
+            self.stiffness_n_per_mm_1_5,
+        )?;
+        range(&field("preload_um"), self.preload_um, 0.0, 100.0)?;
+        range(&field("row_coupling"), self.row_coupling, 0.0, 0.95)?;
+        for (k, row) in self.compliance_um_per_kn.iter().enumerate() {
+            for (l, value) in row.iter().enumerate() {
+                let mirrored = self.compliance_um_per_kn[l][k];
+                within(
+                    &field("compliance_um_per_kn"),
+                    value,
+                    value.is_finite() && *value == mirrored,
+                    "finite, and equal to its mirror in the diagonal",
+                )?;
+            }
+        }
+        for (name, [from, to]) in BEARING_LOADS.into_iter().zip(self.range.all()) {
+            within(
+                &format!("bearing.range.{}", name.to_lowercase()),
+                format!("[{from}, {to}]"),
+                from < to && from.is_finite() && to.is_finite(),
+                "[smallest, largest]",
+            )?;
+        }
+        let gauges = self.gauges.len();
+        within(
+            "bearing.gauge",
+            gauges,
+            gauges == loadtwin_common::bearing::GAUGES,
+            "4 tables",
+        )?;
+        unique("bearing.gauge", &names(&self.gauges, |g| &g.name))?;
+        for (i, gauge) in self.gauges.iter().enumerate() {
+            let field = format!("bearing.gauge[{}].azimuth_deg", i + 1);
+            range(&field, gauge.azimuth_deg, -360.0, 360.0)?;
+        }
+        let f = &self.filter;
+        for (name, value) in [
+            ("slip_std", f.slip_std),
+            ("slip_time_s", f.slip_time_s),
+            ("slip_limit", f.slip_limit),
+            ("phase_walk", f.phase_walk),
+            ("load_walk", f.load_walk),
+            ("preload_std_um", f.preload_std_um),
+            ("preload_walk_um", f.preload_walk_um),
+            ("bias_std", f.bias_std),
+            ("bias_time_s", f.bias_time_s),
+            ("bulk_std", f.bulk_std),
+            ("lowest_hz", f.lowest_hz),
+        ] {
+            positive(&format!("bearing.filter.{name}"), value)?;
         }
         Ok(())
     }

@@ -56,7 +56,7 @@ pub struct Violation {
 }
 
 impl MachineError {
-    pub(super) fn syntax(path: &Path, text: &str, error: &toml::de::Error) -> Self {
+    pub(crate) fn syntax(path: &Path, text: &str, error: &toml::de::Error) -> Self {
         let (line, column) = position(text, error.span().map_or(0, |span| span.start));
         let message = error.message().replace('\n', "; ");
         Self::Syntax {
@@ -67,7 +67,7 @@ impl MachineError {
         }
     }
 
-    pub(super) fn violation(path: &Path, text: &str, violation: Violation) -> Self {
+    pub(crate) fn violation(path: &Path, text: &str, violation: Violation) -> Self {
         let Violation {
             field,
             found,

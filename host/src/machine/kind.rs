@@ -1,6 +1,6 @@
 //! What is the same for every kind of machine.
 
-use super::{Drivetrain, Machine, Rotor};
+use super::{BEARING_LOADS, Bearing, Drivetrain, Machine, Rotor};
 use crate::recording::Unit;
 
 /// The kind of a machine, with the part of the description that says so.
@@ -10,6 +10,8 @@ pub enum Kind<'a> {
     Drivetrain(&'a Drivetrain),
     /// A rotor on bearings.
     Rotor(&'a Rotor),
+    /// A wheel bearing.
+    Bearing(&'a Bearing),
 }
 
 /// A load as tables, estimates and references know it.
@@ -27,7 +29,9 @@ impl Machine {
     /// The machine's kind; none in a description that [`Machine::check`] refuses.
     pub fn kind(&self) -> Option<Kind<'_>> {
         let drivetrain = self.drivetrain.as_ref().map(Kind::Drivetrain);
-        drivetrain.or_else(|| self.rotor.as_ref().map(Kind::Rotor))
+        let rotor = || self.rotor.as_ref().map(Kind::Rotor);
+        let bearing = || self.bearing.as_ref().map(Kind::Bearing);
+        drivetrain.or_else(rotor).or_else(bearing)
     }
 
     /// The loads in the order of the estimates.
@@ -49,6 +53,20 @@ impl Machine {
                         unit: Unit::NEWTON,
                         nominal: load.nominal_n,
                     })
+                })
+                .collect(),
+            Some(Kind::Bearing(bearing)) => BEARING_LOADS
+                .into_iter()
+                .zip(bearing.range.all())
+                .enumerate()
+                .map(|(i, (name, [from, to]))| NamedLoad {
+                    name,
+                    unit: if i < 3 {
+                        Unit::NEWTON
+                    } else {
+                        Unit::NEWTON_METRE
+                    },
+                    nominal: to - from,
                 })
                 .collect(),
             None => Vec::new(),

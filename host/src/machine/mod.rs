@@ -6,6 +6,7 @@
 
 mod angle_map;
 mod balance;
+mod bearing;
 mod channel;
 mod check;
 mod drivetrain;
@@ -23,6 +24,7 @@ use serde::{Deserialize, Serialize};
 
 pub use angle_map::{MAP_ENTRIES, read_column, read_columns, resampled, six_digits, write_columns};
 pub use balance::{Balance, BalanceEffect, Regime, Signal};
+pub use bearing::{BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, SHAPES};
 pub use channel::{
     Adc, Auxiliary, Channel, Displacement, Drift, Encoder, Group, Index, Place, Reference, Senses,
 };
@@ -56,6 +58,8 @@ pub struct Machine {
     pub drivetrain: Option<Drivetrain>,
     /// A flexible rotor on bearings.
     pub rotor: Option<Rotor>,
+    /// A wheel bearing.
+    pub bearing: Option<Bearing>,
     /// A measured drive without gauges, for `loadtwin diagnose`.
     pub balance: Option<Balance>,
     /// Analogue channels: strain gauges, torque transducers, tachometers.

@@ -77,6 +77,8 @@ impl Figures {
         for (reference, j) in sample.references.iter().zip(&self.reference_of) {
             if let (Some((.., error)), Some(load)) =
                 (self.loads.get_mut(*j), estimate.loads.get(*j))
+                // An estimate that says it knows nothing is no number to be wrong by.
+                && load.std < f32::MAX
             {
                 error.push(sample.t, f64::from(load.value), *reference);
             }

@@ -20,7 +20,7 @@ pub use page::ReportPage;
 pub use samples::{Sample, Samples};
 
 use crate::build::{self, BuildError, Sensors};
-use crate::machine::Machine;
+use crate::machine::{Kind, Machine};
 use crate::recording::RecordingError;
 
 /// Why a recording cannot be replayed.
@@ -53,7 +53,7 @@ pub fn run(
     })
 }
 
-/// As [`run`], with the line after its step.
+/// As [`run`], with the line after its step; a bearing's estimator has none.
 ///
 /// # Errors
 /// As [`run`].
@@ -61,19 +61,31 @@ pub fn run_line(
     machine: &Machine,
     sensors: &Sensors,
     path: &Path,
-    mut each: impl FnMut(&Sample<'_>, &Estimate, &Line<'_>, f64),
+    mut each: impl FnMut(&Sample<'_>, &Estimate, Option<&Line<'_>>, f64),
 ) -> Result<(), ReplayError> {
+    if let Some(Kind::Bearing(bearing)) = machine.kind() {
+        let filter = crate::bearing::estimator(machine, bearing, sensors)?;
+        let mut state = filter.start();
+        let samples = Samples::open(machine, sensors, path)?;
+        return every(samples, |sample, part| {
+            each(sample, &filter.step(&mut state, &sample.raw), None, part);
+        });
+    }
     let payload = build::image(machine, sensors)?;
     let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
     let mut line = Line::try_build(image).map_err(ReplayError::Image)?;
-    let mut samples = Samples::open(machine, sensors, path)?;
+    let samples = Samples::open(machine, sensors, path)?;
+    every(samples, |sample, part| {
+        let estimate = line.step(&sample.raw);
+        each(sample, &estimate, Some(&line), part);
+    })
+}
+
+/// Shows every sample to `each`, with the part done.
+fn every(mut samples: Samples, mut each: impl FnMut(&Sample<'_>, f64)) -> Result<(), ReplayError> {
     loop {
         let progress = samples.progress();
-        let more = samples.next_block(|sample| {
-            let estimate = line.step(&sample.raw);
-            each(sample, &estimate, &line, progress);
-        })?;
-        if !more {
+        if !samples.next_block(|sample| each(sample, progress))? {
             return Ok(());
         }
     }

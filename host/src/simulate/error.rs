@@ -39,6 +39,16 @@ pub enum SimulateError {
         /// What was asked for.
         found: String,
     },
+    /// A strength that is none, of an effect with a range of its own.
+    #[error("effect {effect}: found strength {found:?}, allowed: {allowed}")]
+    BearingStrength {
+        /// The effect.
+        effect: &'static str,
+        /// What was asked for.
+        found: String,
+        /// What is allowed.
+        allowed: String,
+    },
     /// No part of the machine of that name.
     #[error("effect {effect}: found target {found:?}, allowed: {allowed}")]
     Target {

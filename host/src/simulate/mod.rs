@@ -22,6 +22,7 @@
 //! ```
 
 mod angle_function;
+mod bearing;
 mod bench;
 mod chain;
 mod draw;
@@ -53,6 +54,7 @@ use plant::{Drive, Plant};
 use scenario::Profile;
 use thermal::Housing;
 
+pub use bearing::{BEARING_EFFECTS, BearingEffect, BearingScenario, BearingSimulation};
 pub use effect::{Applied, EFFECTS, Effect};
 pub use error::SimulateError;
 pub use rotor::{AppliedUnbalance, ROTOR_SCENARIOS, RotorScenario, RotorSimulation};
@@ -456,7 +458,7 @@ fn sensed(drivetrain: &Drivetrain, senses: &Senses) -> Sensed {
         ),
         Senses::Drive(name) => Sensed::Drive(place(drivetrain, name)),
         // Refused where the description is checked.
-        Senses::Displacement(_) => Sensed::Load(0),
+        Senses::Displacement(_) | Senses::OuterRing(_) => Sensed::Load(0),
     }
 }
 

@@ -1,0 +1,178 @@
+//! The bearing's load cases on individuals of their own: each is calibrated
+//! on its rig, then driven. `bearing_cases [FIRST [COUNT]]`, numbers of the individuals.
+
+use std::path::Path;
+
+use loadtwin::bearing::{Calibration, Rig, RigSample, calibrate, model};
+use loadtwin::build::Sensors;
+use loadtwin::machine::{BEARING_LOADS, Bearing, Kind, Machine};
+use loadtwin::simulate::{BearingEffect, BearingScenario, BearingSimulation};
+use loadtwin_common::bearing::Bearing as Filter;
+use loadtwin_common::raw::RawSample;
+
+fn record(
+    machine: &Machine,
+    bearing: &Bearing,
+    name: &str,
+    seed: u64,
+    individual: u64,
+    effects: &[BearingEffect],
+) -> Vec<RigSample> {
+    let (scenario, duration) = BearingScenario::by_name(name).unwrap();
+    let simulation = BearingSimulation::new(
+        machine,
+        bearing,
+        scenario,
+        duration,
+        seed,
+        Some(individual),
+        effects,
+    )
+    .unwrap();
+    let mut samples = Vec::new();
+    for block in simulation {
+        for i in 0..block.t.len() {
+            let value = |column: usize| block.columns[column].as_ref().unwrap()[i];
+            let mut raw = RawSample {
+                tick: samples.len() as u32,
+                ..RawSample::default()
+            };
+            for (g, channel) in machine.channels.iter().enumerate() {
+                raw.set_word(g, channel.word(channel.to_si(value(g))));
+            }
+            raw.set_encoder(0, value(4) as i64 as u32);
+            samples.push((raw, std::array::from_fn(|j| value(5 + j))));
+        }
+    }
+    samples
+}
+
+/// Name, scenario, effects.
+const CASES: [(&str, &str, &[BearingEffect]); 5] = [
+    ("lc1", "lc1", &[]),
+    ("lc2", "lc2", &[]),
+    ("lc3", "lc3", &[]),
+    ("stop-and-go", "stop-and-go", &[]),
+    ("lc1, preload -12 %", "lc1", &[BearingEffect::Preload(0.88)]),
+];
+
+struct Score {
+    rmse: [f64; 5],
+    valid: f64,
+    first_valid_s: f64,
+    rate: f64,
+}
+
+fn score(
+    machine: &Machine,
+    bearing: &Bearing,
+    sensors: &Sensors,
+    calibration: &Calibration,
+    samples: &[RigSample],
+) -> Score {
+    let filter = Filter::try_build(
+        model(machine, bearing, sensors, calibration).unwrap(),
+        machine.rate_hz as f32,
+    )
+    .unwrap();
+    let mut state = filter.start();
+    let mut sums = [0.0; 5];
+    let (mut valid, mut first) = (0.0, f64::NAN);
+    let started = std::time::Instant::now();
+    for (i, (raw, truth)) in samples.iter().enumerate() {
+        let estimate = filter.step(&mut state, raw);
+        if estimate.loads.iter().all(|load| load.fault.is_none()) {
+            valid += 1.0;
+            if first.is_nan() {
+                first = i as f64 / machine.rate_hz;
+            }
+            for ((sum, load), truth) in sums.iter_mut().zip(&estimate.loads).zip(truth) {
+                *sum += (f64::from(load.value) - truth).powi(2);
+            }
+        }
+    }
+    let seconds = started.elapsed().as_secs_f64();
+    let ranges = bearing.range.all();
+    Score {
+        rmse: std::array::from_fn(|i| {
+            100.0 * f64::sqrt(sums[i] / valid) / (ranges[i][1] - ranges[i][0])
+        }),
+        valid: valid / samples.len() as f64,
+        first_valid_s: first,
+        rate: samples.len() as f64 / seconds,
+    }
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().collect();
+    let number = |i: usize, default: u64| {
+        arguments
+            .get(i)
+            .map_or(default, |text| text.parse().unwrap())
+    };
+    let (first, count) = (number(1, 101), number(2, 1));
+    let path = Path::new(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../examples/bearing/machine.toml"
+    ));
+    let machine = Machine::load(path).unwrap();
+    let Some(Kind::Bearing(bearing)) = machine.kind() else {
+        panic!("no bearing")
+    };
+    let sensors = Sensors::choose(&machine, None).unwrap();
+    let mut means = std::collections::BTreeMap::<String, Vec<[f64; 5]>>::new();
+    for individual in first..first + count {
+        let rig = Rig {
+            machine: &machine,
+            bearing,
+            sensors: &sensors,
+        };
+        let t0 = std::time::Instant::now();
+        let samples = record(
+            &machine,
+            bearing,
+            "calibration",
+            individual,
+            individual,
+            &[],
+        );
+        let t1 = t0.elapsed().as_secs_f64();
+        let calibration = match calibrate(&rig, &samples) {
+            Ok(calibration) => calibration,
+            Err(error) => {
+                println!("{individual}: {error}");
+                continue;
+            }
+        };
+        println!(
+            "{individual}: simulated {t1:.1} s, calibrated {:.1} s; stiffness x {:.2}, preload x {:.2}, compliance x {:.2}",
+            t0.elapsed().as_secs_f64() - t1,
+            calibration.stiffness[0],
+            calibration.preload[0],
+            calibration.compliance[0],
+        );
+        for (case, scenario, effects) in CASES {
+            let samples = record(
+                &machine,
+                bearing,
+                scenario,
+                individual + 1000,
+                individual,
+                effects,
+            );
+            let s = score(&machine, bearing, &sensors, &calibration, &samples);
+            println!(
+                "  {case:<20} {:6.2?} valid {:.3} from {:.1} s, {:.0} samples/s",
+                s.rmse, s.valid, s.first_valid_s, s.rate
+            );
+            means.entry(case.into()).or_default().push(s.rmse);
+        }
+    }
+    println!("\nmean RMSE [% of range] {BEARING_LOADS:?}");
+    for (case, all) in &means {
+        let mean: Vec<f64> = (0..5)
+            .map(|i| all.iter().map(|r| r[i]).sum::<f64>() / all.len() as f64)
+            .collect();
+        println!("{case:<22} {mean:6.2?}  of {}", all.len());
+    }
+}

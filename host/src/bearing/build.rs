@@ -1,0 +1,204 @@
+//! From the description of a bearing to the estimator.
+
+use std::f64::consts::PI;
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use loadtwin_common::bearing::contact::{Geometry, RING};
+use loadtwin_common::bearing::{
+    Bearing as Filter, BearingModel, GAUGES, GaugeModel, LOADS, Tuning,
+};
+use loadtwin_common::image::LoadSignal;
+use loadtwin_common::measurement::{Converter, Counter};
+use loadtwin_common::phase::PhaseStep;
+
+use super::calibration::Calibration;
+use crate::build::{BuildError, Sensors};
+use crate::machine::{Bearing, Channel, Machine, MachineError, SHAPES, Senses, Violation};
+
+/// Load at the end of the scale on the bus, in ranges.
+const FULL_SCALE: f64 = 4.0;
+
+/// Standard deviation at which an estimate is no longer valid, in ranges.
+const VALID_STD: f64 = 0.2;
+
+/// The estimator of `machine` with the calibration that its description names.
+///
+/// # Errors
+/// When the bearing is not calibrated, its calibration cannot be read or the
+/// description does not fit the model.
+pub fn estimator(
+    machine: &Machine,
+    bearing: &Bearing,
+    sensors: &Sensors,
+) -> Result<Filter, BuildError> {
+    let Some(file) = &bearing.calibration else {
+        let text = std::fs::read_to_string(&machine.path).unwrap_or_default();
+        return Err(BuildError::Machine(MachineError::violation(
+            &machine.path,
+            &text,
+            Violation {
+                field: "bearing.calibration".into(),
+                found: "nothing".into(),
+                allowed: "a file that `loadtwin calibrate` wrote".into(),
+            },
+        )));
+    };
+    let calibration = Calibration::read(&machine.resolve(file), bearing.gauges.len())?;
+    let model = model(machine, bearing, sensors, &calibration)?;
+    Filter::try_build(model, machine.rate_hz as f32).map_err(BuildError::Model)
+}
+
+/// The model of the bearing with `calibration`.
+///
+/// # Errors
+/// When the description does not fit the model.
+pub fn model(
+    machine: &Machine,
+    bearing: &Bearing,
+    sensors: &Sensors,
+    calibration: &Calibration,
+) -> Result<BearingModel, BuildError> {
+    let geometry = geometry(bearing, calibration)?;
+    let channel = |gauge: usize| -> Result<&Channel, BuildError> {
+        let name = &bearing.gauges[gauge].name;
+        (sensors.channels.get(gauge))
+            .filter(|c| matches!(&c.senses, Senses::OuterRing(sensed) if sensed == name))
+            .ok_or(BuildError::Model(loadtwin_common::Error::OutOfRange(
+                "channels: one for each gauge, in the order of the gauges",
+            )))
+    };
+    let mut gauges = Vec::new();
+    for g in 0..GAUGES {
+        gauges.push(gauge(channel(g)?, bearing, calibration, g));
+    }
+    let Ok(gauges): Result<[GaugeModel; GAUGES], _> = gauges.try_into() else {
+        return Err(BuildError::TooLarge("gauges"));
+    };
+    let encoder =
+        sensors
+            .encoders
+            .first()
+            .ok_or(BuildError::Model(loadtwin_common::Error::OutOfRange(
+                "encoders: one, of the wheel",
+            )))?;
+    let ratio = 0.5
+        * (1.0 - bearing.ball_mm / bearing.pitch_mm * bearing.contact_angle_deg.to_radians().cos());
+    let loads = machine
+        .loads()
+        .iter()
+        .map(|load| {
+            Ok(LoadSignal {
+                name: load
+                    .name
+                    .try_into()
+                    .map_err(|_| BuildError::TooLarge("a load's name"))?,
+                full_scale: (load.nominal * FULL_SCALE) as f32,
+                valid_std: (load.nominal * VALID_STD) as f32,
+            })
+        })
+        .collect::<Result<_, BuildError>>()?;
+    Ok(BearingModel {
+        loads,
+        gauges,
+        counter: Counter {
+            // 2^64 is one turn; the step of a negative encoder wraps.
+            step: PhaseStep((18_446_744_073_709_551_616.0 / encoder.counts_per_turn) as i64 as u64),
+            bits: encoder.bits as u8,
+        },
+        passes_per_turn: (f64::from(bearing.balls) * ratio) as f32,
+        tuning: tuning(bearing, f64::from(geometry.radius_mm)),
+        geometry,
+    })
+}
+
+fn gauge(channel: &Channel, bearing: &Bearing, calibration: &Calibration, g: usize) -> GaugeModel {
+    let answer = &calibration.gauge[g];
+    let passing = f64::from(bearing.balls) * bearing.gauges[g].azimuth_deg.to_radians();
+    GaugeModel {
+        converter: Converter {
+            zero: channel.zero_word(),
+            gain: (channel.lsb_si() * 1e6) as f32,
+            lowest: (-(1_i64 << (channel.adc.bits - 1))) as i32,
+            highest: ((1_i64 << (channel.adc.bits - 1)) - 1) as i32,
+            stuck_after: channel.adc.stuck_after,
+        },
+        passing: (passing.rem_euclid(2.0 * PI)) as f32,
+        noise_std: answer.noise_std as f32,
+        model_error: answer.model_error as f32,
+        offset: answer.offset as f32,
+        bulk_load: answer.bulk_load.map(|c| c as f32),
+        bulk_feature: answer.bulk_feature.map(|row| row.map(|c| c as f32)),
+        local: answer
+            .local
+            .map(|row| row.map(|harmonic| harmonic.map(|feature| feature.map(|c| c as f32)))),
+    }
+}
+
+/// Units: mm, um, kN.
+fn geometry(bearing: &Bearing, calibration: &Calibration) -> Result<Geometry, BuildError> {
+    let angle = bearing.contact_angle_deg.to_radians();
+    let radius =
+        0.5 * bearing.pitch_mm + (bearing.conformity - 0.5) * bearing.ball_mm * angle.cos();
+    let n = 2 * SHAPES;
+    let compliance = Mat::from_fn(n, n, |i, j| {
+        let same = i / SHAPES == j / SHAPES;
+        bearing.compliance_um_per_kn[i % SHAPES][j % SHAPES]
+            * calibration.compliance[0]
+            * if same { 1.0 } else { bearing.row_coupling }
+    });
+    let refused = || BuildError::Model(loadtwin_common::Error::NotPositive("compliance_um_per_kn"));
+    let stiffness = compliance
+        .llt(Side::Lower)
+        .map_err(|_| refused())?
+        .solve(Mat::<f64>::identity(n, n));
+    let mut ring = heapless::Vec::<f32, RING>::new();
+    for j in 0..n {
+        for i in 0..=j {
+            ring.push(stiffness[(i, j)] as f32).map_err(|_| refused())?;
+        }
+    }
+    let mut gauges_rad = [0.0; GAUGES];
+    for (rad, gauge) in gauges_rad.iter_mut().zip(&bearing.gauges) {
+        *rad = gauge.azimuth_deg.to_radians() as f32;
+    }
+    Ok(Geometry {
+        balls: bearing.balls,
+        radius_mm: radius as f32,
+        row_offset: (0.5 * bearing.rows_mm / radius) as f32,
+        groove_um: ((2.0 * bearing.conformity - 1.0) * bearing.ball_mm * 1e3) as f32,
+        contact_angle: (angle.cos() as f32, angle.sin() as f32),
+        // N / mm^1.5 to kN / um^1.5.
+        stiffness: (bearing.stiffness_n_per_mm_1_5 * calibration.stiffness[0] * 1e-3
+            / 1e3_f64.powf(1.5)) as f32,
+        preload_um: (bearing.preload_um * calibration.preload[0]) as f32,
+        ring,
+        gauges_rad,
+    })
+}
+
+fn tuning(bearing: &Bearing, radius_mm: f64) -> Tuning {
+    let f = &bearing.filter;
+    // Ranges in N and N m; the filter has kN, moments over the radius.
+    let ranges = bearing.range.all();
+    let unit = |i: usize| if i < 3 { 1e-3 } else { 1.0 / radius_mm };
+    let by = |of: &dyn Fn(usize) -> f64| -> [f32; LOADS] {
+        std::array::from_fn(|i| (of(i) * unit(i)) as f32)
+    };
+    let width = |i: usize| ranges[i][1] - ranges[i][0];
+    Tuning {
+        slip_time_s: f.slip_time_s as f32,
+        slip_std: f.slip_std as f32,
+        slip_limit: f.slip_limit as f32,
+        phase_walk: f.phase_walk as f32,
+        load_mean: by(&|i| 0.5 * (ranges[i][0] + ranges[i][1])),
+        load_std: by(&|i| 0.35 * width(i)),
+        load_walk: by(&|i| f.load_walk * width(i)),
+        preload_std: f.preload_std_um as f32,
+        preload_walk: f.preload_walk_um as f32,
+        bias_std: f.bias_std as f32,
+        bias_time_s: f.bias_time_s as f32,
+        bulk_std: f.bulk_std as f32,
+        lowest_hz: f.lowest_hz as f32,
+    }
+}

@@ -1,0 +1,106 @@
+//! The file that `loadtwin calibrate` writes for a bearing: how its gauges
+//! answer to its contacts.
+
+use std::path::Path;
+
+use loadtwin_common::bearing::{FEATURES, HARMONICS, LOADS, ROWS};
+use serde::{Deserialize, Serialize};
+
+use crate::machine::MachineError;
+
+/// Coefficients of a gauge's local strain by row, harmonic and feature: real and imaginary part.
+pub type Local = [[[[f64; 2]; FEATURES]; HARMONICS]; ROWS];
+
+/// What was fitted to recordings with known loads.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Calibration {
+    /// Factor on the described contact stiffness, and its standard deviation.
+    pub stiffness: [f64; 2],
+    /// Factor on the described preload's approach, and its standard deviation.
+    pub preload: [f64; 2],
+    /// Factor on the described compliance, and its standard deviation.
+    pub compliance: [f64; 2],
+    /// Each gauge, in the order of the description.
+    pub gauge: Vec<Answer>,
+}
+
+/// How one gauge answers [um/m / kN], moments over the groove's radius.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Answer {
+    /// Name of the gauge.
+    pub name: String,
+    /// Standard deviation of a sample about the model, without the part that goes with the strain [um/m].
+    pub noise_std: f64,
+    /// Error of the local strain's model, as part of the strain.
+    pub model_error: f64,
+    /// Standard deviation of the bulk strain about the model [um/m].
+    pub bulk_error: f64,
+    /// Bulk strain at no load when calibrated [um/m].
+    pub offset: f64,
+    /// Bulk strain by `Fx, Fy, Fz, Mx / R, Mz / R`.
+    pub bulk_load: [f64; LOADS],
+    /// Its standard deviation.
+    pub bulk_load_std: [f64; LOADS],
+    /// Bulk strain by the features of each row.
+    pub bulk_feature: [[f64; FEATURES]; ROWS],
+    /// Its standard deviation.
+    pub bulk_feature_std: [[f64; FEATURES]; ROWS],
+    /// Local strain.
+    pub local: Local,
+    /// Its standard deviation.
+    pub local_std: Local,
+}
+
+impl Calibration {
+    /// What is assumed before a bearing was calibrated: local strain in phase
+    /// with the balls, no bulk strain.
+    pub fn guess(gauges: usize) -> Self {
+        let mut local = Local::default();
+        for row in &mut local {
+            row[0][0][0] = GUESS;
+        }
+        Self {
+            stiffness: [1.0, 0.0],
+            preload: [1.0, 0.0],
+            compliance: [1.0, 0.0],
+            gauge: vec![
+                Answer {
+                    noise_std: 5.0,
+                    local,
+                    ..Answer::default()
+                };
+                gauges
+            ],
+        }
+    }
+
+    /// Reads the file in `path`.
+    ///
+    /// # Errors
+    /// When it cannot be read or is none.
+    pub fn read(path: &Path, gauges: usize) -> Result<Self, MachineError> {
+        let text = std::fs::read_to_string(path).map_err(|source| MachineError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        let read: Self =
+            toml::from_str(&text).map_err(|error| MachineError::syntax(path, &text, &error))?;
+        if read.gauge.len() != gauges {
+            return Err(MachineError::violation(
+                path,
+                &text,
+                crate::machine::Violation {
+                    field: "gauge".into(),
+                    found: format!("{} tables", read.gauge.len()),
+                    allowed: format!("{gauges}, one for each gauge of the machine"),
+                },
+            ));
+        }
+        Ok(read)
+    }
+}
+
+/// Amplitude of the first harmonic by a ball's load that is assumed [um/m / kN].
+const GUESS: f64 = 12.0;

@@ -1,0 +1,9 @@
+//! Design-time model of the wheel bearing: estimator and calibration.
+
+mod build;
+mod calibration;
+mod fit;
+
+pub use build::{estimator, model};
+pub use calibration::{Answer, Calibration};
+pub use fit::{Rig, RigSample, calibrate};

@@ -1,0 +1,142 @@
+//! The double-row wheel bearing.
+
+use std::path::PathBuf;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Shapes of the outer ring: `1, cos 2, sin 2, cos 3, sin 3` of the azimuth.
+pub const SHAPES: usize = 5;
+
+/// A double-row angular-contact ball bearing, mounted back to back, whose
+/// outer ring stands still and carries four gauges.
+///
+/// `x` points forward, `y` along the axis, `z` up; the azimuth runs from `x`
+/// towards `z`. Loads are those that the inner ring puts on the outer ring,
+/// in the middle between the rows. `docs/bearing.md` draws them.
+///
+/// Source: Kerst et al. 2019, section III and fig. 4.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Bearing {
+    /// Balls in each row, 6 to 40.
+    pub balls: u8,
+    /// Diameter of a ball [mm], > 0.
+    pub ball_mm: f64,
+    /// Diameter of the circle of the balls' centres [mm], > `ball_mm`.
+    pub pitch_mm: f64,
+    /// Distance between the planes of the two rows [mm], >= 0.
+    pub rows_mm: f64,
+    /// Unloaded contact angle [deg], 5 to 60.
+    pub contact_angle_deg: f64,
+    /// Radius of the grooves over the diameter of a ball, 0.505 to 0.6.
+    #[serde(default = "conformity")]
+    pub conformity: f64,
+    /// Load-deflection factor of a ball between both rings, `K_n` of eq. (4)
+    /// [N/mm^1.5], > 0.
+    pub stiffness_n_per_mm_1_5: f64,
+    /// Axial approach of each row by the preload [um], 0 to 100.
+    pub preload_um: f64,
+    /// Radial compliance of the outer ring in its seat, eq. (7)-(8): row k,
+    /// column l is the amplitude of shape k by a ball load of unit component in shape l
+    /// [um/kN]; shapes `1, cos 2, sin 2, cos 3, sin 3`; symmetric, positive.
+    pub compliance_um_per_kn: [[f64; SHAPES]; SHAPES],
+    /// How much of a row's deformation reaches the other row, 0 to 0.95.
+    pub row_coupling: f64,
+    /// Ranges of the loads: the denominators of relative errors.
+    pub range: LoadRanges,
+    /// The four gauges.
+    #[serde(rename = "gauge")]
+    pub gauges: Vec<OuterRingGauge>,
+    /// File written by `loadtwin calibrate`: how the gauges answer.
+    pub calibration: Option<PathBuf>,
+    /// How the filter is tuned.
+    #[serde(default)]
+    pub filter: BearingFilter,
+}
+
+/// From the smallest to the largest load that is expected.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LoadRanges {
+    /// Longitudinal force [N].
+    pub fx_n: [f64; 2],
+    /// Axial force [N].
+    pub fy_n: [f64; 2],
+    /// Vertical force [N].
+    pub fz_n: [f64; 2],
+    /// Over-turning moment [N m].
+    pub mx_nm: [f64; 2],
+    /// Self-aligning moment [N m].
+    pub mz_nm: [f64; 2],
+}
+
+impl LoadRanges {
+    /// In the order of the estimates.
+    pub fn all(&self) -> [[f64; 2]; 5] {
+        [self.fx_n, self.fy_n, self.fz_n, self.mx_nm, self.mz_nm]
+    }
+}
+
+/// Names of the loads in the order of the estimates.
+pub const BEARING_LOADS: [&str; 5] = ["Fx", "Fy", "Fz", "Mx", "Mz"];
+
+/// A gauge on the outer ring, midway between the rows.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct OuterRingGauge {
+    /// What channels call it.
+    pub name: String,
+    /// Azimuth [deg], from x towards z.
+    pub azimuth_deg: f64,
+}
+
+/// Tuning of the bearing's joint filter.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct BearingFilter {
+    /// Standard deviation of a cage's slip, relative, > 0.
+    pub slip_std: f64,
+    /// Time in which slip forgets [s], > 0.
+    pub slip_time_s: f64,
+    /// Slip beyond which an estimate is not trusted, relative, > 0.
+    pub slip_limit: f64,
+    /// Random walk of the phase of ball passing [rad/sqrt(rad)], > 0.
+    pub phase_walk: f64,
+    /// Random walk of each load [ranges/sqrt(s)], > 0.
+    pub load_walk: f64,
+    /// Standard deviation of the preload's approach [um], > 0.
+    pub preload_std_um: f64,
+    /// Its random walk [um/sqrt(s)], > 0.
+    pub preload_walk_um: f64,
+    /// Standard deviation of the bulk strains' offsets [um/m], > 0.
+    pub bias_std: f64,
+    /// Time in which an offset forgets [s], > 0.
+    pub bias_time_s: f64,
+    /// Error of the bulk strain's model [um/m], > 0.
+    pub bulk_std: f64,
+    /// Frequency of ball passing below which estimates are not valid [Hz], > 0.
+    pub lowest_hz: f64,
+}
+
+impl Default for BearingFilter {
+    fn default() -> Self {
+        Self {
+            slip_std: 0.008,
+            slip_time_s: 1.0,
+            slip_limit: 0.03,
+            phase_walk: 0.01,
+            load_walk: 0.5,
+            preload_std_um: 0.2,
+            preload_walk_um: 0.003,
+            bias_std: 15.0,
+            bias_time_s: 4000.0,
+            bulk_std: 2.0,
+            lowest_hz: 10.0,
+        }
+    }
+}
+
+fn conformity() -> f64 {
+    0.52
+}

@@ -1,0 +1,441 @@
+//! A bearing ball by ball: every ball a contact of its own, a ring of more
+//! shapes than the estimator knows, and strain from each ball's place.
+//!
+//! Nothing here is shared with the estimator but the machine description.
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+use crate::machine::Bearing;
+
+/// Shapes of the ring under a row: breathing, then cosine and sine of orders 2 to 6.
+const SHAPES: usize = 11;
+const DOF: usize = 5 + 2 * SHAPES;
+
+/// Samples for which a factor of the stiffness is used.
+const REFACTOR: u32 = 10;
+
+/// An individual bearing in its seat.
+#[derive(Clone, Debug)]
+pub(super) struct Individual {
+    balls: usize,
+    ball_over_pitch: f64,
+    /// Radius of the inner groove's centre [mm].
+    radius: f64,
+    offset: f64,
+    groove: f64,
+    angle: f64,
+    /// [kN/um^1.5].
+    pub(super) stiffness: f64,
+    /// [um].
+    pub(super) preload: f64,
+    /// [um/kN], over both rows.
+    compliance: Mat<f64>,
+    /// Where each ball is off its place in the cage [rad], and its excess diameter [um].
+    scatter: [Vec<(f64, f64)>; 2],
+    pub(super) gauges: Vec<Gauge>,
+}
+
+/// How one gauge answers.
+#[derive(Clone, Debug)]
+pub(super) struct Gauge {
+    azimuth: f64,
+    /// Peak of the strain by a ball under the gauge, for each row [um/m / kN].
+    pub(super) gain: [f64; 2],
+    width: f64,
+    skew: f64,
+    angle_slope: f64,
+    angle_curvature: f64,
+    /// Bending strain by a shape [um/m / um / (k^2 - 1)].
+    bending: f64,
+    /// Bulk strain by the loads [um/m / kN] and by the square of the moment.
+    pub(super) bulk: [f64; 5],
+    square: f64,
+}
+
+impl Individual {
+    /// `road`: seated in a vehicle instead of the rig.
+    pub(super) fn draw(bearing: &Bearing, rng: &mut ChaCha8Rng, road: bool) -> Self {
+        let mut normal = move || rng.sample::<f64, _>(StandardNormal).clamp(-2.5, 2.5);
+        let balls = usize::from(bearing.balls);
+        let angle = (bearing.contact_angle_deg + 0.5 * normal()).to_radians();
+        let groove = (2.0 * bearing.conformity - 1.0) * bearing.ball_mm * 1e3;
+        let arm = (bearing.conformity - 0.5) * bearing.ball_mm;
+        let softness = 1.0 + 0.12 * normal();
+        let seat = 1.0 + if road { 0.08 } else { 0.0 };
+        let coupling = (bearing.row_coupling * (1.0 + 0.1 * normal())).min(0.95);
+        // Orders 0, 2, 3 as described, those above falling as 1 / k^3.
+        let mut one = Mat::<f64>::zeros(SHAPES, SHAPES);
+        for k in 0..5 {
+            for l in 0..5 {
+                one[(k, l)] = bearing.compliance_um_per_kn[k][l] * softness * seat;
+            }
+        }
+        for k in 5..SHAPES {
+            let order = (k.div_ceil(2) + 1) as f64;
+            one[(k, k)] = one[(3, 3)] * (3.0 / order).powi(3);
+        }
+        // What the knuckle couples that the description leaves out.
+        for k in 1..SHAPES {
+            for l in 1..k {
+                let cross = 0.06 * normal() * (one[(k, k)] * one[(l, l)]).sqrt();
+                one[(k, l)] += cross;
+                one[(l, k)] += cross;
+            }
+        }
+        if road {
+            for (k, share) in [(1, 0.10), (2, -0.08), (3, 0.06)] {
+                one[(k, k)] *= 1.0 + share;
+            }
+        }
+        let compliance = Mat::from_fn(2 * SHAPES, 2 * SHAPES, |i, j| {
+            let same = i / SHAPES == j / SHAPES;
+            one[(i % SHAPES, j % SHAPES)] * if same { 1.0 } else { coupling }
+        });
+        let scatter = [(); 2].map(|()| {
+            (0..balls)
+                .map(|_| (2.5e-3 * normal(), 0.12 * normal()))
+                .collect()
+        });
+        let gauges = (bearing.gauges.iter())
+            .map(|gauge| {
+                let gain = 30.0 * (1.0 + 0.1 * normal());
+                let unequal = 0.06 * normal();
+                // The seat holds one side: moments bend the ring one way.
+                let psi = gauge.azimuth_deg.to_radians();
+                let (sin, cos) = psi.sin_cos();
+                let bulk = [
+                    -6.0 * cos + 1.5 * normal(),
+                    2.0 + 1.0 * normal(),
+                    -6.0 * sin + 1.5 * normal(),
+                    0.9 * (-sin + 0.25 * normal()),
+                    0.9 * (cos + 0.25 * normal()),
+                ];
+                let other_seat =
+                    |value: f64, n: f64| value * if road { 1.0 + 0.1 * n } else { 1.0 };
+                Gauge {
+                    azimuth: psi + 0.5_f64.to_radians() * normal(),
+                    gain: [gain * (1.0 + unequal), gain * (1.0 - unequal)],
+                    width: 0.11 * (1.0 + 0.06 * normal()),
+                    skew: 0.12 + 0.08 * normal(),
+                    angle_slope: 1.2 + 0.3 * normal(),
+                    angle_curvature: 1.5 + 0.5 * normal(),
+                    bending: 0.5 * (1.0 + 0.1 * normal()),
+                    bulk: bulk.map(|value| other_seat(value * 2.0, normal())),
+                    square: 0.4 * normal(),
+                }
+            })
+            .collect();
+        Self {
+            balls,
+            ball_over_pitch: bearing.ball_mm / bearing.pitch_mm,
+            radius: 0.5 * bearing.pitch_mm + arm * angle.cos(),
+            offset: 0.5 * bearing.rows_mm,
+            groove,
+            angle,
+            stiffness: bearing.stiffness_n_per_mm_1_5 * 1e-3 / 1e3_f64.powf(1.5)
+                * (1.0 + 0.04 * normal()),
+            preload: bearing.preload_um * (1.0 + 0.05 * normal()),
+            compliance,
+            scatter,
+            gauges,
+        }
+    }
+}
+
+/// One ball's contact.
+#[derive(Clone, Copy, Default)]
+struct Ball {
+    row: usize,
+    azimuth: f64,
+    load: f64,
+    angle: f64,
+}
+
+/// A bearing that turns under load, always in equilibrium.
+pub(super) struct Plant {
+    individual: Individual,
+    stiffness: Mat<f64>,
+    position: [f64; DOF],
+    factor: Option<faer::linalg::solvers::Llt<f64>>,
+    age: u32,
+    /// Azimuth of the first ball of each row [rad].
+    cage: [f64; 2],
+    balls: Vec<Ball>,
+    loads: [f64; 5],
+}
+
+fn shapes(psi: f64) -> [f64; SHAPES] {
+    let mut f = [1.0; SHAPES];
+    for order in 2..=6 {
+        let (sin, cos) = (order as f64 * psi).sin_cos();
+        f[2 * order - 3] = cos;
+        f[2 * order - 2] = sin;
+    }
+    f
+}
+
+impl Plant {
+    pub(super) fn new(individual: Individual, cage: [f64; 2], loads: [f64; 5]) -> Self {
+        let n = 2 * SHAPES;
+        let stiffness = match individual.compliance.llt(Side::Lower) {
+            Ok(factor) => factor.solve(Mat::<f64>::identity(n, n)),
+            // A description that is not positive is refused before.
+            Err(_) => Mat::identity(n, n),
+        };
+        let mut plant = Self {
+            individual,
+            stiffness,
+            position: [0.0; DOF],
+            factor: None,
+            age: 0,
+            cage,
+            balls: Vec::new(),
+            loads: [0.0; 5],
+        };
+        for part in 1..=40 {
+            plant.factor = None;
+            plant.balance(loads.map(|load| load * (f64::from(part) / 20.0).min(1.0)));
+        }
+        plant
+    }
+
+    /// Moves to equilibrium with `Fx, Fy, Fz` [N], `Mx, Mz` [N m].
+    fn balance(&mut self, loads: [f64; 5]) {
+        self.loads = loads;
+        let ind = &self.individual;
+        let target = [
+            loads[0] * 1e-3,
+            loads[1] * 1e-3,
+            loads[2] * 1e-3,
+            loads[3] / ind.radius,
+            loads[4] / ind.radius,
+        ];
+        let refactor = self.factor.is_none() || self.age >= REFACTOR;
+        let mut k = Mat::<f64>::zeros(
+            if refactor { DOF } else { 0 },
+            if refactor { DOF } else { 0 },
+        );
+        let mut rest = Mat::<f64>::zeros(DOF, 1);
+        for i in 0..5 {
+            rest[(i, 0)] = target[i];
+            if refactor {
+                k[(i, i)] = 1e-5;
+            }
+        }
+        for i in 0..2 * SHAPES {
+            for j in 0..2 * SHAPES {
+                rest[(5 + i, 0)] -= self.stiffness[(i, j)] * self.position[5 + j];
+                if refactor {
+                    k[(5 + i, 5 + j)] = self.stiffness[(i, j)];
+                }
+            }
+        }
+        self.balls.clear();
+        let lever = ind.offset / ind.radius;
+        for row in 0..2 {
+            let side = if row == 0 { 1.0 } else { -1.0 };
+            for (i, (off, excess)) in ind.scatter[row].iter().enumerate() {
+                let psi =
+                    self.cage[row] + std::f64::consts::TAU * i as f64 / ind.balls as f64 + off;
+                let (sin, cos) = psi.sin_cos();
+                let f = shapes(psi);
+                let z = &self.position;
+                let tilt = z[4] * cos - z[3] * sin;
+                let ring: f64 = (0..SHAPES).map(|k| f[k] * z[5 + row * SHAPES + k]).sum();
+                let d =
+                    ind.groove * ind.angle.cos() + z[0] * cos + z[2] * sin + side * lever * tilt
+                        - ring;
+                let w = ind.groove * ind.angle.sin() + ind.preload + side * (z[1] + tilt);
+                let delta = d.hypot(w) - ind.groove + excess;
+                let alpha = w.atan2(d);
+                let load = if delta > 0.0 {
+                    ind.stiffness * delta.powf(1.5)
+                } else {
+                    0.0
+                };
+                self.balls.push(Ball {
+                    row,
+                    azimuth: psi,
+                    load,
+                    angle: alpha,
+                });
+                if load == 0.0 {
+                    continue;
+                }
+                let (sa, ca) = alpha.sin_cos();
+                let mut n = [0.0; 5 + SHAPES];
+                n[0] = ca * cos;
+                n[1] = sa * side;
+                n[2] = ca * sin;
+                n[3] = -side * sin * (sa + lever * ca);
+                n[4] = side * cos * (sa + lever * ca);
+                for s in 0..SHAPES {
+                    n[5 + s] = -ca * f[s];
+                }
+                let place = |i: usize| if i < 5 { i } else { i + row * SHAPES };
+                let slope = 1.5 * load / delta;
+                for i in 0..5 + SHAPES {
+                    rest[(place(i), 0)] -= load * n[i];
+                    if refactor {
+                        for j in 0..5 + SHAPES {
+                            k[(place(i), place(j))] += slope * n[i] * n[j];
+                        }
+                    }
+                }
+            }
+        }
+        if refactor {
+            self.factor = k.llt(Side::Lower).ok();
+            self.age = 0;
+        }
+        self.age += 1;
+        if let Some(factor) = &self.factor {
+            let step = factor.solve(&rest);
+            for (i, z) in self.position.iter_mut().enumerate() {
+                *z += step[(i, 0)].clamp(-20.0, 20.0);
+            }
+        }
+    }
+
+    /// One sample further: the wheel has turned by `turned` [rad], the cages have slipped
+    /// by `slip`, relative.
+    pub(super) fn advance(&mut self, turned: f64, slip: [f64; 2], loads: [f64; 5]) {
+        for row in 0..2 {
+            let (mut sum, mut weight) = (0.0, 1e-9);
+            for ball in self.balls.iter().filter(|ball| ball.row == row) {
+                sum += ball.load * ball.angle.cos();
+                weight += ball.load;
+            }
+            let ratio = 0.5 * (1.0 - self.individual.ball_over_pitch * sum / weight);
+            self.cage[row] += turned * ratio * (1.0 + slip[row]);
+        }
+        self.balance(loads);
+    }
+
+    /// Strain at each gauge [um/m].
+    pub(super) fn strains(&self) -> Vec<f64> {
+        let ind = &self.individual;
+        (ind.gauges.iter())
+            .map(|gauge| {
+                let f = shapes(gauge.azimuth);
+                let mut strain: f64 = (0..5)
+                    .map(|i| {
+                        let unit = if i < 3 { 1e-3 } else { 1.0 / ind.radius };
+                        gauge.bulk[i] * self.loads[i] * unit
+                    })
+                    .sum();
+                strain += gauge.square * (self.loads[3] * 1e-3).powi(2);
+                for row in 0..2 {
+                    for s in 1..SHAPES {
+                        let order = (s.div_ceil(2) + 1) as f64;
+                        strain += 0.5
+                            * gauge.bending
+                            * (order * order - 1.0)
+                            * f[s]
+                            * self.position[5 + row * SHAPES + s];
+                    }
+                }
+                for ball in &self.balls {
+                    let x = (ball.azimuth - gauge.azimuth + std::f64::consts::PI)
+                        .rem_euclid(std::f64::consts::TAU)
+                        - std::f64::consts::PI;
+                    let off = ball.angle - ind.angle;
+                    let width = gauge.width * (1.0 + 0.3 * off);
+                    let u = x / width;
+                    let local = (1.0 + gauge.skew * u) / (1.0 + u * u).powi(2);
+                    let by_angle =
+                        1.0 + gauge.angle_slope * off + gauge.angle_curvature * off * off;
+                    strain += ball.load * gauge.gain[ball.row] * by_angle * local;
+                }
+                strain
+            })
+            .collect()
+    }
+
+    /// Largest difference between the forces that the balls carry and those asked for [N].
+    #[cfg(test)]
+    pub(super) fn residual(&self) -> f64 {
+        let mut sum = [0.0; 3];
+        for ball in &self.balls {
+            let (sa, ca) = ball.angle.sin_cos();
+            let side = if ball.row == 0 { 1.0 } else { -1.0 };
+            sum[0] += ball.load * ca * ball.azimuth.cos();
+            sum[1] += ball.load * sa * side;
+            sum[2] += ball.load * ca * ball.azimuth.sin();
+        }
+        (0..3)
+            .map(|i| (sum[i] * 1e3 - self.loads[i]).abs())
+            .fold(0.0, f64::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use rand::SeedableRng;
+
+    use super::*;
+    use crate::bearing::{Calibration, model};
+    use crate::build::Sensors;
+    use crate::machine::Machine;
+
+    /// The plant finds equilibrium, and its mean contact under a gauge is the
+    /// estimator's, which shares no code with it, to within the individual's scatter.
+    #[test]
+    fn two_models_of_one_bearing_agree() {
+        let path = Path::new(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../examples/bearing/machine.toml"
+        ));
+        let machine = Machine::load(path).unwrap();
+        let bearing = machine.bearing.as_ref().unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let individual = Individual::draw(bearing, &mut rng, false);
+        let loads = [-2000.0, 2500.0, 6000.0, 800.0, -100.0];
+        let radius = individual.radius;
+        let mut plant = Plant::new(individual, [0.1, 0.3], loads);
+        let mut sums = [[0.0; 2]; 4];
+        let steps = 600;
+        for _ in 0..steps {
+            plant.advance(0.013, [0.0; 2], loads);
+            for ball in &plant.balls {
+                for (g, sum) in sums.iter_mut().enumerate() {
+                    let psi = g as f64 * std::f64::consts::FRAC_PI_2;
+                    let off = (ball.azimuth - psi + std::f64::consts::PI)
+                        .rem_euclid(std::f64::consts::TAU);
+                    if (off - std::f64::consts::PI).abs() < std::f64::consts::PI / 13.0 {
+                        sum[ball.row] += ball.load / f64::from(steps);
+                    }
+                }
+            }
+        }
+        assert!(
+            plant.residual() < 30.0,
+            "{} N out of balance",
+            plant.residual()
+        );
+        let sensors = Sensors::choose(&machine, None).unwrap();
+        let geometry = model(&machine, bearing, &sensors, &Calibration::guess(4))
+            .unwrap()
+            .geometry;
+        let contacts = loadtwin_common::bearing::contact::Contacts::try_new(geometry).unwrap();
+        let unit = |i: usize| if i < 3 { 1e-3 } else { 1.0 / radius };
+        let at = contacts.settle(&std::array::from_fn(|i| (loads[i] * unit(i)) as f32), 0.0);
+        let mut features = loadtwin_common::bearing::contact::Features::default();
+        for g in 0..4 {
+            contacts.features(&at, 0.0, g, &mut features.value[g], &mut features.slope[g]);
+            for row in 0..2 {
+                let (plant, filter) = (sums[g][row], f64::from(features.value[g][row][0]));
+                assert!(
+                    (plant - filter).abs() < 0.15 + 0.2 * plant,
+                    "gauge {g} row {row}: {plant:.3} kN, {filter:.3} kN"
+                );
+            }
+        }
+    }
+}
