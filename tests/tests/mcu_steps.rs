@@ -10,14 +10,15 @@ use loadtwin_tests::firmware::root;
 /// Kernel, instructions when last looked at, bound that is promised.
 ///
 /// Counts are exact; a change of more than 5 % is to be looked at and stored anew.
-const STORED: [(&str, u32, u32); 7] = [
+const STORED: [(&str, u32, u32); 8] = [
     ("kalman_6_4", 1437, 1450),
     ("kalman_6_1", 792, 820),
     ("kalman_12_4", 8536, 8700),
     ("unscented_5_8", 6180, 7200),
     ("scheduled_gain_6_4", 389, 400),
     ("butterworth", 34, 40),
-    ("gearbox_line", 4972, 5000),
+    ("gearbox_line", 4548, 5000),
+    ("gearbox_steady_line", 3259, 3500),
 ];
 
 #[test]
@@ -86,6 +87,14 @@ fn steps_stay_within_their_bounds() {
         + &String::from_utf8_lossy(&output.stderr);
     println!("{text}");
     assert!(output.status.success(), "{text}");
+    // Of 4000 samples, those after the first index pulse.
+    let steady = text.lines().find_map(|line| {
+        line.strip_prefix("gearbox_steady_line_by_steady_gains ")?
+            .trim()
+            .parse::<u32>()
+            .ok()
+    });
+    assert!(steady.is_some_and(|steady| steady > 3500), "{text}");
     for (kernel, stored, bound) in STORED {
         let count: u32 = text
             .lines()
