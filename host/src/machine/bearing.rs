@@ -124,7 +124,7 @@ impl Default for BearingFilter {
         Self {
             slip_std: 0.008,
             slip_time_s: 1.0,
-            slip_limit: 0.03,
+            slip_limit: 0.06,
             phase_walk: 0.01,
             load_walk: 0.5,
             preload_std_um: 0.2,
