@@ -13,6 +13,7 @@ pub mod key;
 pub mod machine;
 pub mod metrics;
 pub mod recording;
+pub mod reduce;
 pub mod replay;
 pub mod report;
 pub mod riccati;

@@ -7,7 +7,7 @@ use thiserror::Error;
 use toml_edit::{DocumentMut, InlineTable, Item, TableLike, Value};
 
 use crate::atomic_file::AtomicFile;
-use crate::machine::Channel;
+use crate::machine::{Channel, six_digits, write_columns};
 
 /// Why a description cannot be changed.
 #[derive(Debug, Error)]
@@ -64,7 +64,7 @@ impl Description {
 
     /// As [`Description::set`], with six digits.
     pub fn set_number(&mut self, list: &str, name: &str, key: &str, value: f64) {
-        self.set(list, name, key, rounded(value));
+        self.set(list, name, key, six_digits(value));
     }
 
     /// As [`Description::set`], a table of numbers by name.
@@ -76,7 +76,7 @@ impl Description {
         values: impl Iterator<Item = (&'a str, f64)>,
     ) {
         let table: InlineTable = values
-            .map(|(name, value)| (name, Value::from(rounded(value))))
+            .map(|(name, value)| (name, Value::from(six_digits(value))))
             .collect();
         self.set(list, name, key, table);
     }
@@ -170,25 +170,20 @@ pub fn map_file(
     columns: &[(&Channel, Vec<f64>)],
     per: &str,
 ) -> Result<(), DescriptionError> {
-    let Some((_, first)) = columns.first() else {
+    if columns.is_empty() {
         return Ok(());
-    };
-    let mut text = String::from("carrier_angle [rad]");
-    for (channel, _) in columns {
-        text += &format!(",{} [{}{per}]", channel.name, channel.unit.symbol());
     }
-    text.push('\n');
-    for i in 0..first.len() {
-        text += &format!(
-            "{:.7}",
-            std::f64::consts::TAU * i as f64 / first.len() as f64
-        );
-        for (_, values) in columns {
-            text += &format!(",{:e}", rounded(values[i]));
-        }
-        text.push('\n');
-    }
-    write(path, &text)
+    let columns: Vec<(String, Vec<f64>)> = columns
+        .iter()
+        .map(|(channel, values)| {
+            let title = format!("{} [{}{per}]", channel.name, channel.unit.symbol());
+            (title, values.clone())
+        })
+        .collect();
+    write_columns(path, &columns).map_err(|source| DescriptionError::File {
+        path: path.to_owned(),
+        source,
+    })
 }
 
 fn write(path: &Path, text: &str) -> Result<(), DescriptionError> {
@@ -199,9 +194,4 @@ fn write(path: &Path, text: &str) -> Result<(), DescriptionError> {
     let mut file = AtomicFile::create(path).map_err(failed)?;
     file.write_all(text.as_bytes()).map_err(failed)?;
     file.finish().map_err(failed)
-}
-
-/// Six significant digits.
-fn rounded(value: f64) -> f64 {
-    format!("{value:.5e}").parse().unwrap_or(value)
 }

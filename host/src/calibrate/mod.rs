@@ -8,6 +8,7 @@ mod fault;
 mod gauge_model;
 mod moments;
 mod motion;
+mod page;
 mod placement;
 mod selection;
 mod surface;
@@ -22,6 +23,7 @@ pub use fault::GaugeFault;
 pub use gauge_model::{calibrated, with_noise};
 pub use moments::{BINS, Moments, Sums};
 pub use motion::Motion;
+pub use page::{Proposal, page};
 pub use placement::{Placement, fine};
 pub use selection::{Candidate, fronts, select};
 pub use surface::Surface;
@@ -287,9 +289,10 @@ pub fn calibrate(
             channel,
             moments,
             channel.sensitivity_over_angle(machine)?,
+            channel.candidates_over_angle(machine)?,
         ));
     }
-    for (_, channel, moments, map) in &jobs {
+    for (_, channel, moments, map, _) in &jobs {
         let total = moments.total();
         if total.n == 0.0 {
             continue;
@@ -316,10 +319,10 @@ pub fn calibrate(
     }
     let mut gauges: Vec<Gauge> = jobs
         .par_iter()
-        .map(|(i, channel, moments, map)| {
+        .map(|(i, channel, moments, map, patch)| {
             let described = channel.to_si(channel.offset);
             let surface = Surface::fit(moments, map.len() > 1);
-            let placement = Placement::fit(moments, map, described, patch_rad);
+            let placement = Placement::fit(moments, map, patch, described, patch_rad);
             let fault = fault::of_gauge(
                 moments,
                 observations.samples,
@@ -361,7 +364,8 @@ impl Gauge {
     }
 }
 
-type Job<'a> = (usize, &'a Channel, &'a Moments, Vec<f64>);
+type Patch = Vec<(String, Vec<f64>)>;
+type Job<'a> = (usize, &'a Channel, &'a Moments, Vec<f64>, Patch);
 
 /// Looks for swapped gauges among those of one group that sense the same.
 fn name_swapped(machine: &Machine, jobs: &[Job<'_>], gauges: &mut [Gauge]) {

@@ -22,6 +22,8 @@ pub struct Placement {
     pub shift_rad: f64,
     /// Width over which its peaks are spread [rad]: away from the load concentration.
     pub spread_rad: f64,
+    /// The node of its patch that fits best, where the machine gives maps of such nodes.
+    pub node: Option<String>,
     /// Mean absolute error over the carrier angle with the described model.
     pub mae_before: f64,
     /// The same after the update.
@@ -34,15 +36,24 @@ impl Placement {
     /// The candidate with the least mean absolute error of simulated against
     /// measured readings over the carrier angle.
     ///
-    /// Candidates are the described `map` turned by up to `patch_rad` either way
-    /// and spread over neighbouring angles, which lowers a peak and keeps its
-    /// mean: what a finite-element model gives for nodes around the gauge and
-    /// further from the mid-plane of the ring gear. Offset and gain are fitted
-    /// for each one. None where they cannot be told apart.
+    /// Candidates are the maps of the nodes in the gauge's `patch`. Without these
+    /// they are the described `map` turned by up to `patch_rad` either way and
+    /// spread over neighbouring angles, which lowers a peak and keeps its mean, as
+    /// nodes do that lie further from the mid-plane of the ring gear. Offset and
+    /// gain are fitted for each one. None where they cannot be told apart.
     ///
     /// Source: Bosmans et al. 2023, section 4.2.
-    pub fn fit(moments: &Moments, map: &[f64], offset: f64, patch_rad: f64) -> Option<Self> {
+    pub fn fit(
+        moments: &Moments,
+        map: &[f64],
+        patch: &[(String, Vec<f64>)],
+        offset: f64,
+        patch_rad: f64,
+    ) -> Option<Self> {
         let mae_before = absolute_error(moments, offset - moments.origin(), &fine(map, 0.0));
+        if !patch.is_empty() {
+            return Self::among(moments, patch, mae_before);
+        }
         if map.len() == 1 {
             let (offset, gain, mae) = affine(moments, &fine(map, 0.0))?;
             return Some(Self {
@@ -50,6 +61,7 @@ impl Placement {
                 gain,
                 shift_rad: 0.0,
                 spread_rad: 0.0,
+                node: None,
                 mae_before,
                 mae,
                 map: vec![map[0] * gain],
@@ -92,6 +104,27 @@ impl Placement {
             ..best
         })
     }
+
+    /// The node of `patch` with the least mean absolute error.
+    fn among(moments: &Moments, patch: &[(String, Vec<f64>)], mae_before: f64) -> Option<Self> {
+        patch
+            .iter()
+            .filter_map(|(node, map)| {
+                let map = resampled(map, MAP_ENTRIES);
+                let (offset, gain, mae) = affine(moments, &fine(&map, 0.0))?;
+                Some(Self {
+                    offset: offset + moments.origin(),
+                    gain,
+                    shift_rad: 0.0,
+                    spread_rad: 0.0,
+                    node: Some(node.clone()),
+                    mae_before,
+                    mae,
+                    map: map.iter().map(|m| gain * m).collect(),
+                })
+            })
+            .min_by(|a, b| a.mae.total_cmp(&b.mae))
+    }
 }
 
 /// The best of all combinations of `shifts` and `spreads`; its map is left empty.
@@ -108,6 +141,7 @@ fn search(moments: &Moments, map: &[f64], shifts: &[f64], spreads: &[f64]) -> Op
                     gain,
                     shift_rad,
                     spread_rad,
+                    node: None,
                     mae_before: mae,
                     mae,
                     map,

@@ -9,7 +9,8 @@ use serde_json::{Value, json};
 use super::output::say;
 use super::progress::Progress;
 use crate::calibrate::{
-    self, Candidate, Description, Gauge, MapSource, Observations, calibrated, fronts, select,
+    self, Candidate, Description, Gauge, MapSource, Observations, Proposal, calibrated, fronts,
+    page, select,
 };
 use crate::machine::{Machine, resampled};
 use crate::tune::{NOISE_BINS, rms};
@@ -34,7 +35,11 @@ pub struct Calibrate {
     /// Write the calibrated description to FILE.toml, with its maps beside it.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// How far a gauge may sit from its described angle [degrees of the carrier].
+    /// Write a page with surfaces, ranking, simulated against measured, and Pareto fronts.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// How far a gauge without `patch_map` may sit from its described angle [degrees of
+    /// the carrier].
     #[arg(long, value_name = "DEGREES", default_value_t = 6.0)]
     patch: f64,
     /// Sensitivity over the carrier angle that the output gets.
@@ -85,7 +90,11 @@ impl Calibrate {
             let calibrated = calibrated(&machine, &gauges, source, folder.path())?;
             Description::read(&machine.path)?.write_with_gauges(&machine, &calibrated, output)?;
         }
-        let selection = self.selection(&machine, &gauges, source);
+        let proposals = self.proposals(&machine, &gauges, source);
+        if let Some(path) = &self.report {
+            page(&machine, &observations, &gauges, source, &proposals).write(path)?;
+        }
+        let selection = selection(&machine, &proposals);
         let seconds = started.elapsed().as_secs_f64();
         if as_json {
             let channels: Vec<Value> = gauges.iter().map(|g| report(&machine, g, source)).collect();
@@ -106,13 +115,8 @@ impl Calibrate {
         Ok(())
     }
 
-    /// Proposed sets of each group and of all gauges.
-    fn selection(
-        &self,
-        machine: &Machine,
-        gauges: &[Gauge],
-        source: MapSource,
-    ) -> serde_json::Map<String, Value> {
+    /// Proposed gauges of each group and of all.
+    fn proposals(&self, machine: &Machine, gauges: &[Gauge], source: MapSource) -> Vec<Proposal> {
         let usable: Vec<&Gauge> = gauges
             .iter()
             .filter(|g| {
@@ -133,47 +137,65 @@ impl Calibrate {
                 groups.push(group);
             }
         }
-        let mut out = serde_json::Map::new();
-        let mut add = |name: &str, members: Vec<&Gauge>| {
+        let proposal = |name: &str, members: &[&Gauge]| {
             let candidates: Vec<Candidate> = members
                 .iter()
                 .filter_map(|g| candidate(g, source))
                 .collect();
-            let names = |chosen: &[usize]| {
-                chosen
-                    .iter()
-                    .map(|&i| machine.channels[candidates[i].channel].name.clone())
-                    .collect::<Vec<_>>()
-            };
             let order = select(&candidates, SET_SIZES[SET_SIZES.len() - 1], NEAR);
-            let front: Vec<usize> = fronts(&candidates)
-                .iter()
-                .enumerate()
-                .filter(|(_, front)| **front == 0)
-                .map(|(i, _)| i)
-                .collect();
-            let mut sets = serde_json::Map::new();
-            for size in SET_SIZES {
-                sets.insert(
-                    size.to_string(),
-                    json!(names(&order[..size.min(order.len())])),
-                );
+            Proposal {
+                group: name.to_owned(),
+                candidates,
+                order,
             }
-            sets.insert("front".into(), json!(names(&front)));
-            out.insert(name.to_owned(), Value::Object(sets));
         };
-        for group in &groups {
-            let of = |g: &&Gauge| machine.channels[g.channel].group.as_ref() == *group;
-            add(
-                group.map_or("no group", |g| g),
-                usable.iter().copied().filter(of).collect(),
+        let mut proposals: Vec<Proposal> = groups
+            .iter()
+            .map(|group| {
+                let of = |g: &&Gauge| machine.channels[g.channel].group.as_ref() == *group;
+                let members: Vec<&Gauge> = usable.iter().copied().filter(of).collect();
+                proposal(group.map_or("no group", |g| g), &members)
+            })
+            .collect();
+        if groups.len() > 1 {
+            proposals.push(proposal("overall", &usable));
+        }
+        proposals
+    }
+}
+
+/// Names of the proposed sets and of the Pareto front, for each group.
+fn selection(machine: &Machine, proposals: &[Proposal]) -> serde_json::Map<String, Value> {
+    let mut out = serde_json::Map::new();
+    for Proposal {
+        group,
+        candidates,
+        order,
+    } in proposals
+    {
+        let names = |chosen: &[usize]| {
+            chosen
+                .iter()
+                .map(|&i| machine.channels[candidates[i].channel].name.clone())
+                .collect::<Vec<_>>()
+        };
+        let front: Vec<usize> = fronts(candidates)
+            .iter()
+            .enumerate()
+            .filter(|(_, front)| **front == 0)
+            .map(|(i, _)| i)
+            .collect();
+        let mut sets = serde_json::Map::new();
+        for size in SET_SIZES {
+            sets.insert(
+                size.to_string(),
+                json!(names(&order[..size.min(order.len())])),
             );
         }
-        if groups.len() > 1 {
-            add("overall", usable);
-        }
-        out
+        sets.insert("front".into(), json!(names(&front)));
+        out.insert(group.clone(), Value::Object(sets));
     }
+    out
 }
 
 fn candidate(gauge: &Gauge, source: MapSource) -> Option<Candidate> {
@@ -212,6 +234,7 @@ fn report(machine: &Machine, gauge: &Gauge, source: MapSource) -> Value {
         "gain": gauge.placement.as_ref().map(|p| p.gain),
         "shift_deg": gauge.placement.as_ref().map(|p| p.shift_rad.to_degrees()),
         "spread_deg": gauge.placement.as_ref().map(|p| p.spread_rad.to_degrees()),
+        "node": gauge.placement.as_ref().and_then(|p| p.node.as_ref()),
         "mae_before": gauge.placement.as_ref().map(|p| own(p.mae_before)),
         "mae": gauge.placement.as_ref().map(|p| own(p.mae)),
         "noise_std": noise,

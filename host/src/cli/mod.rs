@@ -10,6 +10,7 @@ mod key;
 mod manual;
 mod output;
 mod progress;
+mod reduce;
 mod replay;
 mod schema;
 mod simulate;
@@ -38,6 +39,8 @@ pub struct Cli {
 enum Command {
     /// Run the estimator on a recording and report its error.
     Replay(replay::Replay),
+    /// Turn finite-element strains for unit loads into strain maps over the carrier angle.
+    Reduce(reduce::Reduce),
     /// Fit gauges to recordings with reference loads.
     Calibrate(calibrate::Calibrate),
     /// Write a recording of a machine that is not there.
@@ -86,6 +89,7 @@ impl Cli {
         match self.command {
             None => demo::run(json),
             Some(Command::Replay(replay)) => replay.run(json),
+            Some(Command::Reduce(reduce)) => reduce.run(json),
             Some(Command::Calibrate(calibrate)) => calibrate.run(json),
             Some(Command::Simulate(simulate)) => simulate.run(json),
             Some(Command::Tables(tables)) => tables.run(json),

@@ -1,22 +1,47 @@
 //! Functions over the carrier angle, one column for each channel, in CSV.
 
+use std::io::Write;
 use std::path::Path;
 
 use super::MachineError;
 use super::error::Violation;
+use crate::atomic_file::AtomicFile;
 
 /// Entries of a map in the model image.
 pub const MAP_ENTRIES: usize = 512;
 
 /// Reads column `name` of the map in `path`.
 ///
+/// # Errors
+/// As [`read_columns`], and when there is no such column.
+pub fn read_column(path: &Path, name: &str) -> Result<Vec<f64>, MachineError> {
+    let mut columns = read_columns(path, |title| title == name)?;
+    if let Some((_, values)) = columns.pop() {
+        return Ok(values);
+    }
+    let there: Vec<String> = read_columns(path, |_| true)?
+        .into_iter()
+        .map(|(title, _)| title)
+        .collect();
+    Err(MachineError::Syntax {
+        path: path.to_owned(),
+        line: 1,
+        column: 1,
+        message: format!("no column {name:?}; there are {}", there.join(", ")),
+    })
+}
+
+/// Reads the columns of the map in `path` whose name is `wanted`: name and values.
+///
 /// The first column is `carrier_angle [rad]`, in equal steps over one turn
 /// from 0, the end of the turn not repeated.
 ///
 /// # Errors
-/// When the file cannot be read, lacks the column, or holds anything but
-/// finite numbers in equal angular steps; the error names file and line.
-pub fn read_column(path: &Path, name: &str) -> Result<Vec<f64>, MachineError> {
+/// When the file cannot be read, or such a column holds anything but finite numbers in equal angular steps; the error names file and line.
+pub fn read_columns(
+    path: &Path,
+    wanted: impl Fn(&str) -> bool,
+) -> Result<Vec<(String, Vec<f64>)>, MachineError> {
     let failed = |line: usize, message: String| MachineError::Syntax {
         path: path.to_owned(),
         line,
@@ -41,36 +66,33 @@ pub fn read_column(path: &Path, name: &str) -> Result<Vec<f64>, MachineError> {
             "the first column must be \"carrier_angle [rad]\"".into(),
         ));
     }
-    let column = header
+    let mut columns: Vec<(usize, String, Vec<f64>)> = header
         .iter()
-        .position(|title| bare(title) == name)
-        .ok_or_else(|| {
-            let there = header
-                .iter()
-                .skip(1)
-                .map(bare)
-                .collect::<Vec<_>>()
-                .join(", ");
-            failed(1, format!("no column {name:?}; there are {there}"))
-        })?;
-    let mut values = Vec::new();
+        .enumerate()
+        .skip(1)
+        .map(|(i, title)| (i, bare(title)))
+        .filter(|(_, name)| wanted(name))
+        .map(|(i, name)| (i, name, Vec::new()))
+        .collect();
     let mut angles = Vec::new();
     for record in reader.records() {
-        let record = record.map_err(|error| failed(values.len() + 2, error.to_string()))?;
+        let record = record.map_err(|error| failed(angles.len() + 2, error.to_string()))?;
         let line = record
             .position()
             .map_or(0, |position| position.line() as usize);
-        for (cell, store) in [(0, &mut angles), (column, &mut values)] {
+        let number = |cell: usize| {
             let text = record.get(cell).unwrap_or("").trim();
             match text.parse::<f64>() {
-                Ok(value) if value.is_finite() => store.push(value),
-                _ => {
-                    return Err(failed(
-                        line,
-                        format!("found {text:?}, allowed: a finite number"),
-                    ));
-                }
+                Ok(value) if value.is_finite() => Ok(value),
+                _ => Err(failed(
+                    line,
+                    format!("found {text:?}, allowed: a finite number"),
+                )),
             }
+        };
+        angles.push(number(0)?);
+        for (cell, _, values) in &mut columns {
+            values.push(number(*cell)?);
         }
     }
     let step = std::f64::consts::TAU / angles.len().max(1) as f64;
@@ -79,9 +101,9 @@ pub fn read_column(path: &Path, name: &str) -> Result<Vec<f64>, MachineError> {
         .enumerate()
         .find(|(i, angle)| (*angle - *i as f64 * step).abs() > 0.01 * step)
     {
-        _ if values.len() < 4 => Err(failed(
+        _ if angles.len() < 4 => Err(failed(
             1,
-            format!("found {} rows, allowed: at least 4", values.len()),
+            format!("found {} rows, allowed: at least 4", angles.len()),
         )),
         Some((i, angle)) => Err(failed(
             i + 2,
@@ -90,8 +112,43 @@ pub fn read_column(path: &Path, name: &str) -> Result<Vec<f64>, MachineError> {
                 i as f64 * step
             ),
         )),
-        None => Ok(values),
+        None => Ok(columns
+            .into_iter()
+            .map(|(_, name, values)| (name, values))
+            .collect()),
     }
+}
+
+/// Writes functions over the carrier angle in equal steps: title `NAME [unit]`
+/// and values of each column.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_columns(path: &Path, columns: &[(String, Vec<f64>)]) -> std::io::Result<()> {
+    let entries = columns.first().map_or(0, |(_, values)| values.len());
+    let mut file = AtomicFile::create(path)?;
+    write!(file, "carrier_angle [rad]")?;
+    for (title, _) in columns {
+        write!(file, ",{title}")?;
+    }
+    writeln!(file)?;
+    for i in 0..entries {
+        write!(
+            file,
+            "{:.7}",
+            std::f64::consts::TAU * i as f64 / entries as f64
+        )?;
+        for (_, values) in columns {
+            write!(file, ",{:e}", six_digits(values[i]))?;
+        }
+        writeln!(file)?;
+    }
+    file.finish()
+}
+
+/// Six significant digits.
+pub fn six_digits(value: f64) -> f64 {
+    format!("{value:.5e}").parse().unwrap_or(value)
 }
 
 /// A periodic function of `entries` equal steps, by cubic interpolation of `values`.
@@ -129,6 +186,38 @@ impl super::Channel {
             (None, sensitivity) => vec![sensitivity.unwrap_or(1.0)],
         };
         Ok(values.into_iter().map(|value| self.to_si(value)).collect())
+    }
+
+    /// Maps of the candidate nodes of its patch: node and sensitivity over the
+    /// carrier angle [SI]; none where the channel has no `patch_map`.
+    ///
+    /// # Errors
+    /// When the file cannot be used or has no column for the channel.
+    pub fn candidates_over_angle(
+        &self,
+        machine: &super::Machine,
+    ) -> Result<Vec<(String, Vec<f64>)>, MachineError> {
+        let Some(file) = &self.patch_map else {
+            return Ok(Vec::new());
+        };
+        let path = machine.resolve(file);
+        let node = |name: &str| Some(name.strip_prefix(&self.name)?.strip_prefix('/')?.to_owned());
+        let columns = read_columns(&path, |name| node(name).is_some())?;
+        if columns.is_empty() {
+            return Err(MachineError::Syntax {
+                path,
+                line: 1,
+                column: 1,
+                message: format!("no column \"{}/NODE\"", self.name),
+            });
+        }
+        Ok(columns
+            .into_iter()
+            .filter_map(|(name, values)| {
+                let si = values.into_iter().map(|value| self.to_si(value)).collect();
+                Some((node(&name)?, si))
+            })
+            .collect())
     }
 
     /// Standard deviation of the reading over bins of the carrier angle [SI].

@@ -34,6 +34,11 @@ pub struct Channel {
     /// `carrier_angle [rad]` with equal steps over one turn from 0, and a column
     /// `NAME [unit/Nm]` for each channel that names this file.
     pub sensitivity_map: Option<PathBuf>,
+    /// Where on the housing a strain gauge sits; `loadtwin reduce` makes its map from this.
+    pub place: Option<Place>,
+    /// CSV file with the maps of all candidate nodes of the gauge's patch, columns
+    /// `NAME/NODE [unit/Nm]`; `loadtwin calibrate` chooses among them.
+    pub patch_map: Option<PathBuf>,
     /// Standard deviation of the reading about the model [unit], > 0.
     pub noise_std: f64,
     /// CSV file with the standard deviation over bins of the carrier angle, as
@@ -98,6 +103,23 @@ impl Channel {
         let full = (1_i64 << (self.adc.bits - 1)) as f64;
         word.clamp(-full, full - 1.0) as i32
     }
+}
+
+/// Where a strain gauge sits on the housing's finite-element model.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Place {
+    /// Position, in the coordinates of the finite-element model [m].
+    pub position_m: [f64; 3],
+    /// Direction of its grid; of any length but 0.
+    pub direction: [f64; 3],
+    /// Radius of the patch of nodes at which it may really sit [m], > 0.
+    #[serde(default = "patch")]
+    pub patch_m: f64,
+}
+
+fn patch() -> f64 {
+    0.02
 }
 
 /// A group of sensors that tables show together.

@@ -8,7 +8,7 @@ use crate::recording::{Quantity, Unit};
 use super::error::Violation;
 use super::{Balance, Drivetrain, Kind, Machine, Regime, Senses};
 
-type Checked = Result<(), Violation>;
+pub(super) type Checked = Result<(), Violation>;
 
 /// Channels and encoders of one sensor set.
 const MAX_CHANNELS: usize = loadtwin_common::raw::MAX_CHANNELS;
@@ -147,6 +147,14 @@ impl Machine {
                 }
                 (Some(sensitivity), None) => nonzero(&field("sensitivity"), sensitivity)?,
                 (None, _) => {}
+            }
+            if let Some(place) = &channel.place {
+                for x in place.position_m {
+                    finite(&field("place.position_m"), x)?;
+                }
+                let length = place.direction.iter().map(|x| x * x).sum::<f64>();
+                positive(&field("place.direction (its length)"), length)?;
+                positive(&field("place.patch_m"), place.patch_m)?;
             }
             if channel.bridge.is_some() {
                 let strain = channel.unit.quantity() == Quantity::Strain;
@@ -361,7 +369,11 @@ impl Drivetrain {
             format!("speed_ratio {ratio}"),
             ratio == 1.0,
             allowed,
-        )
+        )?;
+        match (&self.gears, self.inertias.last()) {
+            (Some(gears), Some(last)) => gears.check(last.speed_ratio),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -377,7 +389,7 @@ fn refuse(field: &str, found: impl Display, allowed: &str) -> Checked {
     })
 }
 
-fn within(field: &str, found: impl Display, is: bool, allowed: &str) -> Checked {
+pub(super) fn within(field: &str, found: impl Display, is: bool, allowed: &str) -> Checked {
     if is {
         Ok(())
     } else {
@@ -389,11 +401,11 @@ fn finite(field: &str, value: f64) -> Checked {
     within(field, value, value.is_finite(), "a finite number")
 }
 
-fn positive(field: &str, value: f64) -> Checked {
+pub(super) fn positive(field: &str, value: f64) -> Checked {
     within(field, value, value > 0.0 && value.is_finite(), "> 0")
 }
 
-fn nonzero(field: &str, value: f64) -> Checked {
+pub(super) fn nonzero(field: &str, value: f64) -> Checked {
     within(
         field,
         value,
@@ -402,7 +414,7 @@ fn nonzero(field: &str, value: f64) -> Checked {
     )
 }
 
-fn at_least(field: &str, value: f64, least: f64) -> Checked {
+pub(super) fn at_least(field: &str, value: f64, least: f64) -> Checked {
     within(
         field,
         value,
@@ -415,7 +427,7 @@ fn at_most(field: &str, found: usize, most: usize) -> Checked {
     within(field, found, found <= most, &format!("at most {most}"))
 }
 
-fn range(field: &str, value: f64, least: f64, most: f64) -> Checked {
+pub(super) fn range(field: &str, value: f64, least: f64, most: f64) -> Checked {
     within(
         field,
         value,
@@ -433,7 +445,7 @@ fn one_of(field: &str, name: &str, allowed: &[&str]) -> Checked {
     )
 }
 
-fn unique(table: &str, names: &[&str]) -> Checked {
+pub(super) fn unique(table: &str, names: &[&str]) -> Checked {
     for (i, name) in names.iter().enumerate() {
         let first = names[..i].iter().all(|other| other != name);
         within(

@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::Gears;
+
 /// A chain of 2 to 6 inertias joined by elastic shafts.
 ///
 /// `J_i dw_i/dt = tau_(i-1) - tau_i - c_i w_i + loads`, all quantities referred to
@@ -27,6 +29,8 @@ pub struct Drivetrain {
     /// Name of the inertia whose angle the strain maps are over (the planet
     /// carrier), of speed ratio 1; the first where absent.
     pub carrier: Option<String>,
+    /// Gears and bearings, from which `loadtwin reduce` finds the forces on the housing.
+    pub gears: Option<Gears>,
 }
 
 /// A lumped inertia.

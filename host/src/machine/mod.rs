@@ -10,6 +10,7 @@ mod channel;
 mod check;
 mod drivetrain;
 mod error;
+mod gears;
 mod kind;
 
 use std::collections::BTreeMap;
@@ -18,11 +19,12 @@ use std::path::{Path, PathBuf};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use angle_map::{MAP_ENTRIES, read_column, resampled};
+pub use angle_map::{MAP_ENTRIES, read_column, read_columns, resampled, six_digits, write_columns};
 pub use balance::{Balance, BalanceEffect, Regime, Signal};
-pub use channel::{Adc, Auxiliary, Channel, Encoder, Group, Index, Reference, Senses};
+pub use channel::{Adc, Auxiliary, Channel, Encoder, Group, Index, Place, Reference, Senses};
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, Shaft};
 pub use error::{MachineError, Violation};
+pub use gears::{Bearing, Gears, Helical, Planetary};
 pub use kind::{Kind, NamedLoad};
 
 use crate::recording::CsvLayout;

@@ -1,0 +1,146 @@
+//! `loadtwin reduce`.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::Context;
+use clap::Args;
+use serde_json::json;
+
+use super::output::say;
+use crate::machine::{MAP_ENTRIES, Machine, resampled, write_columns};
+use crate::recording::{Quantity, Unit};
+use crate::reduce::{GaugeMaps, Reduction, read_cases, read_nodes};
+
+/// Turn finite-element strains for unit loads into strain maps over the carrier angle.
+///
+/// The machine's `drivetrain.gears` give the forces, each channel's `place` the
+/// position and direction of its gauge. docs/reduce.md says what to export from
+/// a finite-element package.
+#[derive(Debug, Args)]
+pub struct Reduce {
+    /// Machine description (TOML).
+    machine: PathBuf,
+    /// Load cases (CSV): place, angle and axis of the unit force of each step.
+    loads: PathBuf,
+    /// Strains under these loads: a `CalculiX` result (.frd) or a CSV table.
+    strains: PathBuf,
+    /// The maps (CSV), to be named as `sensitivity_map`.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Maps of all candidate nodes (CSV), to be named as `patch_map`.
+    #[arg(long, value_name = "FILE")]
+    patches: Option<PathBuf>,
+    /// Angular steps of the maps.
+    #[arg(long, value_name = "N", default_value_t = MAP_ENTRIES)]
+    entries: usize,
+    /// Angular steps of the candidates' maps.
+    #[arg(long, value_name = "N", default_value_t = 180)]
+    patch_entries: usize,
+    /// Unit of the coordinates in an .frd file.
+    #[arg(long, value_name = "UNIT", default_value = "m")]
+    length: String,
+}
+
+impl Reduce {
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let started = Instant::now();
+        for (name, entries) in [
+            ("--entries", self.entries),
+            ("--patch-entries", self.patch_entries),
+        ] {
+            anyhow::ensure!(
+                (16..=4096).contains(&entries),
+                "{name} {entries}: allowed: 16 to 4096"
+            );
+        }
+        let length = self
+            .length
+            .parse::<Unit>()
+            .ok()
+            .filter(|unit| unit.quantity() == Quantity::Length)
+            .with_context(|| format!("--length {}: allowed: a unit of length", self.length))?;
+        let machine = Machine::load(&self.machine)?;
+        let cases = read_cases(&self.loads)?;
+        let reduction = Reduction::new(&machine, &cases, &self.loads, self.entries)?;
+        let nodes = read_nodes(&machine, &self.strains, cases.len(), length)?;
+        let gauges = reduction.gauges(&machine, &nodes, &self.strains)?;
+        anyhow::ensure!(
+            !gauges.is_empty(),
+            "{}: no channel has a place",
+            self.machine.display()
+        );
+        let title = |gauge: &GaugeMaps, name: &str| {
+            let channel = &machine.channels[gauge.channel];
+            format!("{name} [{}/Nm]", channel.unit.symbol())
+        };
+        let own = |gauge: &GaugeMaps, map: &[f64]| -> Vec<f64> {
+            let unit = machine.channels[gauge.channel].unit;
+            map.iter().map(|m| unit.from_si(*m)).collect()
+        };
+        if let Some(path) = &self.patches {
+            let columns: Vec<(String, Vec<f64>)> = gauges
+                .iter()
+                .flat_map(|gauge| {
+                    gauge
+                        .candidates
+                        .iter()
+                        .map(move |candidate| (gauge, candidate))
+                })
+                .map(|(gauge, (node, map))| {
+                    let name = format!("{}/{node}", machine.channels[gauge.channel].name);
+                    let map = resampled(&own(gauge, map), self.patch_entries);
+                    (title(gauge, &name), map)
+                })
+                .collect();
+            write_columns(path, &columns).with_context(|| path.display().to_string())?;
+        }
+        let columns: Vec<(String, Vec<f64>)> = gauges
+            .iter()
+            .map(|gauge| {
+                let name = &machine.channels[gauge.channel].name;
+                (title(gauge, name), own(gauge, gauge.described()))
+            })
+            .collect();
+        write_columns(&self.output, &columns).with_context(|| self.output.display().to_string())?;
+        let seconds = started.elapsed().as_secs_f64();
+        if as_json {
+            let channels: Vec<_> = gauges
+                .iter()
+                .map(|gauge| {
+                    json!({
+                        "name": machine.channels[gauge.channel].name, "node": gauge.node,
+                        "distance_m": gauge.distance_m, "candidates": gauge.candidates.len(),
+                        "peak": gauge.peak(),
+                    })
+                })
+                .collect();
+            let out = json!({
+                "machine": machine.name, "load_cases": cases.len(), "channels": channels,
+                "maps": self.output, "patches": self.patches, "seconds": seconds,
+            });
+            say!("{out}");
+        } else {
+            say!(
+                "{:<16}{:>10}{:>12}{:>12}{:>16}",
+                "channel",
+                "node",
+                "away [mm]",
+                "candidates",
+                "peak [um/m/kNm]"
+            );
+            for gauge in &gauges {
+                say!(
+                    "{:<16}{:>10}{:>12.1}{:>12}{:>16.4}",
+                    machine.channels[gauge.channel].name,
+                    gauge.node,
+                    1e3 * gauge.distance_m,
+                    gauge.candidates.len(),
+                    1e9 * gauge.peak()
+                );
+            }
+            say!("{} load cases, {seconds:.1} s", cases.len());
+        }
+        Ok(())
+    }
+}
