@@ -7,7 +7,7 @@ r_pitch = 0.49872;  // ring gear, 90 teeth of module 11 mm at 7 degrees
 r_outer = 0.600;
 half    = 0.140;    // half the face width
 arm     = 0.140;    // thickness of the torque arm's plate
-positions = 72;     // unit loads around the ring gear, one at every other corner on its mid-plane
+positions = 60;     // unit loads around the ring gear, one at every other corner on its mid-plane
 
 // Torque arm: a plate in front of the ring gear, with an arm to each side.
 Cylinder(1) = {0, 0, -half - arm, 0, 0, arm, r_outer};
