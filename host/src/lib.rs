@@ -7,6 +7,7 @@ pub mod build;
 pub mod calibrate;
 pub mod can;
 pub mod cli;
+pub mod diagnose;
 pub mod exponential;
 pub mod gearbox;
 pub mod key;

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use thiserror::Error;
 
-pub use description::{Description, DescriptionError};
+pub use description::{Description, DescriptionError, map_file};
 pub use fault::GaugeFault;
 pub use gauge_model::{calibrated, with_noise};
 pub use moments::{BINS, Moments, Sums};

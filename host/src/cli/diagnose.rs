@@ -1,32 +1,36 @@
 //! `loadtwin diagnose`.
 
 use std::path::PathBuf;
+use std::time::Instant;
 
 use clap::Args;
+use serde_json::json;
 
 use super::balance;
+use super::output::say;
+use super::progress::Progress;
 use crate::balance::Request;
+use crate::diagnose::{self, Diagnosis, Verdict, effect};
 use crate::machine::Machine;
 
-/// Find which physical effect a model lacks, and add it.
-///
-/// Looks for the effect in the recordings, reports the error before and after
-/// on recordings that took no part in the fit, and writes the improved
-/// description.
+/// Find the physical effect that a model lacks, by recordings with reference loads.
 #[derive(Debug, Args)]
+#[command(after_long_help = library())]
 pub struct Diagnose {
     /// Machine description (TOML).
     machine: PathBuf,
-    /// Recordings (CSV, Parquet or MDF4) to find the effect in.
+    /// Recordings (CSV, Parquet or MDF4).
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
-    /// Recordings to report the error on; where none is given, a third of each
-    /// fitted one is kept for that.
+    /// Recordings that take no part in the fit and on which the error is told.
     #[arg(long, num_args = 1.., value_name = "RECORDING")]
     validate: Vec<PathBuf>,
     /// Write the machine description with what was found.
     #[arg(short, long, value_name = "FILE.toml")]
     out: Option<PathBuf>,
+    /// Write a page with plots to FILE.html.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Judge a balance below this frequency [Hz]; the description's
     /// `tuning.cutoff_hz` where absent.
     #[arg(long, value_name = "HZ")]
@@ -34,15 +38,15 @@ pub struct Diagnose {
 }
 
 impl Diagnose {
-    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
-        let machine = Machine::load(&self.machine)?;
+    /// A machine without gauges, judged by its torque balance.
+    fn balance(&self, machine: &Machine, as_json: bool) -> anyhow::Result<()> {
         let cutoff_hz = self.cutoff_hz.unwrap_or(machine.tuning.cutoff_hz);
         anyhow::ensure!(
             cutoff_hz > 0.0 && cutoff_hz.is_finite(),
             "--cutoff-hz {cutoff_hz}: allowed: above 0"
         );
         let request = Request {
-            machine: &machine,
+            machine,
             fit: &self.recordings,
             validate: &self.validate,
             cutoff_hz,
@@ -50,4 +54,118 @@ impl Diagnose {
         };
         balance::run(&request, as_json)
     }
+
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let started = Instant::now();
+        let machine = Machine::load(&self.machine)?;
+        if machine.drivetrain.is_none() {
+            return self.balance(&machine, as_json);
+        }
+        let progress = Progress::new("diagnose");
+        let diagnosis = diagnose::diagnose(&machine, &self.recordings, &self.validate, |part| {
+            progress.show(part);
+        })?;
+        drop(progress);
+        let validated_on = if self.validate.is_empty() {
+            &self.recordings
+        } else {
+            &self.validate
+        };
+        if let Some(path) = &self.report {
+            let names: Vec<String> = self
+                .recordings
+                .iter()
+                .map(|r| r.display().to_string())
+                .collect();
+            diagnose::page(&machine, &names.join(", "), &diagnosis).write(path)?;
+        }
+        // Nothing is written of what is not known.
+        let written = match &self.out {
+            Some(path)
+                if matches!(
+                    diagnosis.verdict,
+                    Verdict::Effects(_) | Verdict::Inseparable(_)
+                ) =>
+            {
+                let absent = diagnose::write(&machine, &diagnosis, path)?;
+                if !absent.is_empty() {
+                    eprintln!(
+                        "loadtwin: not in {}: {}: the line has no place for it yet",
+                        path.display(),
+                        absent.join(", ")
+                    );
+                }
+                Some(path.as_path())
+            }
+            _ => None,
+        };
+        if as_json {
+            let mut out = diagnose::report(&machine, &diagnosis, validated_on, written);
+            if let Some(object) = out.as_object_mut() {
+                object.insert("seconds".into(), json!(started.elapsed().as_secs_f64()));
+            }
+            say!("{out}");
+        } else {
+            print(&diagnosis);
+            say!("{:.1} s", started.elapsed().as_secs_f64());
+        }
+        Ok(())
+    }
+}
+
+fn print(diagnosis: &Diagnosis) {
+    say!("{}", diagnose::sentence(&diagnosis.verdict));
+    if let Verdict::Inseparable(names) = &diagnosis.verdict
+        && let Some(effect) = names.first().and_then(|n| effect::by_name(n))
+    {
+        say!("what would: {}", effect.experiment());
+    }
+    say!("{:<26}{:>12}{:>12}", "candidate", "evidence", "by chance");
+    for ranked in diagnosis.selection.ranking.iter().take(8) {
+        say!(
+            "{:<26}{:>12.1}{:>12.1}",
+            ranked.effect.name(),
+            ranked.trial.score,
+            ranked.threshold
+        );
+    }
+    say!(
+        "{:<20}{:>10}{:>10}{:>8}{:>8}",
+        "residual",
+        "before",
+        "after",
+        "Hz",
+        "top 10%"
+    );
+    for oddity in &diagnosis.oddities {
+        say!(
+            "{:<20}{:>10.2}{:>10.2}{:>8.1}{:>8.2}",
+            oddity.channel,
+            oddity.before,
+            oddity.after,
+            oddity.frequency_hz,
+            oddity.concentration
+        );
+    }
+    let cell = |value: Option<f64>| value.map_or_else(|| "-".into(), |v| format!("{v:.3} %"));
+    let errors = &diagnosis.errors;
+    for (name, pair) in [
+        ("as described", errors.nominal),
+        ("recalibrated", errors.recalibrated),
+    ] {
+        say!(
+            "error {name}: {} before, {} after",
+            cell(pair.before.value_percent),
+            cell(pair.after.value_percent)
+        );
+    }
+}
+
+/// The effects, for the long help.
+fn library() -> String {
+    let mut text = "Effects:\n".to_owned();
+    for effect in effect::LIBRARY {
+        text += &format!("  {:<26}{}\n", effect.name(), effect.about());
+    }
+    text
 }

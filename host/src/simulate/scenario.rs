@@ -1,6 +1,7 @@
 //! What the test bench does: torque and speed over time.
 
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 use rand::RngExt;
 
@@ -15,7 +16,7 @@ pub struct Scenario {
     pub duration_s: f64,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 enum Kind {
     StartStop,
     Constant,
@@ -23,6 +24,14 @@ enum Kind {
     Turbulent,
     Reversals,
     Steps,
+    Recorded(Arc<Recorded>),
+}
+
+/// What a recorded machine did, in equal steps.
+#[derive(Debug, PartialEq)]
+struct Recorded {
+    dt: f64,
+    demands: Vec<Demand>,
 }
 
 /// Name, kind, duration [s], description.
@@ -78,9 +87,21 @@ impl Scenario {
                         .join(", "),
                 })?;
         Ok(Self {
-            kind: *kind,
+            kind: kind.clone(),
             duration_s: *duration_s,
         })
+    }
+
+    /// What a recorded machine did: torque of the first load and speed, as
+    /// parts of nominal, every `dt_s`.
+    pub fn recorded(dt_s: f64, demands: impl Iterator<Item = [f64; 2]>) -> Self {
+        let demands: Vec<Demand> = demands
+            .map(|[torque, speed]| Demand { torque, speed })
+            .collect();
+        Self {
+            duration_s: dt_s * demands.len() as f64,
+            kind: Kind::Recorded(Arc::new(Recorded { dt: dt_s, demands })),
+        }
     }
 
     /// Name and description of each scenario.
@@ -93,7 +114,22 @@ impl Scenario {
         TABLE
             .iter()
             .find(|row| row.1 == self.kind)
-            .map_or("", |row| row.0)
+            .map_or("recorded", |row| row.0)
+    }
+}
+
+impl Recorded {
+    /// Between the steps by straight lines, beyond the ends as at the ends.
+    fn at(&self, t: f64) -> Demand {
+        let position = (t / self.dt).max(0.0);
+        let last = self.demands.len() - 1;
+        let left = (position as usize).min(last);
+        let (a, b) = (self.demands[left], self.demands[(left + 1).min(last)]);
+        let part = (position - left as f64).clamp(0.0, 1.0);
+        Demand {
+            torque: a.torque + part * (b.torque - a.torque),
+            speed: a.speed + part * (b.speed - a.speed),
+        }
     }
 }
 
@@ -117,7 +153,7 @@ impl Profile {
     pub(super) fn new(scenario: &Scenario, draw: &mut Draw) -> Self {
         let rng = &mut draw.recording;
         Self {
-            kind: scenario.kind,
+            kind: scenario.kind.clone(),
             duration: scenario.duration_s,
             torque: Waves::new(0.02, 10.0, rng),
             speed: Waves::new(0.01, 0.2, rng),
@@ -132,7 +168,8 @@ impl Profile {
 
     /// The demand at time `t` [s].
     pub(super) fn at(&self, t: f64) -> Demand {
-        match self.kind {
+        match &self.kind {
+            Kind::Recorded(recorded) => recorded.at(t),
             Kind::StartStop => start_stop(90.0 * t / self.duration),
             Kind::Constant => Demand {
                 torque: 1.0,

@@ -1,0 +1,108 @@
+//! Responses that are not those described.
+
+use super::{Effect, GaugeModel, Linear, one_shape};
+use crate::diagnose::stream::{Session, Stream, Term, product};
+
+/// `reading g`: gauge factor, lead resistance.
+pub struct GainError;
+
+impl Effect for GainError {
+    fn name(&self) -> &'static str {
+        "gain-error"
+    }
+    fn about(&self) -> &'static str {
+        "a channel responds more or less than described"
+    }
+    fn linear(&self) -> &'static [Linear] {
+        &[Linear {
+            name: "part of the reading",
+            prior_std: 0.1,
+        }]
+    }
+    fn grid(&self, _: &Session) -> Vec<Vec<f64>> {
+        one_shape()
+    }
+    fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
+        vec![Term::Gain(vec![1.0; session.signals.len()])]
+    }
+    fn gauge(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+        gauge.map.iter_mut().for_each(|m| *m *= 1.0 + parameters[0]);
+        true
+    }
+    fn experiment(&self) -> &'static str {
+        "torque ramps between no load and nominal load at constant speed"
+    }
+}
+
+/// `reading(angle - s) - reading(angle)`: a gauge that sits elsewhere.
+pub struct Position;
+
+impl Effect for Position {
+    fn name(&self) -> &'static str {
+        "gauge-position"
+    }
+    fn about(&self) -> &'static str {
+        "a gauge sits at another angle of the carrier"
+    }
+    fn linear(&self) -> &'static [Linear] {
+        &[Linear {
+            name: "angle [rad]",
+            prior_std: 0.02,
+        }]
+    }
+    fn grid(&self, _: &Session) -> Vec<Vec<f64>> {
+        one_shape()
+    }
+    fn acts_on(&self, stream: &Stream) -> bool {
+        stream.over_angle
+    }
+    fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
+        let column = |s: &Stream| s.slope.iter().map(|v| -v).collect();
+        vec![Term::Each(session.streams.iter().map(column).collect())]
+    }
+    fn gauge(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+        let map = gauge.map.clone();
+        let n = map.len();
+        let turned = |angle: f64| {
+            let position = (angle / std::f64::consts::TAU).rem_euclid(1.0) * n as f64;
+            let left = position as usize % n;
+            map[left] + position.fract() * (map[(left + 1) % n] - map[left])
+        };
+        if n > 1 {
+            gauge.over_angle(|_, angle| turned(angle - parameters[0]));
+        }
+        true
+    }
+    fn experiment(&self) -> &'static str {
+        "constant torque over several turns of the carrier at two speeds"
+    }
+}
+
+/// `reading level g`: a response that grows or falls with torque.
+pub struct Nonlinearity;
+
+impl Effect for Nonlinearity {
+    fn name(&self) -> &'static str {
+        "strain-nonlinearity"
+    }
+    fn about(&self) -> &'static str {
+        "strain is not in proportion to torque"
+    }
+    fn linear(&self) -> &'static [Linear] {
+        &[Linear {
+            name: "part of the reading at nominal torque",
+            prior_std: 0.1,
+        }]
+    }
+    fn grid(&self, _: &Session) -> Vec<Vec<f64>> {
+        one_shape()
+    }
+    fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
+        let level = &session.signals.level;
+        let column = |s: &Stream| product(&s.reading, level);
+        vec![Term::Each(session.streams.iter().map(column).collect())]
+    }
+    fn experiment(&self) -> &'static str {
+        "slow torque ramps through zero to both ends"
+    }
+}

@@ -1,0 +1,191 @@
+//! The library of effects, one a file; a new one is a file and a line in [`LIBRARY`].
+
+mod bending;
+mod clock;
+mod creep;
+mod eccentricity;
+mod friction;
+mod gain;
+mod mains;
+mod order;
+mod resonance;
+mod step;
+mod thermal;
+mod torsion;
+mod word;
+
+use super::stream::{Session, Stream, Term};
+use crate::machine::MAP_ENTRIES;
+
+/// Whether an effect has its parameters in each channel or once for all.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Coupling {
+    /// Each stream has its own.
+    Own,
+    /// One set says what happens in every stream.
+    Shared,
+}
+
+/// A linear parameter.
+#[derive(Clone, Copy, Debug)]
+pub struct Linear {
+    /// Its name, with what it is a part of.
+    pub name: &'static str,
+    /// Standard deviation that known errors have, in the same unit.
+    pub prior_std: f64,
+}
+
+/// A parameter that the residual is not linear in.
+#[derive(Clone, Copy, Debug)]
+pub struct Shape {
+    /// Its name.
+    pub name: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Smallest and largest value.
+    pub bounds: (f64, f64),
+    /// First step of its refinement; 0 for one that only takes the values of
+    /// the grid.
+    pub step: f64,
+    /// Whether the step is a factor (of e).
+    pub logarithmic: bool,
+}
+
+/// A small piece of model that the machine description may lack.
+///
+/// The residual is `sum_j c_j term_j(shape)` with linear parameters `c`, found
+/// by least squares, and a shape that is found by search.
+pub trait Effect: Sync {
+    /// Name in verdicts.
+    fn name(&self) -> &'static str;
+
+    /// What it is, in a few words.
+    fn about(&self) -> &'static str;
+
+    /// Where its parameters stand.
+    fn coupling(&self) -> Coupling {
+        Coupling::Own
+    }
+
+    /// The linear parameters.
+    fn linear(&self) -> &'static [Linear];
+
+    /// The parameters of the shape.
+    fn shape(&self) -> &'static [Shape] {
+        &[]
+    }
+
+    /// Shapes from which the search starts; none where the recording cannot
+    /// show the effect.
+    fn grid(&self, session: &Session) -> Vec<Vec<f64>>;
+
+    /// One term for each linear parameter.
+    fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term>;
+
+    /// Which streams it can act on.
+    fn acts_on(&self, _: &Stream) -> bool {
+        true
+    }
+
+    /// Natural logarithm of the odds for it that a stream's faulty samples
+    /// tell by themselves.
+    fn evidence_of_faults(&self, _: &Stream) -> f64 {
+        0.0
+    }
+
+    /// Latent degrees of freedom that its terms took from the data.
+    fn latent(&self, _: &Session) -> f64 {
+        0.0
+    }
+
+    /// Takes its parameters into a gauge's zero and map, so that the line runs
+    /// it; false where these have no place for it.
+    fn gauge(&self, _shape: &[f64], _parameters: &[f64], _gauge: &mut GaugeModel) -> bool {
+        false
+    }
+
+    /// The inertia and the drag, part of nominal torque at nominal speed, that
+    /// it comes to; none where it is no drag.
+    fn drag(&self, _shape: &[f64], _parameters: &[f64]) -> Option<(usize, f64)> {
+        None
+    }
+
+    /// The experiment that shows it best.
+    fn experiment(&self) -> &'static str;
+}
+
+/// A gauge as the line knows it [SI].
+pub struct GaugeModel {
+    /// Reading at no torque.
+    pub offset: f64,
+    /// Sensitivity over the carrier angle, in equal steps; one value where it
+    /// is the same everywhere.
+    pub map: Vec<f64>,
+    /// Reading at nominal torque, root mean square.
+    pub full_scale: f64,
+}
+
+impl GaugeModel {
+    /// Changes the sensitivity over the angle: each value, by its angle.
+    pub fn over_angle(&mut self, change: impl Fn(f64, f64) -> f64) {
+        if self.map.len() == 1 {
+            self.map = vec![self.map[0]; MAP_ENTRIES];
+        }
+        let step = std::f64::consts::TAU / self.map.len() as f64;
+        for (i, m) in self.map.iter_mut().enumerate() {
+            *m = change(*m, i as f64 * step);
+        }
+    }
+
+    /// Root mean square of the map.
+    pub fn rms(&self) -> f64 {
+        (self.map.iter().map(|m| m * m).sum::<f64>() / self.map.len() as f64).sqrt()
+    }
+}
+
+/// Every effect that is tried.
+pub static LIBRARY: &[&dyn Effect] = &[
+    &gain::GainError,
+    &gain::Position,
+    &gain::Nonlinearity,
+    &thermal::Drift,
+    &thermal::Unrecorded,
+    &thermal::Gain,
+    &creep::Creep,
+    &creep::Drift,
+    &creep::StrainHysteresis,
+    &step::Step,
+    &step::Debonding,
+    &order::CarrierOrder,
+    &order::PlanetSharing,
+    &order::ShaftOrder,
+    &bending::Bending,
+    &friction::Coulomb,
+    &friction::Stribeck,
+    &friction::Viscous,
+    &friction::LoadDependent,
+    &friction::Presliding,
+    &torsion::Backlash,
+    &torsion::Ripple,
+    &resonance::Resonance,
+    &clock::Delay,
+    &eccentricity::Eccentricity,
+    &mains::PickUp,
+    &word::DroppedBits,
+    &word::Stuck,
+];
+
+/// The effect of that name.
+pub fn by_name(name: &str) -> Option<&'static dyn Effect> {
+    LIBRARY.iter().copied().find(|e| e.name() == name)
+}
+
+/// The grid of an effect without shape.
+fn one_shape() -> Vec<Vec<f64>> {
+    vec![Vec::new()]
+}
+
+/// The grid of one parameter.
+fn each(values: &[f64]) -> Vec<Vec<f64>> {
+    values.iter().map(|v| vec![*v]).collect()
+}

@@ -1,0 +1,166 @@
+//! Orders of the carrier and of other shafts that the maps lack.
+
+use super::{Effect, GaugeModel, Linear, Shape, each, one_shape};
+use crate::diagnose::stream::{Session, Stream, Term, product};
+
+/// Highest order of the carrier that is tried.
+const HIGHEST: usize = 12;
+
+const AMPLITUDES: &[Linear] = &[
+    Linear {
+        name: "cosine, part of full scale at nominal load",
+        prior_std: 0.1,
+    },
+    Linear {
+        name: "sine, part of full scale at nominal load",
+        prior_std: 0.1,
+    },
+];
+
+/// `scale level (a cos(k angle) + b sin(k angle))`.
+pub struct CarrierOrder;
+
+impl Effect for CarrierOrder {
+    fn name(&self) -> &'static str {
+        "carrier-order"
+    }
+    fn about(&self) -> &'static str {
+        "an order of the carrier angle that the maps lack"
+    }
+    fn linear(&self) -> &'static [Linear] {
+        AMPLITUDES
+    }
+    fn shape(&self) -> &'static [Shape] {
+        &[Shape {
+            name: "order",
+            unit: "per turn of the carrier",
+            bounds: (1.0, HIGHEST as f64),
+            step: 0.0,
+            logarithmic: false,
+        }]
+    }
+    fn grid(&self, _: &Session) -> Vec<Vec<f64>> {
+        (1..=HIGHEST).map(|k| vec![k as f64]).collect()
+    }
+    fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
+        let level = &session.signals.level;
+        waves(session, shape[0])
+            .map(|wave| Term::Zero(product(&wave, level)))
+            .into()
+    }
+    fn gauge(&self, shape: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+        let (full, order) = (gauge.rms(), shape[0]);
+        gauge.over_angle(|m, angle| {
+            m + full
+                * (parameters[0] * (order * angle).cos() + parameters[1] * (order * angle).sin())
+        });
+        true
+    }
+    fn experiment(&self) -> &'static str {
+        "constant torque over many turns of the carrier"
+    }
+}
+
+/// `reading (a cos(angle) + b sin(angle))` where the map is made of planets passing.
+pub struct PlanetSharing;
+
+impl Effect for PlanetSharing {
+    fn name(&self) -> &'static str {
+        "planet-sharing"
+    }
+    fn about(&self) -> &'static str {
+        "the planets carry unequal parts"
+    }
+    fn linear(&self) -> &'static [Linear] {
+        &[
+            Linear {
+                name: "cosine, part of the reading",
+                prior_std: 0.1,
+            },
+            Linear {
+                name: "sine, part of the reading",
+                prior_std: 0.1,
+            },
+        ]
+    }
+    fn grid(&self, _: &Session) -> Vec<Vec<f64>> {
+        one_shape()
+    }
+    fn acts_on(&self, stream: &Stream) -> bool {
+        stream.over_angle && is_intermittent(&stream.map)
+    }
+    fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
+        waves(session, 1.0).map(Term::Gain).into()
+    }
+    fn gauge(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+        gauge.over_angle(|m, angle| {
+            m * (1.0 + parameters[0] * angle.cos() + parameters[1] * angle.sin())
+        });
+        true
+    }
+    fn experiment(&self) -> &'static str {
+        "constant torque over many turns of the carrier"
+    }
+}
+
+/// `scale level (a cos(r angle) + b sin(r angle))` with the speed ratio `r` of
+/// another inertia: what comes once a turn of its shaft.
+pub struct ShaftOrder;
+
+impl Effect for ShaftOrder {
+    fn name(&self) -> &'static str {
+        "shaft-order"
+    }
+    fn about(&self) -> &'static str {
+        "what comes once or twice a turn of another shaft"
+    }
+    fn linear(&self) -> &'static [Linear] {
+        AMPLITUDES
+    }
+    fn shape(&self) -> &'static [Shape] {
+        &[Shape {
+            name: "order",
+            unit: "per turn of the carrier",
+            bounds: (0.0, f64::INFINITY),
+            step: 0.0,
+            logarithmic: false,
+        }]
+    }
+    fn grid(&self, session: &Session) -> Vec<Vec<f64>> {
+        // An order is only seen where it is sampled more than twice a period.
+        let most = std::f64::consts::PI / session.signals.dt_s / session.signals.nominal_speed;
+        let orders: Vec<f64> = session
+            .signals
+            .ratios
+            .iter()
+            .flat_map(|r| [r.abs(), 2.0 * r.abs()])
+            .filter(|r| *r > HIGHEST as f64 && *r < 0.8 * most)
+            .collect();
+        each(&orders)
+    }
+    fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
+        let level = &session.signals.level;
+        waves(session, shape[0])
+            .map(|wave| Term::Zero(product(&wave, level)))
+            .into()
+    }
+    fn experiment(&self) -> &'static str {
+        "constant torque at two speeds"
+    }
+}
+
+/// Cosine and sine of an order of the carrier angle.
+pub fn waves(session: &Session, order: f64) -> [Vec<f64>; 2] {
+    let angle = &session.signals.angle;
+    [
+        angle.iter().map(|a| (order * a).cos()).collect(),
+        angle.iter().map(|a| (order * a).sin()).collect(),
+    ]
+}
+
+/// Whether a map is made of narrow peaks, as under passing planets.
+fn is_intermittent(map: &[f64]) -> bool {
+    let square = map.iter().map(|m| m * m).sum::<f64>() / map.len().max(1) as f64;
+    let peak = map.iter().fold(0.0_f64, |peak, m| peak.max(m.abs()));
+    peak > 2.0 * square.sqrt()
+}

@@ -1,0 +1,502 @@
+//! Least squares of candidates against the residuals, judged on blocks that
+//! were left out.
+//!
+//! For each stream and fold only sums of products are kept, so that leaving a
+//! fold out is a subtraction, and draws of the null hypothesis are further
+//! right-hand sides of the same sums.
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+
+use super::effect::{Coupling, Effect};
+use super::stream::{Columns, Kind, Session};
+
+/// Blocks are this long [s]: long against the correlation of the noise.
+pub const BLOCK_S: f64 = 1.5;
+
+/// Folds of the cross-validation.
+pub const FOLDS: usize = 8;
+
+/// A column of one stream, with the standard deviation that its coefficient has.
+#[derive(Clone, Debug)]
+pub struct Prior {
+    /// The column.
+    pub column: Vec<f64>,
+    /// Standard deviation of its coefficient.
+    pub std: f64,
+}
+
+/// All recordings, stream by stream, one after another.
+pub struct Data {
+    /// Residual, and draws of the residual without any effect.
+    streams: Vec<StreamData>,
+    /// Runs of samples of one fold.
+    blocks: Vec<(std::ops::Range<usize>, usize)>,
+    draws: usize,
+}
+
+struct StreamData {
+    /// 1 where the residual is known, else 0.
+    mask: Vec<f64>,
+    count: f64,
+    /// Residual first, then the draws; 0 where not known.
+    right: Vec<Vec<f64>>,
+    /// Samples of noise for one that tells something new.
+    inflation: f64,
+    variance: f64,
+}
+
+/// Sums of products of one stream, a set for each fold.
+#[derive(Clone)]
+struct Sums {
+    gram: Vec<Mat<f64>>,
+    right: Vec<Mat<f64>>,
+    square: Vec<Vec<f64>>,
+}
+
+/// What is in the model already: nuisances and accepted effects.
+pub struct Base {
+    columns: Vec<Vec<Prior>>,
+    sums: Vec<Sums>,
+    /// Squared errors on left-out folds, for each stream and right-hand side.
+    errors: Vec<Vec<f64>>,
+}
+
+/// How well a candidate did.
+#[derive(Clone, Debug)]
+pub struct Trial {
+    /// Its shape.
+    pub shape: Vec<f64>,
+    /// Logarithm of the evidence on left-out blocks.
+    pub score: f64,
+    /// The same of each draw without effect.
+    pub null: Vec<f64>,
+    /// Part of each stream.
+    pub streams: Vec<f64>,
+}
+
+impl Data {
+    /// Lays out `sessions`; `draws[m][session][stream]` are residuals without effect.
+    pub fn new(sessions: &[Session], draws: &[Vec<Vec<Vec<f64>>>]) -> Self {
+        let mut blocks = Vec::new();
+        let mut from = 0;
+        for session in sessions {
+            let length = ((BLOCK_S / session.signals.dt_s) as usize).max(2);
+            let n = session.signals.len();
+            for (number, start) in (0..n).step_by(length).enumerate() {
+                // Neighbours fall into different folds, without a period.
+                let fold = (number * 5 + number / FOLDS * 3) % FOLDS;
+                blocks.push((from + start..from + (start + length).min(n), fold));
+            }
+            from += n;
+        }
+        let streams = (0..sessions[0].streams.len())
+            .map(|k| {
+                let joined = |of: &dyn Fn(usize) -> Vec<f64>| -> Vec<f64> {
+                    (0..sessions.len()).flat_map(of).collect()
+                };
+                let residual = joined(&|s| sessions[s].streams[k].residual.clone());
+                let mask: Vec<f64> = residual
+                    .iter()
+                    .map(|r| f64::from(u8::from(r.is_finite())))
+                    .collect();
+                let known = |x: Vec<f64>| -> Vec<f64> {
+                    x.iter()
+                        .map(|v| if v.is_finite() { *v } else { 0.0 })
+                        .collect()
+                };
+                let mut right = vec![known(residual)];
+                for draw in draws {
+                    let mut drawn = known(joined(&|s| draw[s][k].clone()));
+                    drawn.resize(mask.len(), 0.0);
+                    for (value, mask) in drawn.iter_mut().zip(&mask) {
+                        *value *= mask;
+                    }
+                    right.push(drawn);
+                }
+                let stream = &sessions[0].streams[k];
+                let inflation = match stream.kind {
+                    Kind::Balance => 1.5 * sessions[0].signals.smoothing as f64,
+                    Kind::Strain | Kind::Angle => 1.0,
+                };
+                StreamData {
+                    count: mask.iter().sum(),
+                    mask,
+                    right,
+                    inflation,
+                    variance: stream.noise_std * stream.noise_std,
+                }
+            })
+            .collect();
+        Self {
+            streams,
+            blocks,
+            draws: draws.len(),
+        }
+    }
+
+    /// Number of right-hand sides.
+    fn sides(&self) -> usize {
+        1 + self.draws
+    }
+
+    /// Independent samples of stream `k`.
+    pub fn independent(&self, k: usize) -> f64 {
+        self.streams[k].count / self.streams[k].inflation
+    }
+
+    /// The base of the columns of each stream.
+    pub fn base(&self, columns: Vec<Vec<Prior>>) -> Base {
+        let sums: Vec<Sums> = columns
+            .iter()
+            .enumerate()
+            .map(|(k, own)| {
+                let columns: Vec<&[f64]> = own.iter().map(|p| p.column.as_slice()).collect();
+                self.sums(k, &[], &columns, self.sides())
+            })
+            .collect();
+        let errors = (0..self.streams.len())
+            .map(|k| {
+                let ridge = self.ridge(k, &columns[k]);
+                left_out(&sums[k], &ridge)
+            })
+            .collect();
+        Base {
+            columns,
+            sums,
+            errors,
+        }
+    }
+
+    fn ridge(&self, k: usize, columns: &[Prior]) -> Vec<f64> {
+        columns
+            .iter()
+            .map(|p| self.streams[k].variance / (p.std * p.std))
+            .collect()
+    }
+
+    /// Sums of `own` with `base`, with each other, and with the right-hand sides;
+    /// the base's sums with itself are left 0.
+    fn sums(&self, k: usize, base: &[Prior], own: &[&[f64]], sides: usize) -> Sums {
+        let (q, c) = (base.len(), own.len());
+        let stream = &self.streams[k];
+        let mut sums = Sums {
+            gram: vec![Mat::zeros(q + c, q + c); FOLDS],
+            right: vec![Mat::zeros(q + c, sides); FOLDS],
+            square: vec![vec![0.0; sides]; FOLDS],
+        };
+        let masked: Vec<Vec<f64>> = own
+            .iter()
+            .map(|column| {
+                column
+                    .iter()
+                    .zip(&stream.mask)
+                    .map(|(v, m)| v * m)
+                    .collect()
+            })
+            .collect();
+        for (range, fold) in &self.blocks {
+            let of = |x: &[f64], y: &[f64]| dot(&x[range.clone()], &y[range.clone()]);
+            for (i, x) in masked.iter().enumerate() {
+                for (j, y) in base.iter().enumerate() {
+                    sums.gram[*fold][(q + i, j)] += of(x, &y.column);
+                }
+                for (j, y) in masked[..=i].iter().enumerate() {
+                    sums.gram[*fold][(q + i, q + j)] += of(x, y);
+                }
+                for (r, y) in stream.right[..sides].iter().enumerate() {
+                    sums.right[*fold][(q + i, r)] += of(x, y);
+                }
+            }
+            if q == 0 {
+                for (r, y) in stream.right[..sides].iter().enumerate() {
+                    sums.square[*fold][r] += of(y, y);
+                }
+            }
+        }
+        for gram in &mut sums.gram {
+            mirror(gram);
+        }
+        sums
+    }
+
+    /// Base and candidate together.
+    fn joined(&self, base: &Base, k: usize, own: &[&[f64]], sides: usize) -> Sums {
+        let columns = &base.columns[k];
+        let q = columns.len();
+        let mut sums = self.sums(k, columns, own, sides);
+        for fold in 0..FOLDS {
+            let known = &base.sums[k];
+            for i in 0..q {
+                for j in 0..q {
+                    sums.gram[fold][(i, j)] = known.gram[fold][(i, j)];
+                }
+                for r in 0..sides {
+                    sums.right[fold][(i, r)] = known.right[fold][(i, r)];
+                }
+            }
+            sums.square[fold] = known.square[fold][..sides].to_vec();
+        }
+        sums
+    }
+
+    /// Evidence of `effect` with the columns of its linear parameters
+    /// (`columns[parameter][stream]`), beside `base`; with draws or without.
+    pub fn trial(
+        &self,
+        base: &Base,
+        effect: &dyn Effect,
+        shape: &[f64],
+        columns: &[Columns],
+        with_draws: bool,
+    ) -> Trial {
+        let sides = if with_draws { self.sides() } else { 1 };
+        let stream_columns: Vec<Vec<&[f64]>> = (0..self.streams.len())
+            .map(|k| {
+                let own: Vec<&[f64]> = columns.iter().map(|c| c[k].as_slice()).collect();
+                if own.iter().any(|c| c.is_empty()) {
+                    Vec::new()
+                } else {
+                    own
+                }
+            })
+            .collect();
+        let priors: Vec<f64> = effect.linear().iter().map(|l| l.prior_std).collect();
+        let errors = match effect.coupling() {
+            Coupling::Own => self.own(base, &stream_columns, &priors, sides),
+            Coupling::Shared => self.shared(base, &stream_columns, &priors, sides),
+        };
+        let gain = |k: usize, r: usize| match &errors[k] {
+            Some(errors) => {
+                0.5 * self.independent(k) * (base.errors[k][r] / errors[r].max(1e-300)).ln()
+            }
+            None => 0.0,
+        };
+        let sum = |r: usize| -> f64 {
+            (0..self.streams.len())
+                .map(|k| match effect.coupling() {
+                    // A channel that the effect does not act on has none of it.
+                    Coupling::Own => gain(k, r).max(0.0),
+                    Coupling::Shared => gain(k, r),
+                })
+                .sum()
+        };
+        Trial {
+            shape: shape.to_vec(),
+            score: sum(0),
+            null: (1..sides).map(sum).collect(),
+            streams: (0..self.streams.len()).map(|k| gain(k, 0)).collect(),
+        }
+    }
+
+    fn own(
+        &self,
+        base: &Base,
+        columns: &[Vec<&[f64]>],
+        priors: &[f64],
+        sides: usize,
+    ) -> Vec<Option<Vec<f64>>> {
+        columns
+            .iter()
+            .enumerate()
+            .map(|(k, own)| {
+                (!own.is_empty() && self.streams[k].count > 0.0).then(|| {
+                    let sums = self.joined(base, k, own, sides);
+                    let mut ridge = self.ridge(k, &base.columns[k]);
+                    ridge.extend(priors.iter().map(|p| self.streams[k].variance / (p * p)));
+                    left_out(&sums, &ridge)
+                })
+            })
+            .collect()
+    }
+
+    /// One set of parameters for all streams: each stream's base is
+    /// eliminated, what is left is summed over the streams.
+    fn shared(
+        &self,
+        base: &Base,
+        columns: &[Vec<&[f64]>],
+        priors: &[f64],
+        sides: usize,
+    ) -> Vec<Option<Vec<f64>>> {
+        let c = priors.len();
+        let sums: Vec<Option<Sums>> = columns
+            .iter()
+            .enumerate()
+            .map(|(k, own)| {
+                (!own.is_empty() && self.streams[k].count > 0.0)
+                    .then(|| self.joined(base, k, own, sides))
+            })
+            .collect();
+        let mut errors: Vec<Option<Vec<f64>>> = sums
+            .iter()
+            .map(|s| s.as_ref().map(|_| vec![0.0; sides]))
+            .collect();
+        for fold in 0..FOLDS {
+            let mut normal = Mat::<f64>::from_fn(c, c, |i, j| {
+                if i == j {
+                    1.0 / (priors[i] * priors[i])
+                } else {
+                    0.0
+                }
+            });
+            let mut right = Mat::<f64>::zeros(c, sides);
+            let mut reduced = Vec::new();
+            for (k, sums) in sums.iter().enumerate() {
+                let Some(sums) = sums else {
+                    reduced.push(None);
+                    continue;
+                };
+                let q = base.columns[k].len();
+                let (gram, rhs) = totals(sums);
+                let (gram, rhs) = (gram - &sums.gram[fold], rhs - &sums.right[fold]);
+                let ridge = self.ridge(k, &base.columns[k]);
+                let inner = gram.submatrix(0, 0, q, q).to_owned();
+                let cross = gram.submatrix(0, q, q, c).to_owned();
+                // Columns: what the base makes of the candidate, and of the sides.
+                let both = Mat::from_fn(q, c + sides, |i, j| {
+                    if j < c {
+                        cross[(i, j)]
+                    } else {
+                        rhs[(i, j - c)]
+                    }
+                });
+                let solution = solved(inner, &both, &ridge);
+                let by = solution.submatrix(0, 0, q, c).to_owned();
+                let free = solution.submatrix(0, c, q, sides).to_owned();
+                let weight = self.streams[k].count
+                    / (base.errors[k][0].max(1e-300) * self.streams[k].inflation);
+                let own = gram.submatrix(q, q, c, c) - cross.transpose() * &by;
+                let told = rhs.submatrix(q, 0, c, sides) - cross.transpose() * &free;
+                for i in 0..c {
+                    for j in 0..c {
+                        normal[(i, j)] += weight * own[(i, j)];
+                    }
+                    for r in 0..sides {
+                        right[(i, r)] += weight * told[(i, r)];
+                    }
+                }
+                reduced.push(Some((by, free)));
+            }
+            let shared = solved(normal, &right, &vec![0.0; c]);
+            for (k, sums) in sums.iter().enumerate() {
+                if let (Some(sums), Some(Some((by, free))), Some(errors)) =
+                    (sums, reduced.get(k), errors[k].as_mut())
+                {
+                    let q = base.columns[k].len();
+                    let based = free - by * &shared;
+                    let solution = Mat::from_fn(q + c, sides, |i, r| {
+                        if i < q {
+                            based[(i, r)]
+                        } else {
+                            shared[(i - q, r)]
+                        }
+                    });
+                    add(errors, &test_error(sums, fold, &solution));
+                }
+            }
+        }
+        errors
+    }
+}
+
+/// Squared errors on left-out folds, for each right-hand side.
+fn left_out(sums: &Sums, ridge: &[f64]) -> Vec<f64> {
+    let sides = sums.square[0].len();
+    let mut errors = vec![0.0; sides];
+    let (gram, right) = totals(sums);
+    for fold in 0..FOLDS {
+        let solution = solved(
+            &gram - &sums.gram[fold],
+            &(&right - &sums.right[fold]),
+            ridge,
+        );
+        add(&mut errors, &test_error(sums, fold, &solution));
+    }
+    errors
+}
+
+fn totals(sums: &Sums) -> (Mat<f64>, Mat<f64>) {
+    let mut gram = sums.gram[0].clone();
+    let mut right = sums.right[0].clone();
+    for fold in 1..FOLDS {
+        gram += &sums.gram[fold];
+        right += &sums.right[fold];
+    }
+    (gram, right)
+}
+
+fn add(sum: &mut [f64], more: &[f64]) {
+    for (sum, more) in sum.iter_mut().zip(more) {
+        *sum += more;
+    }
+}
+
+/// Copies the lower triangle into the upper one.
+pub fn mirror(gram: &mut Mat<f64>) {
+    for i in 0..gram.nrows() {
+        for j in 0..i {
+            gram[(j, i)] = gram[(i, j)];
+        }
+    }
+}
+
+/// `rr - 2 b'x + b'X b` of one fold, for each right-hand side.
+fn test_error(sums: &Sums, fold: usize, solution: &Mat<f64>) -> Vec<f64> {
+    let predicted = &sums.gram[fold] * solution;
+    (0..solution.ncols())
+        .map(|r| {
+            let fitted: f64 = (0..solution.nrows())
+                .map(|i| solution[(i, r)] * (predicted[(i, r)] - 2.0 * sums.right[fold][(i, r)]))
+                .sum();
+            sums.square[fold][r] + fitted
+        })
+        .collect()
+}
+
+/// Solves `(gram + ridge) b = right`; columns are scaled to one size first.
+/// All zero where the columns do not determine it.
+pub fn solved(mut gram: Mat<f64>, right: &Mat<f64>, ridge: &[f64]) -> Mat<f64> {
+    let (p, sides) = (gram.nrows(), right.ncols());
+    for (i, r) in ridge.iter().enumerate() {
+        gram[(i, i)] += r;
+    }
+    let scale: Vec<f64> = (0..p)
+        .map(|i| {
+            if gram[(i, i)] > 0.0 {
+                gram[(i, i)].sqrt()
+            } else {
+                1.0
+            }
+        })
+        .collect();
+    let scaled = Mat::from_fn(p, p, |i, j| {
+        gram[(i, j)] / (scale[i] * scale[j]) + if i == j { 1e-10 } else { 0.0 }
+    });
+    let rhs = Mat::from_fn(p, sides, |i, r| right[(i, r)] / scale[i]);
+    match scaled.llt(Side::Lower) {
+        Ok(factor) => {
+            let solution = factor.solve(&rhs);
+            Mat::from_fn(p, sides, |i, r| solution[(i, r)] / scale[i])
+        }
+        Err(_) => Mat::zeros(p, sides),
+    }
+}
+
+/// `x y` in four sums, so that it runs in the width of the processor.
+fn dot(x: &[f64], y: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let (xs, ys) = (x.chunks_exact(4), y.chunks_exact(4));
+    let rest: f64 = xs
+        .remainder()
+        .iter()
+        .zip(ys.remainder())
+        .map(|(x, y)| x * y)
+        .sum();
+    for (x, y) in xs.zip(ys) {
+        for i in 0..4 {
+            sums[i] += x[i] * y[i];
+        }
+    }
+    sums.iter().sum::<f64>() + rest
+}

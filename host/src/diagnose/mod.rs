@@ -1,0 +1,142 @@
+//! `loadtwin diagnose`: which physical effect a model lacks, by what a
+//! recording shows.
+//!
+//! A recording becomes residuals ([`Session`]: strain given the reference
+//! torque, torque balance, angles) and signals. Each [`effect::Effect`]
+//! predicts every residual from the signals; its linear parameters come from
+//! least squares, its shape from search, its evidence from blocks that were
+//! left out, against draws of the same machine without any effect.
+
+mod correct;
+pub mod effect;
+mod error;
+mod fit;
+mod null;
+mod observe;
+mod page;
+mod recorded;
+mod select;
+mod signals;
+mod stream;
+mod structure;
+mod verdict;
+
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+pub use correct::{corrected, write};
+pub use error::{Interval, LoadErrors, load_errors};
+pub use observe::observe;
+pub use page::{page, sentence};
+pub use select::{Found, Ranked, Selection};
+pub use signals::Signals;
+pub use stream::{Kind, Session, Stream, Term};
+pub use structure::{Oddity, oddities};
+pub use verdict::{Verdict, report};
+
+use crate::calibrate::CalibrateError;
+use crate::machine::{Machine, MachineError};
+use crate::recording::RecordingError;
+use crate::simulate::SimulateError;
+
+/// Why nothing can be said.
+#[derive(Debug, Error)]
+pub enum DiagnoseError {
+    /// The machine is none whose residuals are known.
+    #[error("the machine has no [drivetrain]; only drivetrains can be diagnosed")]
+    NoDrivetrain,
+    /// The recording does not say enough.
+    #[error("{}: {reason}", recording.display())]
+    TooLittle {
+        /// The recording.
+        recording: PathBuf,
+        /// What it lacks and what is needed.
+        reason: String,
+    },
+    /// The motion of the machine cannot be read.
+    #[error(transparent)]
+    Motion(#[from] CalibrateError),
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// A file of the description cannot be used.
+    #[error(transparent)]
+    Machine(#[from] MachineError),
+    /// The machine without effect cannot be simulated.
+    #[error(transparent)]
+    Simulate(#[from] SimulateError),
+    /// No room for the simulations.
+    #[error(transparent)]
+    Io(#[from] std::io::Error),
+}
+
+/// What a diagnosis found.
+pub struct Diagnosis {
+    /// The residuals that it rests on.
+    pub sessions: Vec<Session>,
+    /// Those that took no part in it.
+    pub unseen: Vec<Session>,
+    /// What explains them.
+    pub selection: Selection,
+    /// What is left and unlike the machine without effect.
+    pub oddities: Vec<Oddity>,
+    /// What is said.
+    pub verdict: Verdict,
+    /// Errors on data that took no part.
+    pub errors: LoadErrors,
+}
+
+/// Seed of the draws without effect.
+const SEED: u64 = 20_261_121;
+
+/// Diagnoses `machine` on `recordings`; errors are told on `validation`, or,
+/// where there is none, on the last third of the recordings, which then takes
+/// no part in the final fit's figures.
+///
+/// # Errors
+/// [`DiagnoseError`] when the machine has no residuals, or a recording cannot
+/// be read or says too little.
+pub fn diagnose(
+    machine: &Machine,
+    recordings: &[PathBuf],
+    validation: &[PathBuf],
+    mut progress: impl FnMut(f64),
+) -> Result<Diagnosis, DiagnoseError> {
+    let mut sessions = read(machine, recordings)?;
+    let mut unseen = read(machine, validation)?;
+    let mut end = 0.0;
+    for session in sessions.iter_mut().chain(&mut unseen) {
+        for t in &mut session.signals.t {
+            *t += end;
+        }
+        end = session.signals.t.last().copied().unwrap_or(0.0) + session.signals.dt_s;
+    }
+    progress(0.1);
+    let draws = null::draws(machine, &sessions, SEED);
+    progress(0.4);
+    let selection = select::select(&sessions, &draws, |part| progress(0.4 + 0.6 * part));
+    let oddities = oddities(&sessions, &selection, &draws);
+    let verdict = Verdict::of(&sessions, &selection, &oddities, &draws);
+    let judged = if unseen.is_empty() {
+        &sessions
+    } else {
+        &unseen
+    };
+    let errors = load_errors(judged, &selection, SEED);
+    Ok(Diagnosis {
+        sessions,
+        unseen,
+        selection,
+        oddities,
+        verdict,
+        errors,
+    })
+}
+
+fn read(machine: &Machine, paths: &[PathBuf]) -> Result<Vec<Session>, DiagnoseError> {
+    paths
+        .iter()
+        .map(|path: &PathBuf| observe(machine, Path::new(path)))
+        .collect()
+}

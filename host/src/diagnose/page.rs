@@ -1,0 +1,197 @@
+//! The page of a diagnosis.
+
+use super::effect::Coupling;
+use super::stream::Kind;
+use super::{Diagnosis, Interval, Verdict};
+use crate::machine::Machine;
+use crate::report::{
+    Axis, Data, KeyFigure, Mark, Plot, PlotSize, Report, Role, ScatterSample, Section, Series,
+    Table,
+};
+
+/// Points of a plot.
+const POINTS: usize = 3000;
+
+/// Verdict, ranking, errors, and the residuals before and after over time,
+/// torque, speed, angle and temperature.
+pub fn page(machine: &Machine, recording: &str, diagnosis: &Diagnosis) -> Report {
+    let errors = &diagnosis.errors;
+    Report {
+        title: format!("{}: diagnosis", machine.name),
+        facts: vec![
+            ["Recording".into(), recording.into()],
+            ["Verdict".into(), sentence(&diagnosis.verdict)],
+        ],
+        key_figures: [
+            ("as described", errors.nominal.before),
+            ("as described, with what was found", errors.nominal.after),
+            ("recalibrated", errors.recalibrated.before),
+            (
+                "recalibrated, with what was found",
+                errors.recalibrated.after,
+            ),
+        ]
+        .into_iter()
+        .map(|(label, figure)| KeyFigure {
+            label: label.into(),
+            value: figure
+                .value_percent
+                .map_or_else(|| "–".into(), |v| format!("{v:.3} %")),
+            note: note(figure),
+        })
+        .collect(),
+        tables: vec![ranking(diagnosis), rests(diagnosis)],
+        time: None,
+        sections: worst(diagnosis)
+            .into_iter()
+            .map(|k| section(diagnosis, k))
+            .collect(),
+    }
+}
+
+/// The verdict in words.
+pub fn sentence(verdict: &Verdict) -> String {
+    match verdict {
+        Verdict::None => "nothing is missing that this recording shows".into(),
+        Verdict::Effects(names) => format!("missing: {}", names.join(", ")),
+        Verdict::Inseparable(names) => format!(
+            "one of these, which this recording cannot tell apart: {}",
+            names.join(", ")
+        ),
+        Verdict::Unknown => "something is missing that no candidate explains".into(),
+    }
+}
+
+fn note(figure: Interval) -> String {
+    figure
+        .interval_percent
+        .map_or_else(String::new, |[low, high]| {
+            format!("{low:.3} to {high:.3} %, mean absolute error over nominal torque")
+        })
+}
+
+fn ranking(diagnosis: &Diagnosis) -> Table {
+    Table {
+        caption: "Candidates: logarithm of the evidence on blocks left out".into(),
+        head: ["Candidate", "what it is", "evidence", "by chance"]
+            .map(String::from)
+            .to_vec(),
+        rows: diagnosis
+            .selection
+            .ranking
+            .iter()
+            .map(|r| {
+                vec![
+                    r.effect.name().into(),
+                    r.effect.about().into(),
+                    format!("{:.1}", r.trial.score),
+                    format!("{:.1}", r.threshold),
+                ]
+            })
+            .collect(),
+    }
+}
+
+fn rests(diagnosis: &Diagnosis) -> Table {
+    Table {
+        caption: "Residuals: mean square over that of the machine without effect".into(),
+        head: ["Residual", "before", "after", "Hz", "per turn"]
+            .map(String::from)
+            .to_vec(),
+        rows: diagnosis
+            .oddities
+            .iter()
+            .map(|o| {
+                vec![
+                    o.channel.clone(),
+                    format!("{:.2}", o.before),
+                    format!("{:.2}", o.after),
+                    format!("{:.1}", o.frequency_hz),
+                    format!("{:.1}", o.order),
+                ]
+            })
+            .collect(),
+    }
+}
+
+/// The residuals in which something was found, the three most telling.
+fn worst(diagnosis: &Diagnosis) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..diagnosis.oddities.len()).collect();
+    let told = |k: &usize| {
+        let o = &diagnosis.oddities[*k];
+        o.before - o.after.min(o.before) + 0.1 * o.after
+    };
+    order.sort_by(|a, b| told(b).total_cmp(&told(a)));
+    order.truncate(3);
+    order
+}
+
+fn section(diagnosis: &Diagnosis, k: usize) -> Section {
+    let session = &diagnosis.sessions[0];
+    let (signals, stream) = (&session.signals, &session.streams[k]);
+    let after = &diagnosis.selection.rest[0][k];
+    let unit = match stream.kind {
+        Kind::Strain => "",
+        Kind::Balance => "N m",
+        Kind::Angle => "rad",
+    };
+    let turn: Vec<f64> = signals
+        .angle
+        .iter()
+        .map(|a| a.rem_euclid(std::f64::consts::TAU))
+        .collect();
+    let mut over: Vec<(&str, &str, &[f64])> = vec![
+        ("Time", "s", &signals.t),
+        ("Torque over nominal", "", &signals.level),
+        ("Speed of the main shaft", "rad/s", &signals.speed),
+        ("Carrier angle", "rad", &turn),
+    ];
+    if let Some(temperature) = &signals.temperature {
+        over.push(("Temperature since the start", "K", temperature));
+    }
+    let plots = over
+        .into_iter()
+        .map(|(quantity, x_unit, x)| {
+            let mut sample = ScatterSample::new(POINTS);
+            for i in 0..signals.len() {
+                if stream.residual[i].is_finite() {
+                    sample.push(&[x[i], stream.residual[i], after[i]]);
+                }
+            }
+            let mut columns = sample.columns().into_iter();
+            let mut next = || columns.next().unwrap_or_default();
+            Plot {
+                title: format!("over {}", quantity.to_lowercase()),
+                size: PlotSize::Half,
+                x: Axis::new(quantity, x_unit),
+                y: Axis::new("Residual", unit),
+                data: Data::Own {
+                    x: next(),
+                    series: vec![
+                        (
+                            Series::new("before", Role::Innovation, Mark::Points),
+                            next(),
+                        ),
+                        (Series::new("after", Role::Estimate, Mark::Points), next()),
+                    ],
+                },
+                limits: Vec::new(),
+            }
+        })
+        .collect();
+    let shared = diagnosis
+        .selection
+        .found
+        .iter()
+        .any(|f| f.effect.coupling() == Coupling::Shared);
+    Section {
+        title: format!("Residual {}", stream.name),
+        note: if shared {
+            "One set of parameters explains all residuals together.".into()
+        } else {
+            String::new()
+        },
+        open: true,
+        plots,
+    }
+}

@@ -1,0 +1,162 @@
+//! What a recording says, on one slow time base.
+
+use faer::Mat;
+
+/// How one torsional chain answers to a torque that its model lacks.
+#[derive(Clone, Debug)]
+pub struct Response {
+    /// `[F G]` over a sample of [`Signals`], as [`crate::gearbox::Torsion::discretised`].
+    pub transition: Mat<f64>,
+    /// Column of the first inertia's drive torque.
+    pub first_drive: usize,
+    /// Row of each shaft's torque over the states, referred.
+    pub shafts: Vec<Vec<f64>>,
+    /// Stiffness of each shaft, referred [N m/rad].
+    pub stiffness: Vec<f64>,
+    /// Moment and speed ratio of each inertia, moments referred [kg m^2].
+    pub bodies: Vec<(f64, f64)>,
+    /// For shaft i and a braking torque on inertia j: what of it is missing in
+    /// the shaft's torque as the loads of one side tell it, -1, 0 or 1.
+    pub side: Vec<Vec<f64>>,
+}
+
+/// Signals that effects are made of, sample by sample, about 125 a second.
+#[derive(Clone, Debug, Default)]
+pub struct Signals {
+    /// Sample period [s].
+    pub dt_s: f64,
+    /// Time, continuous over all recordings [s].
+    pub t: Vec<f64>,
+    /// Carrier angle, continuous over turns [rad].
+    pub angle: Vec<f64>,
+    /// Speed of the main shaft [rad/s].
+    pub speed: Vec<f64>,
+    /// Acceleration of the main shaft [rad/s^2].
+    pub acceleration: Vec<f64>,
+    /// Torque of the first shaft, referred, as part of nominal.
+    pub level: Vec<f64>,
+    /// Temperature less that of the first sample [K].
+    pub temperature: Option<Vec<f64>>,
+    /// Speed of the main shaft that counts as nominal [rad/s].
+    pub nominal_speed: f64,
+    /// Torque of the main shaft that counts as nominal [N m].
+    pub nominal_torque: f64,
+    /// Names of the inertias.
+    pub inertias: Vec<String>,
+    /// Speed ratio of each inertia.
+    pub ratios: Vec<f64>,
+    /// Moving means of this many samples, three times over, smooth the
+    /// accelerations; odd.
+    pub smoothing: usize,
+    /// None where the loads of the chain are not all known.
+    pub response: Option<Response>,
+}
+
+impl Signals {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.t.len()
+    }
+
+    /// Whether there is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.t.is_empty()
+    }
+
+    /// Speed as part of nominal.
+    pub fn relative_speed(&self) -> impl Iterator<Item = f64> {
+        self.speed.iter().map(|w| w / self.nominal_speed)
+    }
+
+    /// What torque of each shaft is unexplained when a torque `brake`
+    /// [N m referred] acts on inertia `body` and the model lacks it [N m]:
+    ///
+    /// `(1 - L) R(brake) + side L(brake)`,
+    ///
+    /// `R` the response of the chain, `L` the smoothing below which the loads
+    /// and accelerations of one side tell the torque.
+    pub fn unexplained_torque(&self, body: usize, brake: &[f64]) -> Option<Vec<Vec<f64>>> {
+        let r = self.response.as_ref()?;
+        let states = r.transition.nrows();
+        let bodies = r.bodies.len();
+        let total: f64 = r.bodies.iter().map(|b| b.0).sum();
+        let mut x = vec![0.0; states];
+        let mut next = vec![0.0; states];
+        let mut torques = vec![Vec::with_capacity(brake.len()); r.shafts.len()];
+        let column = r.first_drive + body;
+        // It starts where the torque at first has settled: twists relative to the rigid motion.
+        let mut carried = 0.0;
+        for (i, stiffness) in r.stiffness.iter().enumerate() {
+            let own = if i == body { brake[0] } else { 0.0 };
+            carried += r.bodies[i].0 / total * brake[0] - own;
+            x[1 + i] = carried / stiffness;
+        }
+        for f in brake {
+            for (row, torque) in r.shafts.iter().zip(&mut torques) {
+                torque.push(row.iter().zip(&x).map(|(c, x)| c * x).sum());
+            }
+            let u = -f / r.bodies[body].1;
+            for (i, slot) in next.iter_mut().enumerate() {
+                let mut sum = r.transition[(i, column)] * u;
+                for (j, x) in x.iter().enumerate() {
+                    sum += r.transition[(i, j)] * x;
+                }
+                *slot = sum;
+            }
+            // Rigid motion is measured and not predicted: it is taken off.
+            let first = states - bodies;
+            let mean: f64 = (0..bodies)
+                .map(|i| r.bodies[i].0 / total * next[first + i])
+                .sum();
+            next[first..].iter_mut().for_each(|w| *w -= mean);
+            next[0] = 0.0;
+            std::mem::swap(&mut x, &mut next);
+        }
+        let slow_brake = smooth(brake, self.smoothing);
+        for (torque, side) in torques.iter_mut().zip(&r.side) {
+            let slow = smooth(torque, self.smoothing);
+            for ((value, slow), brake) in torque.iter_mut().zip(slow).zip(&slow_brake) {
+                *value += side[body] * brake - slow;
+            }
+        }
+        Some(torques)
+    }
+}
+
+/// Moving mean over `width` samples, centred, three times over.
+pub fn smooth(x: &[f64], width: usize) -> Vec<f64> {
+    let once = moving_mean(x, width);
+    moving_mean(&moving_mean(&once, width), width)
+}
+
+/// Moving mean over `width` samples, centred; shorter at the ends.
+pub fn moving_mean(x: &[f64], width: usize) -> Vec<f64> {
+    let half = width / 2;
+    let mut sums = Vec::with_capacity(x.len() + 1);
+    let mut sum = 0.0;
+    sums.push(0.0);
+    for value in x {
+        sum += value;
+        sums.push(sum);
+    }
+    (0..x.len())
+        .map(|i| {
+            let (from, to) = (i.saturating_sub(half), (i + half + 1).min(x.len()));
+            (sums[to] - sums[from]) / (to - from) as f64
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_stays_a_line_under_smoothing() {
+        let line: Vec<f64> = (0..100).map(f64::from).collect();
+        let smoothed = smooth(&line, 5);
+        for i in 10..90 {
+            assert!((smoothed[i] - line[i]).abs() < 1e-9);
+        }
+    }
+}

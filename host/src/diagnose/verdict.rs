@@ -1,0 +1,231 @@
+//! What is said, and its JSON.
+
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use super::effect::{Coupling, LIBRARY};
+use super::null::Draws;
+use super::select::{Found, Selection};
+use super::stream::Session;
+use super::structure::Oddity;
+use super::{Diagnosis, effect};
+use crate::machine::Machine;
+
+/// Part of the excess that what was found must explain, or something else is missing.
+const EXPLAINED: f64 = 0.7;
+
+/// Excess of the mean square that counts as something, over how much it
+/// differs from draw to draw.
+const EXCESS: f64 = 8.0;
+
+/// Evidence of faulty samples that counts.
+const FAULTS: f64 = 40.0;
+
+/// What is said.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Verdict {
+    /// Nothing is missing.
+    None,
+    /// These effects, by name, the first found first.
+    Effects(Vec<&'static str>),
+    /// One of these, and which experiment would tell.
+    Inseparable(Vec<&'static str>),
+    /// Something that no candidate explains.
+    Unknown,
+}
+
+impl Verdict {
+    /// Judges what the search found and what it left.
+    pub fn of(
+        sessions: &[Session],
+        selection: &Selection,
+        oddities: &[Oddity],
+        draws: &Draws,
+    ) -> Self {
+        let faults: Vec<&'static str> = LIBRARY
+            .iter()
+            .filter(|e| evidence_of_faults(**e, sessions) > FAULTS)
+            .map(|e| e.name())
+            .collect();
+        if unexplained(sessions, oddities, draws) {
+            return Self::Unknown;
+        }
+        let mut names: Vec<&'static str> =
+            selection.found.iter().map(|f| f.effect.name()).collect();
+        if names.len() == 1 && faults.is_empty() && !selection.alike.is_empty() {
+            names.extend(selection.alike.iter().map(|a| a.effect.name()));
+            return Self::Inseparable(names);
+        }
+        names.extend(faults);
+        if names.is_empty() {
+            Self::None
+        } else {
+            Self::Effects(names)
+        }
+    }
+
+    /// The word in JSON.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Effects(names) if names.len() == 1 => "effect",
+            Self::Effects(_) => "effects",
+            Self::Inseparable(_) => "inseparable",
+            Self::Unknown => "unknown",
+        }
+    }
+}
+
+/// Whether more is left than chance leaves, and more than what a form that is
+/// not quite right leaves of an effect.
+fn unexplained(sessions: &[Session], oddities: &[Oddity], draws: &Draws) -> bool {
+    let n: f64 = sessions.iter().map(|s| s.signals.len() as f64).sum();
+    let weight = |k: usize| {
+        // What a mean square differs by from draw to draw, at least that of white noise.
+        let values: Vec<f64> = draws
+            .iter()
+            .map(|draw| {
+                let all: Vec<f64> = draw.iter().flat_map(|s| s[k].iter().copied()).collect();
+                let known = all.iter().filter(|v| v.is_finite());
+                known.clone().map(|v| v * v).sum::<f64>() / known.count().max(1) as f64
+            })
+            .collect();
+        let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+        let spread = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>()
+            / values.len().saturating_sub(1).max(1) as f64;
+        (spread.sqrt() / mean.max(1e-300)).max((2.0 / n).sqrt())
+    };
+    let (mut before, mut after, mut largest) = (0.0, 0.0, 0.0_f64);
+    for (k, oddity) in oddities.iter().enumerate() {
+        before += (oddity.before - 1.0).max(0.0);
+        after += (oddity.after - 1.0).max(0.0);
+        largest = largest.max((oddity.after - 1.0) / weight(k));
+    }
+    largest > EXCESS && after > (1.0 - EXPLAINED) * before
+}
+
+/// Logarithm of the odds that faulty samples give for an effect.
+fn evidence_of_faults(effect: &dyn effect::Effect, sessions: &[Session]) -> f64 {
+    sessions
+        .iter()
+        .flat_map(|s| &s.streams)
+        .map(|s| effect.evidence_of_faults(s))
+        .sum()
+}
+
+/// The object that `--json` prints.
+pub fn report(
+    machine: &Machine,
+    diagnosis: &Diagnosis,
+    validated_on: &[std::path::PathBuf],
+    machine_out: Option<&Path>,
+) -> Value {
+    let Diagnosis {
+        sessions,
+        selection,
+        verdict,
+        ..
+    } = diagnosis;
+    let unknown = *verdict == Verdict::Unknown;
+    let mut effects: Vec<Value> = if unknown {
+        Vec::new()
+    } else {
+        selection.found.iter().map(|f| found(f, sessions)).collect()
+    };
+    for effect in LIBRARY {
+        let evidence = evidence_of_faults(*effect, sessions);
+        if evidence > FAULTS {
+            let channels: Vec<&str> = sessions[0]
+                .streams
+                .iter()
+                .filter(|s| effect.evidence_of_faults(s) > 0.0)
+                .map(|s| s.name.as_str())
+                .collect();
+            effects.push(json!({
+                "name": effect.name(), "about": effect.about(), "channels": channels,
+                "parameters": {}, "evidence": evidence,
+            }));
+        }
+    }
+    let alternatives: Vec<Value> = selection
+        .ranking
+        .iter()
+        .take(6)
+        .map(|r| {
+            json!({
+                "name": r.effect.name(), "about": r.effect.about(),
+                "evidence": r.trial.score, "threshold": r.threshold,
+                "channels": acting(&r.trial.streams, sessions),
+            })
+        })
+        .collect();
+    let next_experiment = match verdict {
+        Verdict::Inseparable(names) => names
+            .first()
+            .and_then(|n| effect::by_name(n))
+            .map(effect::Effect::experiment),
+        _ => None,
+    };
+    json!({
+        "machine": machine.name,
+        "verdict": verdict.word(),
+        "effects": effects,
+        "alternatives": alternatives,
+        "next_experiment": next_experiment,
+        "error": diagnosis.errors,
+        "validated_on": validated_on,
+        "machine_out": machine_out,
+        "unexplained": if unknown { json!(strangest(&diagnosis.oddities)) } else { Value::Null },
+    })
+}
+
+/// The streams with the most left, the worst first.
+pub fn strangest(oddities: &[Oddity]) -> Vec<&Oddity> {
+    let mut worst: Vec<&Oddity> = oddities.iter().filter(|o| o.after > 1.1).collect();
+    worst.sort_by(|a, b| b.after.total_cmp(&a.after));
+    worst.truncate(4);
+    worst
+}
+
+fn acting(gains: &[f64], sessions: &[Session]) -> Vec<String> {
+    let most = gains.iter().copied().fold(0.0, f64::max);
+    sessions[0]
+        .streams
+        .iter()
+        .zip(gains)
+        .filter(|(_, g)| **g > 4.0 && **g > 0.01 * most)
+        .map(|(s, _)| s.name.clone())
+        .collect()
+}
+
+fn found(f: &Found, sessions: &[Session]) -> Value {
+    let streams = &sessions[0].streams;
+    let mut parameters = serde_json::Map::new();
+    for (shape, value) in f.effect.shape().iter().zip(&f.shape) {
+        parameters.insert(format!("{} [{}]", shape.name, shape.unit), json!(value));
+    }
+    let acting: Vec<usize> = (0..streams.len())
+        .filter(|k| !f.parameters[*k].is_empty())
+        .collect();
+    let value = |k: usize, j: usize| json!(f.parameters[k][j]);
+    for (j, linear) in f.effect.linear().iter().enumerate() {
+        let of = match f.effect.coupling() {
+            Coupling::Shared => acting.first().map_or(Value::Null, |k| value(*k, j)),
+            Coupling::Own => acting
+                .iter()
+                .map(|k| (streams[*k].name.clone(), value(*k, j)))
+                .collect::<serde_json::Map<_, _>>()
+                .into(),
+        };
+        parameters.insert(linear.name.into(), of);
+    }
+    json!({
+        "name": f.effect.name(),
+        "about": f.effect.about(),
+        "channels": acting.iter().map(|k| &streams[*k].name).collect::<Vec<_>>(),
+        "parameters": parameters,
+        "evidence": f.evidence,
+        "threshold": f.threshold,
+    })
+}
