@@ -1,0 +1,113 @@
+//! `loadtwin diagnose` on recordings whose effect it is not told.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+fn machine() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/gearbox/machine.toml")
+}
+
+fn loadtwin(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_loadtwin"))
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+/// A recording with `effects`, in `folder`.
+fn recorded(folder: &Path, name: &str, scenario: &str, seconds: &str, effects: &[&str]) -> String {
+    let path = folder.join(name).display().to_string();
+    let machine = machine().display().to_string();
+    let mut arguments = vec!["simulate", &machine, "--scenario", scenario, "--seed", "5"];
+    arguments.extend(["--duration-s", seconds, "-o", &path]);
+    for effect in effects {
+        arguments.extend(["--effect", effect]);
+    }
+    let output = loadtwin(&arguments);
+    assert!(output.status.success());
+    path
+}
+
+fn diagnosed(recording: &str, more: &[&str]) -> Value {
+    let machine = machine().display().to_string();
+    let mut arguments = vec!["diagnose", "--json", &machine, recording];
+    arguments.extend(more);
+    let output = loadtwin(&arguments);
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn nothing_is_missing_from_a_clean_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = recorded(folder.path(), "clean.parquet", "start-stop", "60", &[]);
+    let said = diagnosed(&recording, &[]);
+    assert_eq!(said["verdict"], "none", "{said}");
+    assert_eq!(said["effects"].as_array().unwrap().len(), 0);
+}
+
+#[test]
+fn a_gain_error_is_named_and_the_description_is_mended() {
+    let folder = tempfile::tempdir().unwrap();
+    let effect = ["gain-error@ta2=1"];
+    let seen = recorded(folder.path(), "seen.parquet", "start-stop", "60", &effect);
+    let unseen = recorded(folder.path(), "unseen.parquet", "steps", "60", &effect);
+    let out = folder.path().join("mended.toml").display().to_string();
+    let page = folder.path().join("page.html").display().to_string();
+    let more = ["--validate", &unseen, "--out", &out, "--report", &page];
+    let said = diagnosed(&seen, &more);
+    assert_eq!(said["verdict"], "effect", "{said}");
+    assert_eq!(said["effects"][0]["name"], "gain-error");
+    assert_eq!(said["effects"][0]["channels"], serde_json::json!(["ta2"]));
+    let gain = said["effects"][0]["parameters"]["part of the reading"]["ta2"]
+        .as_f64()
+        .unwrap();
+    assert!((gain.abs() - 0.05).abs() < 1e-3, "{gain}");
+    let error = |which: &str| {
+        said["error"]["nominal"][which]["value_percent"]
+            .as_f64()
+            .unwrap()
+    };
+    assert!(error("after") < 0.5 * error("before"), "{said}");
+    assert_eq!(said["machine_out"], out);
+    assert!(std::fs::metadata(&page).unwrap().len() > 10_000);
+    // The mended description is one that `replay` runs, with a smaller error.
+    let nmae = |machine: &str| {
+        let output = loadtwin(&["replay", "--json", machine, &unseen]);
+        assert!(output.status.success());
+        let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+        said["loads"]["main_shaft"]["nmae_percent"]["full"]
+            .as_f64()
+            .unwrap()
+    };
+    let described = machine().display().to_string();
+    assert!(nmae(&out) < nmae(&described));
+}
+
+#[test]
+fn what_no_candidate_explains_is_unknown() {
+    let folder = tempfile::tempdir().unwrap();
+    let effect = ["bursts=1"];
+    let recording = recorded(folder.path(), "bursts.parquet", "start-stop", "60", &effect);
+    let said = diagnosed(&recording, &[]);
+    assert_eq!(said["verdict"], "unknown", "{said}");
+    assert!(said["unexplained"][0]["after"].as_f64().unwrap() > 1.5);
+}
+
+#[test]
+fn a_recording_that_says_too_little_gets_a_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = recorded(folder.path(), "short.parquet", "start-stop", "5", &[]);
+    let machine = machine().display().to_string();
+    let output = loadtwin(&["diagnose", &machine, &recording]);
+    assert_eq!(output.status.code(), Some(1));
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert!(message.contains("too short"), "{message}");
+    assert_eq!(message.lines().count(), 1);
+}
