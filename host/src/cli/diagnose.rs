@@ -25,8 +25,9 @@ pub struct Diagnose {
     /// Recordings (CSV, Parquet or MDF4).
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
-    /// Recordings that take no part in the fit and on which the error is told;
-    /// blocks that a fit left out where none is given.
+    /// Recordings that take no part in the fit and on which the error is told.
+    /// Without them it is told on the fitted recordings (of a measured drive on
+    /// their last third, which is then left out).
     #[arg(long, num_args = 1.., value_name = "RECORDING")]
     validate: Vec<PathBuf>,
     /// Write the machine description with what was found.
@@ -53,11 +54,6 @@ impl Diagnose {
             progress.show(part);
         })?;
         drop(progress);
-        let validated_on = if self.validate.is_empty() {
-            &self.recordings
-        } else {
-            &self.validate
-        };
         if let Some(path) = &self.report {
             let names: Vec<String> = self
                 .recordings
@@ -87,13 +83,16 @@ impl Diagnose {
             _ => None,
         };
         if as_json {
-            let mut out = diagnose::report(&machine, &diagnosis, validated_on, written);
+            let mut out = diagnose::report(&machine, &diagnosis, &self.validate, written);
             if let Some(object) = out.as_object_mut() {
                 object.insert("seconds".into(), json!(started.elapsed().as_secs_f64()));
             }
             say!("{out}");
         } else {
             print(&diagnosis);
+            if self.validate.is_empty() {
+                say!("errors on the fitted recordings: give others with --validate");
+            }
             say!("{:.1} s", started.elapsed().as_secs_f64());
         }
         Ok(())

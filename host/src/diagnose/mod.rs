@@ -83,7 +83,7 @@ pub struct Diagnosis {
     pub oddities: Vec<Oddity>,
     /// What is said.
     pub verdict: Verdict,
-    /// Errors on data that took no part.
+    /// Errors on the unseen recordings; on the fitted ones where there are none.
     pub errors: LoadErrors,
 }
 
@@ -91,8 +91,7 @@ pub struct Diagnosis {
 const SEED: u64 = 20_261_121;
 
 /// Diagnoses `machine` on `recordings`; errors are told on `validation`, or,
-/// where there is none, on the last third of the recordings, which then takes
-/// no part in the final fit's figures.
+/// where there is none, on the fitted recordings themselves.
 ///
 /// # Errors
 /// [`DiagnoseError`] when the machine has no residuals, or a recording cannot
