@@ -83,9 +83,15 @@ impl RotorScenario {
         seed: u64,
         duration_s: Option<f64>,
     ) -> Result<Self, SimulateError> {
-        let (speeds_rad_s, usual_s) = match name {
-            "constant" => ([rotor.speed_rad_s; 2], 2.0),
-            "run-up" => (rotor.schedule(), 10.0),
+        let (speeds_rad_s, usual_s) = match (name, rotor.schedule_rad_s) {
+            ("constant", _) => ([rotor.speed_rad_s; 2], 2.0),
+            ("run-up", Some(schedule)) => (schedule, 10.0),
+            ("run-up", None) => {
+                return Err(SimulateError::Scenario {
+                    found: name.into(),
+                    allowed: "constant; run-up where rotor.schedule_rad_s gives its speeds".into(),
+                });
+            }
             _ => {
                 let names: Vec<&str> = ROTOR_SCENARIOS.iter().map(|(name, _)| *name).collect();
                 return Err(SimulateError::Scenario {
