@@ -1,0 +1,72 @@
+//! The wheel bearing of the example, from simulated words to loads.
+
+use std::path::{Path, PathBuf};
+
+use loadtwin::build::Sensors;
+use loadtwin::machine::{Kind, Machine};
+use loadtwin::replay::{self, Figures};
+use loadtwin::simulate::{BearingScenario, BearingSimulation};
+use loadtwin_common::fault::Fault;
+
+/// The individual that the example is calibrated for.
+const CALIBRATED: u64 = 101;
+
+fn example() -> Machine {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/bearing/calibrated.toml");
+    Machine::load(&path).unwrap()
+}
+
+fn record(machine: &Machine, scenario: &str, duration_s: f64, folder: &Path) -> PathBuf {
+    let Some(Kind::Bearing(bearing)) = machine.kind() else {
+        unreachable!("the example is a bearing");
+    };
+    let (which, _) = BearingScenario::by_name(scenario).unwrap();
+    let path = folder.join(format!("{scenario}.parquet"));
+    BearingSimulation::new(machine, bearing, which, duration_s, 7, Some(CALIBRATED), &[])
+        .unwrap()
+        .write(&path, |_| ())
+        .unwrap();
+    path
+}
+
+#[test]
+fn moments_are_found_from_an_unknown_start() {
+    let folder = tempfile::tempdir().unwrap();
+    let machine = example();
+    let path = record(&machine, "lc1", 16.0, folder.path());
+    let sensors = Sensors::choose(&machine, None).unwrap();
+    let mut figures = Figures::new(&machine);
+    let mut valid = 0_u64;
+    replay::run(&machine, &sensors, &path, |sample, estimate, _| {
+        figures.push(sample, estimate);
+        valid += u64::from(estimate.loads[3].fault.is_none());
+    })
+    .unwrap();
+    assert!(valid > figures.samples() / 4, "{valid}");
+    for (name, bound) in [("Mx", 4.0), ("Mz", 9.0)] {
+        let (_, load) = figures.loads().find(|(load, _)| *load == name).unwrap();
+        let rmse = load.rmse_percent.unwrap();
+        println!("{name}: {rmse:.2} % of its range");
+        assert!(rmse < bound, "{name} {rmse}");
+    }
+}
+
+#[test]
+fn a_standing_wheel_has_no_valid_load() {
+    let folder = tempfile::tempdir().unwrap();
+    let machine = example();
+    let path = record(&machine, "stop-and-go", 40.0, folder.path());
+    let sensors = Sensors::choose(&machine, None).unwrap();
+    let (mut last, mut still, mut moved) = (None, 0_u32, 0_u64);
+    replay::run(&machine, &sensors, &path, |sample, estimate, _| {
+        let count = sample.raw.encoders[0];
+        still = if last == Some(count) { still + 1 } else { 0 };
+        last = Some(count);
+        let valid = estimate.loads.iter().any(|load| load.fault == Fault::None);
+        moved += u64::from(valid);
+        // A tenth of a second without a count.
+        assert!(still < 200 || !valid, "a load at {} s", sample.t);
+    })
+    .unwrap();
+    assert!(moved > 0, "no load was ever valid");
+}
