@@ -218,6 +218,5 @@ fn the_papers_case_without_noise() {
 fn the_papers_case_with_noise() {
     let turning = case(LoadKind::Unbalance, 1e-7, true, 3);
     assert!(turning.settled_um <= 0.2, "{}", turning.settled_um);
-    // Half a sample of turning: the forces are taken as held over a sample.
-    assert!(turning.force_percent <= 2.5, "{}", turning.force_percent);
+    assert!(turning.force_percent <= 0.5, "{}", turning.force_percent);
 }

@@ -22,8 +22,8 @@ pub struct Discrete {
     pub transition: Mat<f64>,
 }
 
-/// `[A_D B_D]`, 2 r x (2 r + m): exact for forces held over a sample, the
-/// upper rows of `exp([A B; 0 0] dt)`.
+/// `[A_D B_D]`, 2 r x (2 r + m), the upper rows of `exp([A B; 0 W] dt)`: exact for
+/// forces that are held over a sample, and for pairs that turn with the shaft within it.
 ///
 /// Source: Van Loan, IEEE Trans. Autom. Control 23 (1978); Rezende et al. 2023,
 /// eq. (5), (6), whose `A^-1` needs no inverse here.
@@ -32,6 +32,7 @@ pub fn held(
     reduced: &Reduced,
     speed_rad_s: f64,
     forces: &[Vec<f64>],
+    turning: &[bool],
     dt_s: f64,
 ) -> Mat<f64> {
     let (r, m) = (reduced.len(), forces.len());
@@ -50,6 +51,11 @@ pub fn held(
         for (i, value) in reduced.row(force).iter().enumerate() {
             a[(r + i, n + j)] = value * dt_s;
         }
+    }
+    for k in (0..turning.len()).filter(|k| turning[*k]) {
+        let (x, y) = (n + 2 * k, n + 2 * k + 1);
+        a[(x, y)] = -speed_rad_s * dt_s;
+        a[(y, x)] = speed_rad_s * dt_s;
     }
     let e = exponential(&a);
     Mat::from_fn(n, n + m, |i, j| e[(i, j)])

@@ -167,7 +167,14 @@ impl RotorPlan {
     }
 
     fn discrete(&self, speed: f64) -> Result<Discrete, BuildError> {
-        let held = held(&self.model, &self.reduced, speed, &self.forces, self.dt_s);
+        let held = held(
+            &self.model,
+            &self.reduced,
+            speed,
+            &self.forces,
+            &self.turning,
+            self.dt_s,
+        );
         discrete(&held, &moved(&self.turning, speed * self.dt_s)).ok_or(BuildError::Sampled)
     }
 
