@@ -68,7 +68,7 @@ pub enum BuildError {
     TooLarge(&'static str),
     /// A kind of machine that boards do not run.
     #[error(
-        "no image of {0} can be made: boards run drivetrains and rotors; allowed: [drivetrain] or [rotor]"
+        "no image of {0} can be made: it runs on the host only; allowed: [drivetrain] or [rotor]"
     )]
     NoImage(&'static str),
     /// A bearing's phases were lost on the rig.

@@ -22,10 +22,18 @@ fn record(machine: &Machine, scenario: &str, duration_s: f64, folder: &Path) -> 
     };
     let (which, _) = BearingScenario::by_name(scenario).unwrap();
     let path = folder.join(format!("{scenario}.parquet"));
-    BearingSimulation::new(machine, bearing, which, duration_s, 7, Some(CALIBRATED), &[])
-        .unwrap()
-        .write(&path, |_| ())
-        .unwrap();
+    BearingSimulation::new(
+        machine,
+        bearing,
+        which,
+        duration_s,
+        7,
+        Some(CALIBRATED),
+        &[],
+    )
+    .unwrap()
+    .write(&path, |_| ())
+    .unwrap();
     path
 }
 
