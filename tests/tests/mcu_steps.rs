@@ -17,8 +17,8 @@ const STORED: [(&str, u32, u32); 8] = [
     ("unscented_5_8", 6180, 7200),
     ("scheduled_gain_6_4", 389, 400),
     ("butterworth", 34, 40),
-    ("gearbox_line", 4738, 5000),
-    ("gearbox_steady_line", 3458, 3500),
+    ("gearbox_line", 4754, 5000),
+    ("gearbox_steady_line", 3414, 3500),
 ];
 
 #[test]
