@@ -31,8 +31,8 @@ pub enum Filter {
     /// Augmented extended Kalman filter.
     #[default]
     Aekf,
-    /// The same with gains computed beforehand over the carrier angle, a tenth of
-    /// its arithmetic; start, standstill and faults by the full recursion.
+    /// The same with gains computed beforehand over the carrier angle; start,
+    /// standstill and faults by the full recursion.
     Steady,
 }
 
