@@ -1,4 +1,4 @@
-//! The library of effects, one a file; a new one is a file and a line in [`LIBRARY`].
+//! The library of effects, a file for each family; a new one is its `impl` and a line in [`LIBRARY`].
 
 mod bending;
 mod clock;
@@ -171,8 +171,8 @@ pub static LIBRARY: &[&dyn Effect] = &[
     &clock::Delay,
     &eccentricity::Eccentricity,
     &mains::PickUp,
-    &word::DroppedBits,
-    &word::Stuck,
+    &word::DROPPED_BITS,
+    &word::STUCK,
 ];
 
 /// The effect of that name.

@@ -7,42 +7,36 @@ use crate::diagnose::stream::{Session, Stream, Term};
 /// stands out as these do comes once in 10^8 samples.
 const PER_SAMPLE: f64 = 8.0;
 
-/// Samples that stand out alone: bits that are lost.
-pub struct DroppedBits;
-
-impl Effect for DroppedBits {
-    fn name(&self) -> &'static str {
-        "dropped-bits"
-    }
-    fn about(&self) -> &'static str {
-        "single samples have wrong bits"
-    }
-    fn linear(&self) -> &'static [Linear] {
-        &[]
-    }
-    fn grid(&self, _: &Session) -> Vec<Vec<f64>> {
-        Vec::new()
-    }
-    fn terms(&self, _: &Session, _: &[f64]) -> Vec<Term> {
-        Vec::new()
-    }
-    fn evidence_of_faults(&self, stream: &Stream) -> f64 {
-        PER_SAMPLE * stream.spikes as f64
-    }
-    fn experiment(&self) -> &'static str {
-        "a test pattern of the converter"
-    }
+/// Samples that are wrong by themselves: no residual is fitted, they are counted.
+pub struct WordFault {
+    name: &'static str,
+    about: &'static str,
+    experiment: &'static str,
+    samples: fn(&Stream) -> u64,
 }
 
-/// A channel that repeats a word.
-pub struct Stuck;
+/// Samples that stand out alone: bits that are lost.
+pub const DROPPED_BITS: WordFault = WordFault {
+    name: "dropped-bits",
+    about: "single samples have wrong bits",
+    experiment: "a test pattern of the converter",
+    samples: |stream| stream.spikes,
+};
 
-impl Effect for Stuck {
+/// A channel that repeats a word.
+pub const STUCK: WordFault = WordFault {
+    name: "stuck-values",
+    about: "a channel repeats its last word for a while",
+    experiment: "a counter of new conversions beside each word",
+    samples: |stream| stream.stuck,
+};
+
+impl Effect for WordFault {
     fn name(&self) -> &'static str {
-        "stuck-values"
+        self.name
     }
     fn about(&self) -> &'static str {
-        "a channel repeats its last word for a while"
+        self.about
     }
     fn linear(&self) -> &'static [Linear] {
         &[]
@@ -54,9 +48,9 @@ impl Effect for Stuck {
         Vec::new()
     }
     fn evidence_of_faults(&self, stream: &Stream) -> f64 {
-        PER_SAMPLE * stream.stuck as f64
+        PER_SAMPLE * (self.samples)(stream) as f64
     }
     fn experiment(&self) -> &'static str {
-        "a counter of new conversions beside each word"
+        self.experiment
     }
 }
