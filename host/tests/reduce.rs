@@ -242,8 +242,7 @@ fn five_gauges_fit_an_image() {
 
 /// Meshes, solves and reduces the example anew. The maps are the committed
 /// ones, and equal the solution with all forces at once, each planet between
-/// the nodes: to 1 % of the gauge's peak at nine gauges in ten, to 2.5 % at the
-/// rest, which sit on the ring gear and see single elements under the contact.
+/// the nodes, to 1 % of every gauge's peak.
 #[test]
 fn maps_are_those_of_the_solver() {
     let folder = tempfile::tempdir().unwrap();
@@ -306,13 +305,12 @@ fn maps_are_those_of_the_solver() {
         worst.push((off.fold(0.0, f64::max), &channel.name));
     }
     worst.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let within = worst.iter().filter(|(off, _)| *off < 0.01).count();
     println!(
-        "{} gauges, {angles} angles: {within} within 1 % of their peak; the worst: {:.4?}",
+        "{} gauges, {angles} angles, parts of the gauge's peak: {:.5?}",
         gauges.len(),
         &worst[..8]
     );
-    assert!(worst[0].0 < 0.025 && within >= 90, "{worst:?}");
+    assert!(gauges.len() == 101 && worst[0].0 < 0.01, "{worst:?}");
 }
 
 /// A gauge that really sits at another node of its patch, with another gain: the

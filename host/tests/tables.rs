@@ -4,7 +4,7 @@ use std::path::Path;
 
 use loadtwin::machine::Machine;
 use loadtwin::simulate::Applied;
-use loadtwin::tables::{TABLE_2, judge, statistics};
+use loadtwin::tables::{Individual, TABLE_2, statistics};
 
 #[test]
 fn each_set_of_sensors_is_at_least_as_good_as_in_the_paper() {
@@ -14,7 +14,8 @@ fn each_set_of_sensors_is_at_least_as_good_as_in_the_paper() {
     );
     let machine = Machine::load(Path::new(path)).unwrap();
     let effects = Applied::list(&["paper"]).unwrap();
-    let cells = judge(&machine, 11, &effects, &TABLE_2).unwrap();
+    let individual = Individual::new(&machine, 11, &effects).unwrap();
+    let cells = individual.judge(&TABLE_2).unwrap();
     assert_eq!(cells.len(), TABLE_2.len());
     for (row, cell) in TABLE_2.iter().zip(&cells) {
         let (ours, paper) = (cell.nmae[0], row.nmae.unwrap()[0]);

@@ -83,6 +83,7 @@ fn the_tuned_description_is_used_and_each_method_is_best_at_what_it_asks_for() {
     let ramps = record(folder, "torque-ramps", 60.0, 2);
     let start_stop = record(folder, "start-stop", 90.0, 3);
     let (calibrated, tuned) = (folder.join("calibrated.toml"), folder.join("tuned.toml"));
+    let page = folder.join("tuning.html");
     let text = |text: &'static str| Path::new(text);
     loadtwin(&[
         text("calibrate"),
@@ -104,8 +105,13 @@ fn the_tuned_description_is_used_and_each_method_is_best_at_what_it_asks_for() {
         text(set),
         text("-o"),
         &tuned,
+        text("--report"),
+        &page,
     ])
     .unwrap();
+    // The response of the set, and the noise of each of the 13 channels.
+    let page = std::fs::read_to_string(page).unwrap();
+    assert_eq!(page.matches("data-plot=").count(), 1 + 13);
     let methods = report["sets"][0]["methods"].as_object().unwrap();
     assert_eq!(methods.len(), Method::ALL.len());
     let least = |of: &str, key: &str| {

@@ -96,11 +96,11 @@ OUTPUT = "*EL FILE, NSET=GAUGES\nE\n*END STEP\n"
 
 
 def unit():
-    """One factorisation, one back-substitution for each unit force; on the ring at every other corner."""
+    """One factorisation, one back-substitution for each unit force; on the ring at every node of the contact."""
     with open("unit.inp", "w") as deck, open("loads.csv", "w") as loads:
         deck.write(MODEL + "*STEP\n*GREEN\n*CLOAD\n")
         loads.write("place,angle [deg],axis\n")
-        for node, place, where in [(n, "ring", angle[n]) for n in [n for n in ring if n not in middle][::2]] + [
+        for node, place, where in [(n, "ring", angle[n]) for n in ring] + [
             (n, bearing["name"], "") for n, bearing in zip(seat, bearings)
         ]:
             for number, axis in enumerate("xyz", 1):

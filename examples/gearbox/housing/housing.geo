@@ -7,7 +7,7 @@ r_pitch = 0.49872;  // ring gear, 90 teeth of module 11 mm at 7 degrees
 r_outer = 0.600;
 half    = 0.140;    // half the face width
 arm     = 0.140;    // thickness of the torque arm's plate
-positions = 60;     // unit loads around the ring gear, one at every other corner on its mid-plane
+edges   = 120;      // of elements on the pitch circle, with a unit load at each end and middle
 
 // Torque arm: a plate in front of the ring gear, with an arm to each side.
 Cylinder(1) = {0, 0, -half - arm, 0, 0, arm, r_outer};
@@ -52,11 +52,12 @@ For i In {0:2}
 EndFor
 Coherence;
 
-// Mesh: quadratic tetrahedra; two elements' edges lie between two positions of
-// the contact, so that a contact between nodes is resolved as well as one on a node.
+// Mesh: quadratic tetrahedra. Their edges on the pitch circle are short against the
+// distance to the gauges and the arc of a contact, so that it matters little
+// whether a contact stands on a node or between two.
 e = 1e-4;
 contact() = Curve In BoundingBox{-r_pitch - e, -r_pitch - e, -e, r_pitch + e, r_pitch + e, e};
-Transfinite Curve{contact()} = 2 * positions + 1;
+Transfinite Curve{contact()} = edges + 1;
 Mesh.CharacteristicLengthMax = 0.17;
 ring() = Point In BoundingBox{-r_outer - e, -r_outer - e, -half - e, r_outer + e, r_outer + e, half + e};
 Characteristic Length{ring()} = 0.09;

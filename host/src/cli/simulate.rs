@@ -143,18 +143,18 @@ impl Simulate {
 fn lists() -> String {
     let mut text = "Scenarios:\n".to_owned();
     for (name, what) in Scenario::all().chain(BearingScenario::all()) {
-        text += &format!("  {name:<20}{what}\n");
+        text += &format!("  {name:<24}{what}\n");
     }
     text += "\nScenarios of a rotor:\n";
     for (name, what) in ROTOR_SCENARIOS {
-        text += &format!("  {name:<20}{what}\n");
+        text += &format!("  {name:<24}{what}\n");
     }
     text += "\nEffects, and what strength 1 is:\n";
     for effect in EFFECTS {
-        text += &format!("  {:<20}{}\n", effect.name, effect.typical);
+        text += &format!("  {:<24}{}\n", effect.name, effect.typical);
     }
     for (name, what) in BEARING_EFFECTS {
-        text += &format!("  {name:<20}{what}\n");
+        text += &format!("  {name:<24}{what}\n");
     }
     text
 }

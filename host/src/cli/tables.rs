@@ -10,7 +10,10 @@ use super::demo;
 use super::progress::Progress;
 use crate::machine::Machine;
 use crate::simulate::Applied;
-use crate::tables::{Cell, OTHERS, Published, SEGMENTS, TABLE_2, TABLE_3, judge, statistics};
+use crate::tables::{
+    Cell, Curve, Individual, OTHERS, Published, SEGMENTS, TABLE_2, TABLE_3, curve, mean_qd, page,
+    statistics,
+};
 
 /// Reproduce tables 2 and 3 of Bosmans et al. 2023 on simulated individuals.
 ///
@@ -27,7 +30,13 @@ pub struct Tables {
     /// Effect that the estimator's model lacks, as in `simulate`; repeatable.
     #[arg(long = "effect", value_name = "EFFECT", default_value = "paper")]
     effects: Vec<String>,
+    /// Write a page with the tables, and with error and innovations over Qd, to FILE.html.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
 }
+
+/// Sets of sensors of table 3.
+const SETS: [&str; 3] = ["torque-arm-3", "ring-gear-3", "high-speed-housing-3"];
 
 impl Tables {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
@@ -42,11 +51,20 @@ impl Tables {
         let rows: Vec<Published> = TABLE_2.into_iter().chain(TABLE_3).chain(OTHERS).collect();
         let progress = Progress::new("tables");
         let mut cells = Vec::new();
-        for individual in 1..=self.individuals {
-            cells.push(judge(&machine, individual, &effects, &rows)?);
-            progress.show(individual as f64 / self.individuals as f64);
+        let mut curves: Vec<Vec<Curve>> = Vec::new();
+        for number in 1..=self.individuals {
+            let individual = Individual::new(&machine, number, &effects)?;
+            cells.push(individual.judge(&rows)?);
+            if self.report.is_some() {
+                let of_sets = SETS.iter().map(|set| curve(&individual, set));
+                curves.push(of_sets.collect::<Result<_, _>>()?);
+            }
+            progress.show(number as f64 / self.individuals as f64);
         }
         drop(progress);
+        if let Some(path) = &self.report {
+            page(&machine, &self.effects, &rows, &cells, &curves).write(path)?;
+        }
         let of_row = |i: usize| cells.iter().map(|row| &row[i]).collect::<Vec<_>>();
         let seconds = started.elapsed().as_secs_f64();
         if as_json {
@@ -76,7 +94,7 @@ impl Tables {
                 match i {
                     0 => println!("table 2"),
                     _ if i == TABLE_2.len() => println!("table 3"),
-                    _ if i == TABLE_2.len() + TABLE_3.len() => println!("other ways of tuning"),
+                    _ if i == TABLE_2.len() + TABLE_3.len() => println!("not in the paper"),
                     _ => {}
                 }
                 println!("{}", line(row, &of_row(i)));
@@ -101,14 +119,19 @@ fn report(row: &Published, cells: &[&Cell]) -> Value {
         .collect();
     json!({
         "sensors": row.sensors, "method": row.method.name(), "cutoff_hz": row.cutoff_hz,
+        "drift": row.drift,
         "log10_qd": { "paper": row.log10_qd, "mean": mean_qd(cells) }, "nmae_percent": nmae,
     })
 }
 
 fn line(row: &Published, cells: &[&Cell]) -> String {
-    let method = format!("{} {} Hz", row.method.name(), row.cutoff_hz);
     let qd: Vec<String> = mean_qd(cells).iter().map(|qd| format!("{qd:.1}")).collect();
-    let mut line = format!("{:<22}{method:<18}{:>15}", row.sensors, qd.join(" "));
+    let mut line = format!(
+        "{:<22}{:<18}{:>15}",
+        row.sensors,
+        row.tuning(),
+        qd.join(" ")
+    );
     for k in 0..SEGMENTS.len() {
         let (mean, std) = statistics(cells.iter().map(|cell| cell.nmae[k]));
         let paper = row.nmae.map(|nmae| nmae[k]);
@@ -122,11 +145,4 @@ fn line(row: &Published, cells: &[&Cell]) -> String {
         line += &format!("{paper:>7} |{mean:>6.2} +-{std:>4.1}{mark}");
     }
     line
-}
-
-fn mean_qd(cells: &[&Cell]) -> Vec<f64> {
-    let loads = cells.first().map_or(0, |cell| cell.log10_qd.len());
-    (0..loads)
-        .map(|j| statistics(cells.iter().map(|cell| cell.log10_qd[j])).0)
-        .collect()
 }

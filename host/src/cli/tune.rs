@@ -11,7 +11,7 @@ use crate::build::Sensors;
 use crate::calibrate::{Description, with_noise};
 use crate::machine::{Channel, Machine};
 use crate::tune::{
-    LoadNoise, MeasurementNoise, Method, Tuned, measure_noise, rms, sampled_process_noise,
+    LoadNoise, MeasurementNoise, Method, Tuned, measure_noise, page, rms, sampled_process_noise,
     tune_loads,
 };
 
@@ -48,6 +48,9 @@ pub struct Tune {
     /// Write the response of the estimated to the true loads to FILE.csv.
     #[arg(long, value_name = "FILE")]
     response: Option<PathBuf>,
+    /// Write a page with the response and the noise of the channels to FILE.html.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// Write the tuned description to FILE.toml, with its noise map beside it.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -140,6 +143,13 @@ impl Tune {
         }
         if let Some(path) = &self.response {
             write_response(&machine, &sets, path)?;
+        }
+        if let Some(path) = &self.report {
+            let tuned: Vec<(&str, &Tuned)> = sets
+                .iter()
+                .map(|set| (set.name.as_str(), &set.tuned))
+                .collect();
+            page(&machine, cutoff_hz, &noise, &tuned).write(path)?;
         }
         if as_json {
             let out = json!({

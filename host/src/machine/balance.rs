@@ -1,8 +1,11 @@
 //! The balance of forces of a measured drive, without strain gauges.
 
+use std::collections::HashSet;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::rule::{Checked, finite, nonzero, one_of, positive, refuse, within};
 use crate::recording::Unit;
 
 /// A drive whose torque or force is recorded together with its motion.
@@ -117,4 +120,49 @@ impl Balance {
 
 fn one() -> f64 {
     1.0
+}
+
+impl Balance {
+    pub(super) fn check(&self) -> Checked {
+        let mut names = HashSet::from(["t"]);
+        for (key, signal) in self.signals() {
+            let field = |name: &str| format!("balance.{key}.{name}");
+            let fresh = names.insert(&signal.name);
+            within(
+                &field("name"),
+                &signal.name,
+                fresh && !signal.name.trim().is_empty(),
+                "a name that no other column has",
+            )?;
+            nonzero(&field("gain"), signal.gain)?;
+            finite(&field("zero"), signal.zero)?;
+        }
+        let (is, allowed) = match self.regime {
+            Regime::Moving => (
+                self.position.is_some() || self.speed.is_some(),
+                "position or speed",
+            ),
+            Regime::Holding => (self.position.is_some(), "position"),
+            Regime::Steady => (self.speed.is_some(), "speed"),
+        };
+        within("balance", "no such column", is, allowed)?;
+        finite("balance.inertia", self.inertia)?;
+        finite("balance.drag", self.drag)?;
+        finite("balance.offset", self.offset)?;
+        if let Some(turn) = self.turn {
+            positive("balance.turn", turn)?;
+        }
+        for (i, effect) in self.effects.iter().enumerate() {
+            let field = |name: &str| format!("balance.effect[{}].{name}", i + 1);
+            let known: Vec<&str> = crate::balance::EFFECTS.iter().map(|e| e.name()).collect();
+            one_of(&field("name"), &effect.name, &known)?;
+            crate::balance::check_effect(effect, self.loads.len()).or_else(|(part, allowed)| {
+                refuse(&field(part), "another number of values", &allowed)
+            })?;
+            for value in effect.shape.iter().chain(&effect.coefficients) {
+                finite(&field("coefficients"), *value)?;
+            }
+        }
+        Ok(())
+    }
 }

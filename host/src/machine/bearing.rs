@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::rule::{Checked, at_least, names, positive, range, unique, within};
+
 /// Shapes of the outer ring: `1, cos 2, sin 2, cos 3, sin 3` of the azimuth.
 pub const SHAPES: usize = 5;
 
@@ -139,4 +141,81 @@ impl Default for BearingFilter {
 
 fn conformity() -> f64 {
     0.52
+}
+
+impl Bearing {
+    pub(super) fn check(&self) -> Checked {
+        let field = |name: &str| format!("bearing.{name}");
+        let balls = self.balls;
+        within(&field("balls"), balls, (6..=40).contains(&balls), "6 to 40")?;
+        positive(&field("ball_mm"), self.ball_mm)?;
+        within(
+            &field("pitch_mm"),
+            self.pitch_mm,
+            self.pitch_mm > self.ball_mm && self.pitch_mm.is_finite(),
+            "more than ball_mm",
+        )?;
+        at_least(&field("rows_mm"), self.rows_mm, 0.0)?;
+        range(
+            &field("contact_angle_deg"),
+            self.contact_angle_deg,
+            5.0,
+            60.0,
+        )?;
+        range(&field("conformity"), self.conformity, 0.505, 0.6)?;
+        positive(
+            &field("stiffness_n_per_mm_1_5"),
+            self.stiffness_n_per_mm_1_5,
+        )?;
+        range(&field("preload_um"), self.preload_um, 0.0, 100.0)?;
+        range(&field("row_coupling"), self.row_coupling, 0.0, 0.95)?;
+        for (k, row) in self.compliance_um_per_kn.iter().enumerate() {
+            for (l, value) in row.iter().enumerate() {
+                let mirrored = self.compliance_um_per_kn[l][k];
+                within(
+                    &field("compliance_um_per_kn"),
+                    value,
+                    value.is_finite() && *value == mirrored,
+                    "finite, and equal to its mirror in the diagonal",
+                )?;
+            }
+        }
+        for (name, [from, to]) in BEARING_LOADS.into_iter().zip(self.range.all()) {
+            within(
+                &format!("bearing.range.{}", name.to_lowercase()),
+                format!("[{from}, {to}]"),
+                from < to && from.is_finite() && to.is_finite(),
+                "[smallest, largest]",
+            )?;
+        }
+        let gauges = self.gauges.len();
+        within(
+            "bearing.gauge",
+            gauges,
+            gauges == loadtwin_common::bearing::GAUGES,
+            "4 tables",
+        )?;
+        unique("bearing.gauge", &names(&self.gauges, |g| &g.name))?;
+        for (i, gauge) in self.gauges.iter().enumerate() {
+            let field = format!("bearing.gauge[{}].azimuth_deg", i + 1);
+            range(&field, gauge.azimuth_deg, -360.0, 360.0)?;
+        }
+        let f = &self.filter;
+        for (name, value) in [
+            ("slip_std", f.slip_std),
+            ("slip_time_s", f.slip_time_s),
+            ("slip_limit", f.slip_limit),
+            ("phase_walk", f.phase_walk),
+            ("load_walk", f.load_walk),
+            ("preload_std_um", f.preload_std_um),
+            ("preload_walk_um", f.preload_walk_um),
+            ("bias_std", f.bias_std),
+            ("bias_time_s", f.bias_time_s),
+            ("bulk_std", f.bulk_std),
+            ("lowest_hz", f.lowest_hz),
+        ] {
+            positive(&format!("bearing.filter.{name}"), value)?;
+        }
+        Ok(())
+    }
 }

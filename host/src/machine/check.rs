@@ -1,14 +1,14 @@
 //! Ranges and references of a machine description.
 
 use std::collections::HashSet;
-use std::fmt::Display;
 
 use crate::recording::{Quantity, Unit};
 
 use super::error::Violation;
-use super::{BEARING_LOADS, Balance, Bearing, Channel, Drivetrain, Kind, Machine, Regime, Senses};
-
-pub(super) type Checked = Result<(), Violation>;
+use super::rule::{
+    Checked, at_least, at_most, finite, names, nonzero, one_of, positive, range, refuse, within,
+};
+use super::{Bearing, Channel, Drivetrain, Kind, Machine, Senses};
 
 /// Channels and encoders of one sensor set.
 const MAX_CHANNELS: usize = loadtwin_common::raw::MAX_CHANNELS;
@@ -291,51 +291,6 @@ impl Machine {
     }
 }
 
-impl Balance {
-    fn check(&self) -> Checked {
-        let mut names = HashSet::from(["t"]);
-        for (key, signal) in self.signals() {
-            let field = |name: &str| format!("balance.{key}.{name}");
-            let fresh = names.insert(&signal.name);
-            within(
-                &field("name"),
-                &signal.name,
-                fresh && !signal.name.trim().is_empty(),
-                "a name that no other column has",
-            )?;
-            nonzero(&field("gain"), signal.gain)?;
-            finite(&field("zero"), signal.zero)?;
-        }
-        let (is, allowed) = match self.regime {
-            Regime::Moving => (
-                self.position.is_some() || self.speed.is_some(),
-                "position or speed",
-            ),
-            Regime::Holding => (self.position.is_some(), "position"),
-            Regime::Steady => (self.speed.is_some(), "speed"),
-        };
-        within("balance", "no such column", is, allowed)?;
-        finite("balance.inertia", self.inertia)?;
-        finite("balance.drag", self.drag)?;
-        finite("balance.offset", self.offset)?;
-        if let Some(turn) = self.turn {
-            positive("balance.turn", turn)?;
-        }
-        for (i, effect) in self.effects.iter().enumerate() {
-            let field = |name: &str| format!("balance.effect[{}].{name}", i + 1);
-            let known: Vec<&str> = crate::balance::EFFECTS.iter().map(|e| e.name()).collect();
-            one_of(&field("name"), &effect.name, &known)?;
-            crate::balance::check_effect(effect, self.loads.len()).or_else(|(part, allowed)| {
-                refuse(&field(part), "another number of values", &allowed)
-            })?;
-            for value in effect.shape.iter().chain(&effect.coefficients) {
-                finite(&field("coefficients"), *value)?;
-            }
-        }
-        Ok(())
-    }
-}
-
 /// What holds for a channel whatever it senses.
 fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
     finite(&field("offset"), channel.offset)?;
@@ -364,254 +319,10 @@ fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
     Ok(())
 }
 
-impl Bearing {
-    fn check(&self) -> Checked {
-        let field = |name: &str| format!("bearing.{name}");
-        let balls = self.balls;
-        within(&field("balls"), balls, (6..=40).contains(&balls), "6 to 40")?;
-        positive(&field("ball_mm"), self.ball_mm)?;
-        within(
-            &field("pitch_mm"),
-            self.pitch_mm,
-            self.pitch_mm > self.ball_mm && self.pitch_mm.is_finite(),
-            "more than ball_mm",
-        )?;
-        at_least(&field("rows_mm"), self.rows_mm, 0.0)?;
-        range(
-            &field("contact_angle_deg"),
-            self.contact_angle_deg,
-            5.0,
-            60.0,
-        )?;
-        range(&field("conformity"), self.conformity, 0.505, 0.6)?;
-        positive(
-            &field("stiffness_n_per_mm_1_5"),
-            self.stiffness_n_per_mm_1_5,
-        )?;
-        range(&field("preload_um"), self.preload_um, 0.0, 100.0)?;
-        range(&field("row_coupling"), self.row_coupling, 0.0, 0.95)?;
-        for (k, row) in self.compliance_um_per_kn.iter().enumerate() {
-            for (l, value) in row.iter().enumerate() {
-                let mirrored = self.compliance_um_per_kn[l][k];
-                within(
-                    &field("compliance_um_per_kn"),
-                    value,
-                    value.is_finite() && *value == mirrored,
-                    "finite, and equal to its mirror in the diagonal",
-                )?;
-            }
-        }
-        for (name, [from, to]) in BEARING_LOADS.into_iter().zip(self.range.all()) {
-            within(
-                &format!("bearing.range.{}", name.to_lowercase()),
-                format!("[{from}, {to}]"),
-                from < to && from.is_finite() && to.is_finite(),
-                "[smallest, largest]",
-            )?;
-        }
-        let gauges = self.gauges.len();
-        within(
-            "bearing.gauge",
-            gauges,
-            gauges == loadtwin_common::bearing::GAUGES,
-            "4 tables",
-        )?;
-        unique("bearing.gauge", &names(&self.gauges, |g| &g.name))?;
-        for (i, gauge) in self.gauges.iter().enumerate() {
-            let field = format!("bearing.gauge[{}].azimuth_deg", i + 1);
-            range(&field, gauge.azimuth_deg, -360.0, 360.0)?;
-        }
-        let f = &self.filter;
-        for (name, value) in [
-            ("slip_std", f.slip_std),
-            ("slip_time_s", f.slip_time_s),
-            ("slip_limit", f.slip_limit),
-            ("phase_walk", f.phase_walk),
-            ("load_walk", f.load_walk),
-            ("preload_std_um", f.preload_std_um),
-            ("preload_walk_um", f.preload_walk_um),
-            ("bias_std", f.bias_std),
-            ("bias_time_s", f.bias_time_s),
-            ("bulk_std", f.bulk_std),
-            ("lowest_hz", f.lowest_hz),
-        ] {
-            positive(&format!("bearing.filter.{name}"), value)?;
-        }
-        Ok(())
-    }
-}
-
-impl Drivetrain {
-    fn check(&self) -> Checked {
-        let n = self.inertias.len();
-        within(
-            "drivetrain.inertia",
-            n,
-            (1..=6).contains(&n),
-            "1 to 6 tables",
-        )?;
-        let shafts = self.shafts.len();
-        within(
-            "drivetrain.shaft",
-            shafts,
-            shafts + 1 == n,
-            &format!("{} tables, one fewer than inertias", n - 1),
-        )?;
-        let loads = self.loads.len();
-        within(
-            "drivetrain.load",
-            loads,
-            (1..=2).contains(&loads),
-            "1 or 2 tables",
-        )?;
-        let inertias = names(&self.inertias, |j| &j.name);
-        unique("drivetrain.inertia", &inertias)?;
-        unique("drivetrain.shaft", &names(&self.shafts, |s| &s.name))?;
-        unique("drivetrain.load", &names(&self.loads, |l| &l.name))?;
-        for (i, inertia) in self.inertias.iter().enumerate() {
-            let field = |name: &str| format!("drivetrain.inertia[{}].{name}", i + 1);
-            positive(&field("moment_kg_m2"), inertia.moment_kg_m2)?;
-            nonzero(&field("speed_ratio"), inertia.speed_ratio)?;
-            at_least(&field("drag_nm_s_per_rad"), inertia.drag_nm_s_per_rad, 0.0)?;
-        }
-        for (i, shaft) in self.shafts.iter().enumerate() {
-            let field = |name: &str| format!("drivetrain.shaft[{}].{name}", i + 1);
-            positive(&field("stiffness_nm_per_rad"), shaft.stiffness_nm_per_rad)?;
-            at_least(
-                &field("damping_nm_s_per_rad"),
-                shaft.damping_nm_s_per_rad,
-                0.0,
-            )?;
-            nonzero(&field("speed_ratio"), shaft.speed_ratio)?;
-        }
-        for (i, load) in self.loads.iter().enumerate() {
-            let field = |name: &str| format!("drivetrain.load[{}].{name}", i + 1);
-            one_of(&field("inertia"), &load.inertia, &inertias)?;
-            positive(&field("nominal_nm"), load.nominal_nm)?;
-            if let Some(walk) = load.walk_nm_per_sqrt_s {
-                positive(&field("walk_nm_per_sqrt_s"), walk)?;
-            }
-            at_most(
-                &field("name"),
-                load.name.len(),
-                loadtwin_common::image::MAX_NAME,
-            )?;
-        }
-        positive("drivetrain.nominal_speed_rad_s", self.nominal_speed_rad_s)?;
-        let carrier = self.carrier.as_deref().unwrap_or(inertias[0]);
-        one_of("drivetrain.carrier", carrier, &inertias)?;
-        let ratio = self
-            .inertias
-            .iter()
-            .find(|j| j.name == carrier)
-            .map_or(0.0, |j| j.speed_ratio);
-        let allowed = "an inertia with speed_ratio 1, since strain maps are over its angle";
-        within(
-            "drivetrain.carrier",
-            format!("speed_ratio {ratio}"),
-            ratio == 1.0,
-            allowed,
-        )?;
-        match (&self.gears, self.inertias.last()) {
-            (Some(gears), Some(last)) => gears.check(last.speed_ratio),
-            _ => Ok(()),
-        }
-    }
-}
-
-pub(super) fn names<T>(items: &[T], name: impl Fn(&T) -> &String) -> Vec<&str> {
-    items.iter().map(|item| name(item).as_str()).collect()
-}
-
-pub(super) fn refuse(field: &str, found: impl Display, allowed: &str) -> Checked {
-    Err(Violation {
-        field: field.into(),
-        found: found.to_string(),
-        allowed: allowed.into(),
-    })
-}
-
-pub(super) fn within(field: &str, found: impl Display, is: bool, allowed: &str) -> Checked {
-    if is {
-        Ok(())
-    } else {
-        refuse(field, found, allowed)
-    }
-}
-
-pub(super) fn finite(field: &str, value: f64) -> Checked {
-    within(field, value, value.is_finite(), "a finite number")
-}
-
-pub(super) fn positive(field: &str, value: f64) -> Checked {
-    within(field, value, value > 0.0 && value.is_finite(), "> 0")
-}
-
-pub(super) fn nonzero(field: &str, value: f64) -> Checked {
-    within(
-        field,
-        value,
-        value != 0.0 && value.is_finite(),
-        "a finite number other than 0",
-    )
-}
-
-pub(super) fn at_least(field: &str, value: f64, least: f64) -> Checked {
-    within(
-        field,
-        value,
-        value >= least && value.is_finite(),
-        &format!(">= {least}"),
-    )
-}
-
-pub(super) fn at_most(field: &str, found: usize, most: usize) -> Checked {
-    within(field, found, found <= most, &format!("at most {most}"))
-}
-
-pub(super) fn range(field: &str, value: f64, least: f64, most: f64) -> Checked {
-    within(
-        field,
-        value,
-        (least..=most).contains(&value),
-        &format!("{least} to {most}"),
-    )
-}
-
-pub(super) fn one_of(field: &str, name: &str, allowed: &[&str]) -> Checked {
-    within(
-        field,
-        format!("{name:?}"),
-        allowed.contains(&name),
-        &listed(allowed),
-    )
-}
-
-pub(super) fn unique(table: &str, names: &[&str]) -> Checked {
-    for (i, name) in names.iter().enumerate() {
-        let first = names[..i].iter().all(|other| other != name);
-        within(
-            &format!("{table}[{}].name", i + 1),
-            name,
-            first,
-            "a name that no other one has",
-        )?;
-    }
-    Ok(())
-}
-
 fn torque_or_counts(field: &str, unit: Unit) -> Checked {
     let is = matches!(
         unit.quantity(),
         Quantity::Torque | Quantity::Force | Quantity::Counts
     );
     within(field, unit, is, "a unit of torque or force, or counts")
-}
-
-pub(super) fn listed(names: &[&str]) -> String {
-    if names.is_empty() {
-        "nothing: there is none".into()
-    } else {
-        names.join(", ")
-    }
 }

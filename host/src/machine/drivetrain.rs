@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Gears;
+use super::rule::{Checked, at_least, at_most, names, nonzero, one_of, positive, unique, within};
 
 /// A chain of 2 to 6 inertias joined by elastic shafts.
 ///
@@ -107,4 +108,82 @@ impl Direction {
 
 fn one() -> f64 {
     1.0
+}
+
+impl Drivetrain {
+    pub(super) fn check(&self) -> Checked {
+        let n = self.inertias.len();
+        within(
+            "drivetrain.inertia",
+            n,
+            (1..=6).contains(&n),
+            "1 to 6 tables",
+        )?;
+        let shafts = self.shafts.len();
+        within(
+            "drivetrain.shaft",
+            shafts,
+            shafts + 1 == n,
+            &format!("{} tables, one fewer than inertias", n - 1),
+        )?;
+        let loads = self.loads.len();
+        within(
+            "drivetrain.load",
+            loads,
+            (1..=2).contains(&loads),
+            "1 or 2 tables",
+        )?;
+        let inertias = names(&self.inertias, |j| &j.name);
+        unique("drivetrain.inertia", &inertias)?;
+        unique("drivetrain.shaft", &names(&self.shafts, |s| &s.name))?;
+        unique("drivetrain.load", &names(&self.loads, |l| &l.name))?;
+        for (i, inertia) in self.inertias.iter().enumerate() {
+            let field = |name: &str| format!("drivetrain.inertia[{}].{name}", i + 1);
+            positive(&field("moment_kg_m2"), inertia.moment_kg_m2)?;
+            nonzero(&field("speed_ratio"), inertia.speed_ratio)?;
+            at_least(&field("drag_nm_s_per_rad"), inertia.drag_nm_s_per_rad, 0.0)?;
+        }
+        for (i, shaft) in self.shafts.iter().enumerate() {
+            let field = |name: &str| format!("drivetrain.shaft[{}].{name}", i + 1);
+            positive(&field("stiffness_nm_per_rad"), shaft.stiffness_nm_per_rad)?;
+            at_least(
+                &field("damping_nm_s_per_rad"),
+                shaft.damping_nm_s_per_rad,
+                0.0,
+            )?;
+            nonzero(&field("speed_ratio"), shaft.speed_ratio)?;
+        }
+        for (i, load) in self.loads.iter().enumerate() {
+            let field = |name: &str| format!("drivetrain.load[{}].{name}", i + 1);
+            one_of(&field("inertia"), &load.inertia, &inertias)?;
+            positive(&field("nominal_nm"), load.nominal_nm)?;
+            if let Some(walk) = load.walk_nm_per_sqrt_s {
+                positive(&field("walk_nm_per_sqrt_s"), walk)?;
+            }
+            at_most(
+                &field("name"),
+                load.name.len(),
+                loadtwin_common::image::MAX_NAME,
+            )?;
+        }
+        positive("drivetrain.nominal_speed_rad_s", self.nominal_speed_rad_s)?;
+        let carrier = self.carrier.as_deref().unwrap_or(inertias[0]);
+        one_of("drivetrain.carrier", carrier, &inertias)?;
+        let ratio = self
+            .inertias
+            .iter()
+            .find(|j| j.name == carrier)
+            .map_or(0.0, |j| j.speed_ratio);
+        let allowed = "an inertia with speed_ratio 1, since strain maps are over its angle";
+        within(
+            "drivetrain.carrier",
+            format!("speed_ratio {ratio}"),
+            ratio == 1.0,
+            allowed,
+        )?;
+        match (&self.gears, self.inertias.last()) {
+            (Some(gears), Some(last)) => gears.check(last.speed_ratio),
+            _ => Ok(()),
+        }
+    }
 }

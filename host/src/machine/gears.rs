@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::check::{Checked, at_least, nonzero, positive, range, unique, within};
+use super::rule::{Checked, at_least, nonzero, positive, range, unique, within};
 
 /// A planetary stage with fixed ring gear, driven at its carrier, and helical
 /// stages behind its sun.

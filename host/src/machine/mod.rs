@@ -15,6 +15,7 @@ mod gears;
 mod kind;
 mod rotor;
 mod rotor_sensors;
+mod rule;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::check::{Checked, at_least, listed, one_of, positive, range, refuse, unique, within};
+use super::rule::{Checked, at_least, listed, one_of, positive, range, refuse, unique, within};
 
 /// A shaft of beam elements with discs, bearings and forces.
 ///

@@ -1,6 +1,6 @@
 //! What a rotor's sensors may be.
 
-use super::check::{Checked, at_most, finite, nonzero, one_of, positive, refuse, within};
+use super::rule::{Checked, at_most, finite, nonzero, one_of, positive, refuse, within};
 use super::{Machine, Rotor, Senses};
 use crate::recording::Quantity;
 

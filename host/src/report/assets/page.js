@@ -173,7 +173,7 @@ function seriesOptions(s, chart) {
     value: (u, v) => v === null || v === undefined ? "–" : text(v / factor) + (plot.y.unit ? ` ${prefix}${plot.y.unit}` : ""),
   };
   switch (s.mark) {
-    case "points": return { ...base, paths: () => null, points: { show: true, size: 3.5, width: 0, fill: () => colours[s.role] + "99" } };
+    case "points": return { ...base, paths: () => null, points: { show: true, size: 5, width: 0, fill: () => colours[s.role] + "99" } };
     case "bars": return { ...base, width: 1, fill: () => colours[s.role] + "b0", paths: uPlot.paths.bars({ size: [0.75, 40] }), fillTo: () => 0 };
     // The legend shows half the band's width.
     case "upper": case "lower": return {
@@ -253,7 +253,7 @@ function drawPlot(figure) {
   const options = {
     width: Math.max(figure.clientWidth, 200), height: HEIGHT[plot.size],
     scales: {
-      x: { time: false, min: start[0], max: start[1], range: (u, min, max) => [min ?? start[0], max ?? start[1]] },
+      x: { time: false, distr: plot.x.logarithmic ? 3 : 1, min: start[0], max: start[1], range: (u, min, max) => [min ?? start[0], max ?? start[1]] },
       y: { distr: plot.y.logarithmic ? 3 : 1, range: yRange(plot) },
     },
     axes: [

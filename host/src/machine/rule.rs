@@ -1,0 +1,96 @@
+//! Rules for one field of a description: what is found, and what is allowed.
+
+use std::fmt::Display;
+
+use super::error::Violation;
+
+pub(super) type Checked = Result<(), Violation>;
+
+pub(super) fn names<T>(items: &[T], name: impl Fn(&T) -> &String) -> Vec<&str> {
+    items.iter().map(|item| name(item).as_str()).collect()
+}
+
+pub(super) fn refuse(field: &str, found: impl Display, allowed: &str) -> Checked {
+    Err(Violation {
+        field: field.into(),
+        found: found.to_string(),
+        allowed: allowed.into(),
+    })
+}
+
+pub(super) fn within(field: &str, found: impl Display, is: bool, allowed: &str) -> Checked {
+    if is {
+        Ok(())
+    } else {
+        refuse(field, found, allowed)
+    }
+}
+
+pub(super) fn finite(field: &str, value: f64) -> Checked {
+    within(field, value, value.is_finite(), "a finite number")
+}
+
+pub(super) fn positive(field: &str, value: f64) -> Checked {
+    within(field, value, value > 0.0 && value.is_finite(), "> 0")
+}
+
+pub(super) fn nonzero(field: &str, value: f64) -> Checked {
+    within(
+        field,
+        value,
+        value != 0.0 && value.is_finite(),
+        "a finite number other than 0",
+    )
+}
+
+pub(super) fn at_least(field: &str, value: f64, least: f64) -> Checked {
+    within(
+        field,
+        value,
+        value >= least && value.is_finite(),
+        &format!(">= {least}"),
+    )
+}
+
+pub(super) fn at_most(field: &str, found: usize, most: usize) -> Checked {
+    within(field, found, found <= most, &format!("at most {most}"))
+}
+
+pub(super) fn range(field: &str, value: f64, least: f64, most: f64) -> Checked {
+    within(
+        field,
+        value,
+        (least..=most).contains(&value),
+        &format!("{least} to {most}"),
+    )
+}
+
+pub(super) fn one_of(field: &str, name: &str, allowed: &[&str]) -> Checked {
+    within(
+        field,
+        format!("{name:?}"),
+        allowed.contains(&name),
+        &listed(allowed),
+    )
+}
+
+pub(super) fn unique(table: &str, names: &[&str]) -> Checked {
+    for (i, name) in names.iter().enumerate() {
+        let first = names[..i].iter().all(|other| other != name);
+        within(
+            &format!("{table}[{}].name", i + 1),
+            name,
+            first,
+            "a name that no other one has",
+        )?;
+    }
+    Ok(())
+}
+
+pub(super) fn listed(names: &[&str]) -> String {
+    if names.is_empty() {
+        "nothing: there is none".into()
+    } else {
+        names.join(", ")
+    }
+}
