@@ -36,9 +36,6 @@ const VALID_STD: f64 = 1.0;
 /// sqrt(s): a mass that moves by 0.1 % in a second.
 const UNBALANCE_WALK: f64 = 1e-3;
 
-/// The same of a force that may do anything: ten times its size in a second.
-const FREE_WALK: f64 = 4.0;
-
 /// Relative difference of every variance to its last at which the gain has converged.
 const CONVERGED: f64 = 0.02;
 
@@ -269,7 +266,8 @@ impl RotorPlan {
             let load = &rotor.loads[j / 2];
             let usual = match load.kind {
                 LoadKind::Unbalance => UNBALANCE_WALK,
-                LoadKind::Walk => FREE_WALK,
+                // Its size in one turn: it may be what turns with the shaft.
+                LoadKind::Walk => (self.nominal_speed / std::f64::consts::TAU).sqrt(),
             };
             let walk = load.walk_n_per_sqrt_s.unwrap_or(usual * nominal);
             q[(2 * modes + j, 2 * modes + j)] = walk * walk * self.dt_s;

@@ -1,5 +1,5 @@
-//! The rotor in few degrees of freedom: modes, and what is missing of them where
-//! forces act and sensors look.
+//! The rotor in few degrees of freedom: modes, and what they lack of the motion under
+//! the forces.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale, Side, c64};
@@ -7,15 +7,17 @@ use faer::{Mat, Scale, Side, c64};
 use super::RotorError;
 use super::model::{BAND, RotorModel};
 use super::modes::undamped_modes;
+use super::unbalance::forced_response;
 
-/// Part of a static deflection that the modes must leave over for it to count.
+/// Part of a whirl that the modes must leave over for it to count.
 const NEW: f64 = 1e-6;
 
 /// A reduced rotor, `q = T z`, `T' M T = I`, `z'' + (C + speed G) z' + K z = T' f`.
 ///
-/// `T`: the lowest undamped modes at one speed, then the static deflections
-/// under unit forces as far as the modes lack them, M-orthonormal, turned so
-/// that `K` is diagonal at that speed.
+/// `T`: the lowest undamped modes at one speed, then the whirls under forces that turn
+/// at that speed as far as the modes lack them, M-orthonormal, turned so
+/// that `K` is diagonal at that speed. There it is exact; static deflections in place of
+/// the whirls are exact at rest, where no machine is.
 #[derive(Clone, Debug)]
 pub struct Reduced {
     /// `T`, degrees of freedom x kept.
@@ -35,11 +37,11 @@ pub struct ReductionError {
 }
 
 impl Reduced {
-    /// Keeps `modes` modes at `speed_rad_s` and what static deflection under each of
-    /// `forces`, rows over the degrees of freedom, is missing of them.
+    /// Keeps `modes` modes at `speed_rad_s` and what they lack of the whirl under each pair
+    /// of `forces`, rows along x and y over the degrees of freedom.
     ///
     /// # Errors
-    /// [`RotorError`] where the rotor is not held.
+    /// [`RotorError`] where the rotor is not held, or is undamped at its critical speed.
     pub fn new(
         model: &RotorModel,
         speed_rad_s: f64,
@@ -50,16 +52,10 @@ impl Reduced {
         let undamped = undamped_modes(model, speed_rad_s, modes)?;
         let k = model.stiffness(speed_rad_s);
         let k = Scale(0.5) * (&k + k.transpose());
-        let right = Mat::from_fn(n, forces.len(), |i, j| forces[j][i]);
-        let statics = k
-            .llt(Side::Lower)
-            .map_err(|_| RotorError::NotHeld)?
-            .solve(&right);
         let mut columns: Vec<Mat<f64>> = (0..undamped.shapes.ncols())
             .map(|j| Mat::from_fn(n, 1, |i, _| undamped.shapes[(i, j)]))
             .collect();
-        for j in 0..forces.len() {
-            let mut v = Mat::from_fn(n, 1, |i, _| statics[(i, j)]);
+        for mut v in whirls(model, speed_rad_s, forces)? {
             let whole = mass_norm(model, &v);
             // Twice is enough: what the first pass rounds, the second removes.
             for _ in 0..2 {
@@ -171,6 +167,24 @@ impl ReductionError {
             }
         }
     }
+}
+
+/// What the rotor does under a force that turns with it, for each pair of `forces`:
+/// in phase and a quarter turn later.
+fn whirls(
+    model: &RotorModel,
+    speed_rad_s: f64,
+    forces: &[Vec<f64>],
+) -> Result<Vec<Mat<f64>>, RotorError> {
+    let n = model.len();
+    let mut all = Vec::new();
+    for pair in forces.chunks_exact(2) {
+        let force = Mat::from_fn(n, 1, |i, _| c64::new(pair[0][i], -pair[1][i]));
+        let whirl = forced_response(model, speed_rad_s, &force)?;
+        all.push(Mat::from_fn(n, 1, |i, _| whirl[i].re));
+        all.push(Mat::from_fn(n, 1, |i, _| whirl[i].im));
+    }
+    Ok(all)
 }
 
 /// `T' A T` for a matrix of the model, within its band.

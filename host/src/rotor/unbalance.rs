@@ -40,13 +40,25 @@ pub fn unbalance_response(
         force[(NODE * unbalance.node, 0)] += x;
         force[(NODE * unbalance.node + 1, 0)] += c64::new(x.im, -x.re);
     }
+    forced_response(model, speed_rad_s, &force)
+}
+
+/// Amplitudes of all degrees of freedom under `force exp(i speed t)`.
+///
+/// # Errors
+/// [`RotorError::Resonance`] for an undamped rotor at its critical speed.
+pub(super) fn forced_response(
+    model: &RotorModel,
+    speed_rad_s: f64,
+    force: &Mat<c64>,
+) -> Result<Vec<c64>, RotorError> {
     let matrix = model.dynamic_stiffness(
         c64::new(0.0, speed_rad_s),
         &model.turning_damping(speed_rad_s),
         &model.stiffness(speed_rad_s),
     )?;
     let factor = matrix.sp_lu().map_err(|_| RotorError::Resonance)?;
-    let x = factor.solve(&force);
+    let x = factor.solve(force);
     if x.norm_l2().is_finite() {
         Ok((0..model.len()).map(|i| x[(i, 0)]).collect())
     } else {

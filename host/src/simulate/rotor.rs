@@ -35,7 +35,7 @@ pub const ROTOR_SCENARIOS: [(&str, &str); 2] = [
 const FINER: usize = 2;
 
 /// Modes of the plant.
-const MODES: usize = 48;
+const MODES: usize = 24;
 
 /// Largest angle of the fastest mode in one Runge-Kutta step [rad].
 const STEP_RAD: f64 = 0.5;
