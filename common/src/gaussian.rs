@@ -86,6 +86,17 @@ impl<const NX: usize> Gaussian<NX> {
         }
     }
 
+    /// Makes a state less certain by `variance`, [state unit]^2; `state < NX`.
+    pub(crate) fn widen(&mut self, state: usize, variance: f32) {
+        if let Some(p) = self
+            .upper
+            .get_mut(state)
+            .and_then(|column| column.get_mut(state))
+        {
+            *p += variance;
+        }
+    }
+
     /// The estimated loads: the last `ND` states.
     pub fn load<const ND: usize>(&self) -> SVector<f32, ND> {
         const { assert!(ND <= NX, "there are no more loads than states") };

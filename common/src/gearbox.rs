@@ -35,8 +35,9 @@ pub use steady::SteadyGains;
 /// Samples after which a gap is a new start.
 const LONGEST_GAP: u32 = 100;
 
-/// Refusals in a row after which a reading is believed again: a load step may
-/// contradict the model for a few samples, a fault of the channel does so longer.
+/// Refusals in a row after which a reading is believed again, an encoder as one
+/// whose counts have shifted: a load step may contradict the model for a few samples,
+/// a fault of the channel does so longer.
 const PATIENCE: u16 = 25;
 
 /// The estimator of a gearbox, fixed after start.
@@ -283,6 +284,9 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         let innovation = wrap_rad(angle - dot(row, &state.belief.state));
         let gate = &mut state.gates[MAX_CHANNELS + k % MAX_ENCODERS];
         let update = kalman::update(&mut state.belief, row, innovation, encoder.variance, gate);
+        if update.outcome == Outcome::Gated && gate.exhausted() {
+            shift(&mut state.belief, encoder, row, innovation);
+        }
         judged(angle, &update, 1.0, Fault::Slipped)
     }
 
@@ -422,6 +426,30 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
 /// Turns the carrier angle of a belief.
 fn turn<const NX: usize>(belief: &mut Gaussian<NX>, by: Phase) {
     belief.state[0] = wrap_rad(belief.state[0] + by.to_rad());
+}
+
+/// Takes an encoder's innovation as a shift of its counts.
+///
+/// No shaft jumps: an encoder that contradicts for as long as its gate is patient has
+/// lost or gained counts. Its offset becomes as uncertain as the jump is large,
+///
+/// `P_oo + (nu / h_o)^2`,
+///
+/// and so takes the jump in the update that follows; of the twists, and with them
+/// the loads, less than a hundredth of what the same innovation would do.
+fn shift<const NX: usize>(
+    belief: &mut Gaussian<NX>,
+    encoder: &Encoder,
+    row: &RowSVector<f32, NX>,
+    innovation: f32,
+) {
+    let offset = usize::from(encoder.offset_state);
+    let Some(per_unit) = row.get(offset) else {
+        return;
+    };
+    let size = innovation / per_unit;
+    belief.widen(offset, size * size);
+    kalman::update(belief, row, innovation, encoder.variance, &mut Gate::open());
 }
 
 /// `row x`, summed from the first state to the last.

@@ -111,11 +111,16 @@ impl Gate {
     /// has run out.
     #[cold]
     fn readmits(&mut self) -> bool {
-        if self.refused >= self.patience && self.patience != u16::MAX {
+        if self.exhausted() {
             return true;
         }
         self.refused = self.refused.saturating_add(1);
         false
+    }
+
+    /// Whether the patience has run out: what contradicts next is admitted.
+    pub fn exhausted(&self) -> bool {
+        self.refused >= self.patience && self.patience != u16::MAX
     }
 
     /// Refusals in a row up to now.
@@ -133,13 +138,16 @@ mod tests {
         let mut gate = Gate::try_new(9.0, 3).unwrap();
         let judged = [100.0, 100.0, 100.0, 100.0, 50.0, 8.0, 10.0].map(|nis| gate.admits(nis));
         assert_eq!(judged, [false, false, false, true, true, true, false]);
-        assert_eq!(gate.refused(), 1);
+        assert_eq!((gate.refused(), gate.exhausted()), (1, false));
+        gate.admits(10.0);
+        gate.admits(10.0);
+        assert!(gate.exhausted());
     }
 
     #[test]
     fn a_gate_without_patience_stays_shut() {
         let mut gate = Gate::try_new(9.0, u16::MAX).unwrap();
-        assert!((0..200_000).all(|_| !gate.admits(10.0)));
+        assert!((0..200_000).all(|_| !gate.admits(10.0) && !gate.exhausted()));
         assert!(Gate::open().admits(1e30));
         assert_eq!(Gate::try_new(f32::NAN, 1), Err(Error::NotPositive("gate")));
     }

@@ -108,6 +108,8 @@ fn a_fault_is_flagged_forgotten_and_never_becomes_a_number_that_is_none() {
     for o in &host.outcomes {
         assert!(o.runs >= 40, "{o:?}");
         assert_eq!((o.not_finite, o.latched), (0, 0), "{o:?}");
+        // No fault moves a load further than its own uncertainty allows for.
+        assert!(o.deviation_most < 3.0, "{o:?}");
         let hard = !matches!(
             o.kind,
             Kind::Glitch(..=16) | Kind::LostCounts(..=16) | Kind::IndexMissing | Kind::IndexDouble

@@ -97,6 +97,9 @@ pub struct Encoder {
     pub row: StateVec<f32>,
     /// Variance of the angle [rad^2], > 0.
     pub variance: f32,
+    /// State that a shift of its counts goes into: the carrier angle for the
+    /// first encoder, its zero for a further one.
+    pub offset_state: u8,
 }
 
 // Not generic over the number of states: compiled once, not for each of them.
@@ -150,6 +153,10 @@ impl GearboxModel<'_> {
             positive([encoder.variance], "encoder variance")?;
             if !(1..=32).contains(&encoder.counter.bits) {
                 return Err(Error::OutOfRange("encoder bits"));
+            }
+            let offset = encoder.row.get(usize::from(encoder.offset_state));
+            if !offset.is_some_and(|c| *c != 0.0) {
+                return Err(Error::OutOfRange("encoder offset"));
             }
         }
         if let Some(index) = &self.index {

@@ -261,8 +261,12 @@ impl Plan {
     fn encoder(&self, k: usize, encoder: &machine::Encoder) -> Result<Encoder, BuildError> {
         let counts = encoder.counts_per_turn * self.torsion.ratio(&encoder.inertia);
         let mut row = self.scaled_row(&self.torsion.angle_row(&encoder.inertia));
+        let offset_state = match k {
+            0 => 0,
+            _ => self.mechanical + k - 1,
+        };
         if k > 0 {
-            row[self.mechanical + k - 1] = ZERO_SCALE;
+            row[offset_state] = ZERO_SCALE;
         }
         let noise =
             encoder.noise_std_counts.unwrap_or(QUANTISATION) * std::f64::consts::TAU / counts;
@@ -273,6 +277,7 @@ impl Plan {
             },
             row: fixed(&row)?,
             variance: (noise * noise) as f32,
+            offset_state: offset_state as u8,
         })
     }
 
