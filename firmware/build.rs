@@ -26,7 +26,11 @@ fn main() {
     for argument in ["--nmagic", "-Tlink.x"] {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
-    // Only the boards' programs log.
-    let program = board.replace('-', "_");
-    println!("cargo:rustc-link-arg-bin={program}=-Tdefmt.x");
+    let logging: &[&str] = match board {
+        "emulated" => &["emulated", "overflow"],
+        _ => &["nucleo_g474re"],
+    };
+    for program in logging {
+        println!("cargo:rustc-link-arg-bin={program}=-Tdefmt.x");
+    }
 }

@@ -40,6 +40,20 @@ pub struct End {
     pub log: String,
 }
 
+/// What every emulated board is.
+const MACHINE: [&str; 10] = [
+    "-M",
+    "mps2-an386",
+    "-cpu",
+    "cortex-m4",
+    "-display",
+    "none",
+    "-monitor",
+    "none",
+    "-semihosting-config",
+    "enable=on,target=native",
+];
+
 /// The emulated board's binary.
 pub fn binary() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
@@ -67,6 +81,28 @@ pub fn flash(key: &SigningKey, images: &[Vec<u8>]) -> Vec<u8> {
         bytes = store.release().0;
     }
     bytes
+}
+
+/// Runs one of the emulated board's programs that needs no line, to its end.
+///
+/// # Panics
+/// Where the rig does not start.
+pub fn run(program: &str) -> End {
+    let binary = crate::firmware::build("emulated", program);
+    let output = Command::new("qemu-system-arm")
+        .args(MACHINE)
+        .args(["-serial", "none"])
+        .arg("-kernel")
+        .arg(&binary)
+        .output()
+        .expect("qemu-system-arm starts; tests/run installs it");
+    let elf = fs::read(&binary).expect("the binary was built");
+    let mut log = decode(&elf, &output.stdout);
+    log += &String::from_utf8_lossy(&output.stderr);
+    End {
+        status: output.status,
+        log,
+    }
 }
 
 impl Emulator {
@@ -109,11 +145,9 @@ impl Emulator {
             format!("unix:{},server=on,wait=on", path.display())
         };
         let mut qemu = Command::new("qemu-system-arm")
-            .args(["-M", "mps2-an386", "-cpu", "cortex-m4"])
-            .args(["-display", "none", "-monitor", "none"])
+            .args(MACHINE)
             .args(["-icount", icount])
             .args(["-serial", &line("sensors"), "-serial", &line("bus")])
-            .args(["-semihosting-config", "enable=on,target=native"])
             .arg("-device")
             .arg(format!(
                 "loader,file={},addr=0x300000,force-raw=on",
@@ -238,9 +272,12 @@ impl Bus {
     /// # Panics
     /// Where the board is gone.
     pub fn send(&mut self, frame: &Frame) {
-        self.writer
-            .write_all(&slcan::encode(frame))
-            .expect("the board takes it");
+        assert!(self.try_send(frame), "the board is gone");
+    }
+
+    /// As [`Self::send`]; gives whether the board is still there.
+    pub fn try_send(&mut self, frame: &Frame) -> bool {
+        self.writer.write_all(&slcan::encode(frame)).is_ok()
     }
 
     /// Uploads an image with the host's own uploader; gives what came of it and

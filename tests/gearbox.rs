@@ -7,8 +7,8 @@ use loadtwin::machine::Machine;
 use loadtwin_common::frame::{Frame, layout};
 use loadtwin_common::raw::RawSample;
 use loadtwin_firmware::app::App;
-use loadtwin_firmware::board::Board;
-use loadtwin_firmware::counters::Counters;
+
+use crate::bench::Bench;
 
 /// The model image of `tests/machines/gearbox.toml`.
 ///
@@ -61,32 +61,6 @@ pub fn samples(count: u32) -> Vec<RawSample> {
         .collect()
 }
 
-/// The host in the board's place.
-struct Host<'a> {
-    sample: Option<RawSample>,
-    frames: &'a mut Vec<Frame>,
-    counters: Counters,
-}
-
-impl Board for Host<'_> {
-    fn acquire(&mut self) -> Option<RawSample> {
-        self.sample.take()
-    }
-
-    fn queue(&mut self, frame: Frame) -> Result<(), Frame> {
-        self.frames.push(frame);
-        Ok(())
-    }
-
-    fn overrun(&mut self) -> bool {
-        false
-    }
-
-    fn counters(&self) -> &Counters {
-        &self.counters
-    }
-}
-
 /// The frames of the same application on the host, with the raw samples too
 /// where they are wanted.
 ///
@@ -95,15 +69,15 @@ impl Board for Host<'_> {
 pub fn on_host(image: &[u8], samples: &[RawSample], with_raw: bool) -> Vec<Frame> {
     let mut app = App::try_new(image, 0).expect("the image is valid");
     app.sends_raw = with_raw;
-    let mut frames = Vec::new();
-    let mut host = Host {
-        sample: None,
-        frames: &mut frames,
-        counters: Counters::new(),
-    };
+    run(&mut app, samples)
+}
+
+/// The frames of an application on a board that takes all of them.
+pub fn run(app: &mut App<'_>, samples: &[RawSample]) -> Vec<Frame> {
+    let mut board = Bench::with_room_for(usize::MAX);
     for sample in samples {
-        host.sample = Some(*sample);
-        app.on_data_ready(&mut host);
+        board.sample = Some(*sample);
+        app.on_data_ready(&mut board);
     }
-    frames
+    board.outbox.into()
 }

@@ -28,6 +28,22 @@ impl Counters {
     }
 }
 
+/// Whether the CAN controller is off the bus, for its counter.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct BusState {
+    off: bool,
+}
+
+impl BusState {
+    /// Counts each time that the controller has gone bus-off since the last call.
+    pub fn follow(&mut self, off: bool, counters: &Counters) {
+        if off && !self.off {
+            count(&counters.bus_off);
+        }
+        self.off = off;
+    }
+}
+
 /// Counts one event.
 pub fn count(counter: &AtomicU32) {
     counter.fetch_add(1, Relaxed);

@@ -16,6 +16,7 @@ pub mod counters;
 pub mod driver;
 pub mod model;
 pub mod owned;
+pub mod progress;
 pub mod ram_flash;
 pub mod simulated_flash;
 pub mod slcan;

@@ -22,6 +22,8 @@ pub enum Stimulus {
     End,
     /// Start anew, as after a reset: with the newest image, at the first sample.
     Restart,
+    /// The sample clock stands still from here on.
+    Stop,
 }
 
 #[cfg(test)]

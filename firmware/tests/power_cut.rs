@@ -4,10 +4,10 @@ mod signer;
 
 use std::thread;
 
-use embedded_storage::nor_flash::ReadNorFlash;
+use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use loadtwin_common::Error;
 use loadtwin_common::sealed::{HEADER_LEN, OVERHEAD, Refusal};
-use loadtwin_firmware::simulated_flash::{Moment, SimulatedFlash};
+use loadtwin_firmware::simulated_flash::{FlashError, Moment, SimulatedFlash};
 use loadtwin_firmware::store::{Layout, Slot, Store};
 
 use rand::{RngExt, SeedableRng};
@@ -230,6 +230,52 @@ fn uploads_go_on_for_as_long_as_the_flash_lasts() {
         flash = store.release();
         assert_eq!(running(&boot(flash.clone())), Some(issue));
     }
+}
+
+/// A flash that says that it erased a page of records, and did not.
+struct Forgetful(Flash);
+
+impl ErrorType for Forgetful {
+    type Error = FlashError;
+}
+
+impl ReadNorFlash for Forgetful {
+    const READ_SIZE: usize = Flash::READ_SIZE;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
+        self.0.read(offset, bytes)
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.capacity()
+    }
+}
+
+impl NorFlash for Forgetful {
+    const WRITE_SIZE: usize = Flash::WRITE_SIZE;
+    const ERASE_SIZE: usize = Flash::ERASE_SIZE;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
+        let page_of_slot = (from - LAYOUT.start) % LAYOUT.slot_bytes;
+        if page_of_slot == LAYOUT.slot_bytes - PAGE as u32 {
+            return Ok(());
+        }
+        self.0.erase(from, to)
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
+        self.0.write(offset, bytes)
+    }
+}
+
+#[test]
+fn a_record_page_that_was_not_erased_takes_no_image() {
+    let flash = Forgetful(in_service());
+    let mut store = Store::boot(flash, LAYOUT, Some(board_key()), |_, _, _| true).unwrap();
+    let image = image(3);
+    let begun = store.begin(&image[..PAGE], image.len() as u32);
+    assert_eq!(begun, Err(Refusal::Flash));
+    assert_eq!(running(&boot(store.release().0)), Some(2));
 }
 
 #[test]

@@ -91,6 +91,10 @@ impl Timer {
         self.0.write(Self::CTRL, 0b1001);
     }
 
+    pub fn stop(&self) {
+        self.0.write(Self::CTRL, 0);
+    }
+
     pub fn clear(&self) {
         self.0.write(Self::INT, 1);
     }

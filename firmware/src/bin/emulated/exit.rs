@@ -48,9 +48,10 @@ extern "C" fn hard_fault() -> ! {
     // SAFETY: nothing else runs any more, and these are reads.
     let scb = unsafe { &*cortex_m::peripheral::SCB::PTR };
     defmt::error!(
-        "hard fault: status {=u32:#x}, address {=u32:#x}",
+        "hard fault: status {=u32:#x}, bus {=u32:#x}, forbidden {=u32:#x}",
         scb.cfsr.read(),
-        scb.bfar.read()
+        scb.bfar.read(),
+        scb.mmfar.read()
     );
     failure()
 }

@@ -10,6 +10,7 @@
 mod cmsdk;
 mod exit;
 mod flash;
+mod guard;
 
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering::Relaxed};
 
@@ -26,6 +27,7 @@ use loadtwin_firmware::board::Board;
 use loadtwin_firmware::counters::Counters;
 use loadtwin_firmware::model::Models;
 use loadtwin_firmware::owned::Owned;
+use loadtwin_firmware::progress::Progress;
 use loadtwin_firmware::ram_flash::{LAYOUT, PAGE};
 use loadtwin_firmware::slcan;
 use loadtwin_firmware::stimulus::{self, Stimulus};
@@ -52,7 +54,7 @@ static SENDS_RAW: AtomicBool = AtomicBool::new(false);
 static ENDED: AtomicBool = AtomicBool::new(false);
 /// Whether the test has asked for a new start.
 static RESTARTS: AtomicBool = AtomicBool::new(false);
-/// Ticks of the sample clock since start.
+/// Ticks of the sample clock since start that were processed.
 static TICKS: AtomicU32 = AtomicU32::new(0);
 /// What the status says of the image offered last.
 static REFUSED: AtomicU8 = AtomicU8::new(0);
@@ -85,6 +87,7 @@ impl Board for Emulated {
             Stimulus::SendRaw(sends) => SENDS_RAW.store(sends, Relaxed),
             Stimulus::End => ENDED.store(true, Relaxed),
             Stimulus::Restart => RESTARTS.store(true, Relaxed),
+            Stimulus::Stop => TIMER0.stop(),
         }
         None
     }
@@ -159,6 +162,7 @@ fn main() -> ! {
     static SENSORS_CELL: StaticCell<Sensors> = StaticCell::new();
     static BUS_CELL: StaticCell<Bus> = StaticCell::new();
 
+    guard::forbid_below_stack();
     let mut flash = flash::powered();
     let key = flash::key(&mut flash);
     let models = MODELS.init_with(|| {
@@ -197,22 +201,23 @@ fn main() -> ! {
     UART1.enable();
     start_interrupts();
     TIMER0.start(ticks);
-    // Half a second without a turn of the loop below is a hang.
+    // Half a second without a tick processed and a turn of the loop below is a hang.
     WATCHDOG.start(cmsdk::CLOCK_HZ / 2);
+    let mut progress = Progress::default();
 
     loop {
         while let Some(frame) = outbox.dequeue() {
-            send(&frame);
+            send(&frame, &mut progress);
         }
         while let Some(frame) = inbox.dequeue() {
             let now_us = (TICKS.load(Relaxed)).wrapping_mul(ticks / (cmsdk::CLOCK_HZ / 1_000_000));
             if let Some(reply) = models.on_frame(&frame, now_us) {
-                send(&reply);
+                send(&reply, &mut progress);
             }
         }
         let (reply, refused) = models.poll();
         if let Some(reply) = reply {
-            send(&reply);
+            send(&reply, &mut progress);
         }
         if let Some(refused) = refused {
             REFUSED.store(refused, Relaxed);
@@ -228,19 +233,26 @@ fn main() -> ! {
                 cortex_m::peripheral::SCB::sys_reset()
             }
         }
-        WATCHDOG.feed();
+        feed(&mut progress);
         cortex_m::asm::wfi();
     }
 }
 
 /// Puts a frame on the bus.
-fn send(frame: &Frame) {
+fn send(frame: &Frame, progress: &mut Progress) {
     for byte in slcan::encode(frame) {
         // A bus that stands still is no hang of this program.
         while !UART1.idle() {
-            WATCHDOG.feed();
+            feed(progress);
         }
         UART1.write(byte);
+    }
+}
+
+/// Feeds the watchdog where a tick was processed since the last time.
+fn feed(progress: &mut Progress) {
+    if progress.goes_on(TICKS.load(Relaxed)) {
+        WATCHDOG.feed();
     }
 }
 
@@ -278,12 +290,12 @@ unsafe fn DefaultHandler(irqn: i16) {
     match u16::try_from(irqn) {
         Ok(irq::TIMER0) => {
             TIMER0.clear();
-            TICKS.fetch_add(1, Relaxed);
             CONVERTER.with(|Converter { app, board }| {
                 app.sends_raw = SENDS_RAW.load(Relaxed);
                 app.set_refused(REFUSED.load(Relaxed));
                 app.on_data_ready(board);
             });
+            TICKS.fetch_add(1, Relaxed);
         }
         Ok(irq::UART0_RX) => {
             UART0.acknowledge();

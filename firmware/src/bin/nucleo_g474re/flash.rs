@@ -135,7 +135,7 @@ impl NorFlash for Checked {
         {
             let word =
                 |i: usize| u32::from_le_bytes([bytes[i], bytes[i + 1], bytes[i + 2], bytes[i + 3]]);
-            let place = BANK.wrapping_add(at as usize).cast::<u32>().cast_mut();
+            let place = ptr::with_exposed_provenance_mut::<u32>(BANK as usize + at as usize);
             Self::operate(|| {
                 pac::FLASH.cr().write(|control| control.set_pg(true));
                 // SAFETY: a double word inside the bank, both halves one after

@@ -20,6 +20,8 @@
 #![no_main]
 
 mod flash;
+#[path = "../emulated/guard.rs"]
+mod guard;
 
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering::Relaxed};
 
@@ -45,10 +47,11 @@ use loadtwin_common::frame::Frame;
 use loadtwin_common::raw::RawSample;
 use loadtwin_firmware::app::App;
 use loadtwin_firmware::board::Board;
-use loadtwin_firmware::counters::{Counters, count};
+use loadtwin_firmware::counters::{BusState, Counters};
 use loadtwin_firmware::driver::ads131m04::{Ads131m04, Config, Error, Gain, Oversampling};
 use loadtwin_firmware::model::Models;
 use loadtwin_firmware::owned::Owned;
+use loadtwin_firmware::progress::Progress;
 use loadtwin_firmware::upload::BLOCK_OVERHEAD;
 use panic_probe as _;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -190,6 +193,7 @@ async fn main(spawner: Spawner) {
     static SAMPLER_CELL: StaticCell<Sampler> = StaticCell::new();
     static MODELS: StaticCell<BoardModels> = StaticCell::new();
 
+    guard::forbid_below_stack();
     let p = embassy_stm32::init(clocks());
     let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
     watchdog.unleash();
@@ -211,13 +215,9 @@ async fn main(spawner: Spawner) {
     let spi = Spi::new_blocking(p.SPI1, p.PA5, p.PA7, p.PA6, spi_config);
     let select = Output::new(p.PB6, Level::High, Speed::VeryHigh);
     let Ok(bus) = ExclusiveDevice::new_no_delay(spi, select);
-    let converter = loop {
-        match Ads131m04::try_new(bus, CONVERTER, &mut Delay) {
-            Ok(converter) => break converter,
-            // Without a converter there is nothing to do but to start over,
-            // which the watchdog does.
-            Err(_) => defmt::panic!("the converter does not answer"),
-        }
+    let Ok(converter) = Ads131m04::try_new(bus, CONVERTER, &mut Delay) else {
+        // There is nothing to do but to start over, which the watchdog does.
+        defmt::panic!("the converter does not answer")
     };
 
     // Held for ever: dropping the encoder's timer or the pins would stop them.
@@ -341,23 +341,19 @@ async fn take_models(
     }
 }
 
-/// Feeds the watchdog while thread and interrupts run, counts bus-off, has a
-/// silent converter told.
+/// Feeds the watchdog while samples are processed, counts bus-off, has a silent
+/// converter told until the watchdog starts the board over, which sets it up anew.
 async fn watch(mut watchdog: IndependentWatchdog<'static, IWDG>, can: Properties) -> ! {
-    let mut samples = 0;
-    let mut was_off = false;
+    let mut progress = Progress::default();
+    let mut bus = BusState::default();
     loop {
-        watchdog.pet();
-        let off = matches!(can.bus_error_mode(), BusErrorMode::BusOff);
-        if off && !was_off {
-            count(&COUNTERS.bus_off);
-        }
-        was_off = off;
-        let now = SAMPLES.load(Relaxed);
-        if now == samples {
+        if progress.goes_on(SAMPLES.load(Relaxed)) {
+            watchdog.pet();
+        } else {
             NVIC::pend(pac::Interrupt::EXTI9_5);
         }
-        samples = now;
+        let off = matches!(can.bus_error_mode(), BusErrorMode::BusOff);
+        bus.follow(off, &COUNTERS);
         Timer::after_millis(TURN_MS).await;
     }
 }

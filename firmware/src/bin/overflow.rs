@@ -1,0 +1,31 @@
+//! Overflows the stack of the emulated board: the end must be a fault, before
+//! anything else is written over.
+#![no_std]
+#![no_main]
+
+#[path = "emulated/exit.rs"]
+mod exit;
+#[path = "emulated/guard.rs"]
+mod guard;
+
+use core::hint::black_box;
+
+use cortex_m_rt::entry;
+use defmt_semihosting as _;
+
+fn deeper(depth: u32) -> u32 {
+    let room = black_box([depth; 32]);
+    let below = if black_box(true) {
+        deeper(depth + 1)
+    } else {
+        0
+    };
+    below.wrapping_add(room[31])
+}
+
+#[entry]
+fn main() -> ! {
+    guard::forbid_below_stack();
+    defmt::error!("came back from depth {=u32}", deeper(0));
+    exit::success()
+}

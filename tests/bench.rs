@@ -1,0 +1,57 @@
+//! A board on the host whose converter and bus a test controls.
+
+use std::collections::VecDeque;
+
+use loadtwin_common::frame::Frame;
+use loadtwin_common::raw::RawSample;
+use loadtwin_firmware::board::Board;
+use loadtwin_firmware::counters::Counters;
+
+/// The board.
+#[derive(Debug)]
+pub struct Bench {
+    /// What the converter latched.
+    pub sample: Option<RawSample>,
+    /// Whether data-ready comes again before a step has ended.
+    pub late: bool,
+    /// Frames that wait for the bus.
+    pub outbox: VecDeque<Frame>,
+    /// What its parts count.
+    pub counters: Counters,
+    room: usize,
+}
+
+impl Bench {
+    /// A board whose queue to the bus takes so many frames.
+    pub fn with_room_for(frames: usize) -> Self {
+        Self {
+            sample: None,
+            late: false,
+            outbox: VecDeque::new(),
+            counters: Counters::new(),
+            room: frames,
+        }
+    }
+}
+
+impl Board for Bench {
+    fn acquire(&mut self) -> Option<RawSample> {
+        self.sample.take()
+    }
+
+    fn queue(&mut self, frame: Frame) -> Result<(), Frame> {
+        if self.outbox.len() >= self.room {
+            return Err(frame);
+        }
+        self.outbox.push_back(frame);
+        Ok(())
+    }
+
+    fn overrun(&mut self) -> bool {
+        self.late
+    }
+
+    fn counters(&self) -> &Counters {
+        &self.counters
+    }
+}

@@ -1,0 +1,62 @@
+//! For every drivetrain, set of sensors and filter the emulated board sends what the
+//! host sends, to the last bit, through everything that can go wrong with a sample.
+
+use std::thread;
+use std::time::Duration;
+
+use loadtwin::build::Filter;
+use loadtwin_common::frame::Frame;
+use loadtwin_common::image::Image;
+use loadtwin_common::line::Line;
+use loadtwin_tests::descriptions::{Variant, variants};
+use loadtwin_tests::emulator::Emulator;
+use loadtwin_tests::gearbox::{is_estimate, on_host};
+
+/// Of each variant; `LOADTWIN_SECONDS` sets another.
+const SECONDS: f64 = 3.0;
+
+/// Runs a variant on both sides and compares.
+fn compare(variant: &Variant, seconds: f64) {
+    let name = &variant.name;
+    let samples = variant.samples(seconds);
+    let mut expected = on_host(&variant.image, &samples, false);
+    expected.retain(is_estimate);
+
+    let board = Emulator::start(&variant.image);
+    let bus = board.bus();
+    let sent = board.sensors().send_all(samples.clone());
+    let frames: Vec<Frame> = bus.filter(is_estimate).collect();
+    let end = board.end(Duration::from_secs(20));
+    assert!(end.status.success(), "{name}: {}\n{}", end.status, end.log);
+    sent.join().unwrap();
+
+    let differ = frames.iter().zip(&expected).position(|(b, h)| b != h);
+    assert_eq!(differ, None, "{name}: first frame that differs");
+    assert_eq!(frames.len(), expected.len(), "{name}");
+    assert!(frames.len() >= samples.len(), "{name}: {}", frames.len());
+
+    let mut line = Line::try_build(Image::from_bytes(&variant.image).unwrap()).unwrap();
+    let steady = samples.iter().filter(|raw| line.step(raw).steady).count();
+    assert_eq!(steady > 0, variant.filter == Filter::Steady, "{name}");
+    println!(
+        "{name}: {} samples, {steady} by steady gains, {} frames equal",
+        samples.len(),
+        frames.len()
+    );
+}
+
+#[test]
+fn every_drivetrain_with_every_set_and_filter_gives_the_bits_of_the_host() {
+    let seconds =
+        std::env::var("LOADTWIN_SECONDS").map_or(SECONDS, |text| text.parse().expect("seconds"));
+    let variants = variants();
+    assert!(variants.len() >= 40, "{} variants", variants.len());
+    // One emulator for each of two cores.
+    for pair in variants.chunks(2) {
+        thread::scope(|scope| {
+            for variant in pair {
+                scope.spawn(move || compare(variant, seconds));
+            }
+        });
+    }
+}
