@@ -5,14 +5,14 @@ use crate::estimate::Estimate;
 use crate::gearbox::{Gearbox, GearboxModel, GearboxState};
 use crate::image::{Image, Model};
 use crate::raw::RawSample;
-#[cfg(feature = "rotor")]
 use crate::rotor::{Rotor, RotorModel, RotorState};
 
 /// Numbers of states that filters are compiled for; a model with another one
 /// is filled up with states that nothing depends on.
 pub const STATES: [usize; 4] = [6, 8, 12, 16];
 
-/// Modal displacements and states of the filters of rotors.
+/// Modal displacements and states of the filters of rotors; a model with fewer is filled
+/// up with states that nothing depends on. One more size takes 20 kB of flash.
 pub const ROTOR_SIZES: [(usize, usize); 1] = [(8, 20)];
 
 /// The estimator of one machine and its state.
@@ -38,7 +38,6 @@ enum Kind<'a> {
     Gearbox8(Gearbox<'a, 8>, GearboxState<8>),
     Gearbox12(Gearbox<'a, 12>, GearboxState<12>),
     Gearbox16(Gearbox<'a, 16>, GearboxState<16>),
-    #[cfg(feature = "rotor")]
     Rotor20(Rotor<'a, 8, 20>, RotorState<8, 20>),
 }
 
@@ -57,7 +56,6 @@ fn start<'a, const NX: usize>(
     Ok(())
 }
 
-#[cfg(feature = "rotor")]
 #[inline(never)]
 fn start_rotor<'a, const NZ: usize, const NX: usize>(
     model: RotorModel<'a>,
@@ -101,9 +99,6 @@ impl<'a> Line<'a> {
                 16 => start(model, Kind::Gearbox16, place),
                 _ => Err(Error::OutOfRange("number of states")),
             },
-            #[cfg(not(feature = "rotor"))]
-            Model::Rotor(_) => Err(Error::Malformed("machine: no rotors in this build")),
-            #[cfg(feature = "rotor")]
             Model::Rotor(model) => match (model.modes, model.scale.len()) {
                 (8, 20) => start_rotor(model, Kind::Rotor20, place),
                 _ => Err(Error::OutOfRange("number of states")),
@@ -118,7 +113,6 @@ impl<'a> Line<'a> {
             Kind::Gearbox8(g, s) => g.step(s, raw),
             Kind::Gearbox12(g, s) => g.step(s, raw),
             Kind::Gearbox16(g, s) => g.step(s, raw),
-            #[cfg(feature = "rotor")]
             Kind::Rotor20(r, s) => r.step(s, raw),
         }
     }
@@ -127,7 +121,6 @@ impl<'a> Line<'a> {
     /// scale, for displacements at nodes without sensor; empty for other machines.
     pub fn rotor_state(&self) -> &[f32] {
         match &self.kind {
-            #[cfg(feature = "rotor")]
             Kind::Rotor20(_, s) => s.state(),
             _ => &[],
         }

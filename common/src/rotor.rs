@@ -24,6 +24,7 @@ use crate::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
 use filter::{Belief, Turn, predict_covariance, predict_state, predicted, update};
 use shaft::Shaft;
 
+use model::Between;
 pub use model::{MAX_MODES, MAX_STATES, Numbers, RotorChannel, RotorModel, ShaftEncoder, Speeds};
 
 /// Samples after which a gap is a new start.
@@ -105,41 +106,28 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         })
     }
 
-    /// The state before the first sample.
+    /// The state before the first sample, which fills it: empty, it is made where
+    /// it stays, and not on the stack.
+    #[inline(always)]
     pub fn start(&self) -> RotorState<NZ, NX> {
-        let mut active = Active {
-            place: f32::MAX,
-            dense: [[0.0; NX]; NZ],
-            gain: [[0.0; NX]; MAX_CHANNELS],
-            variance: [0.0; MAX_CHANNELS],
-            load_std: [0.0; MAX_LOADS],
-        };
-        self.follow(&mut active, self.model.speeds.nominal);
         RotorState {
             unwrap: Unwrap::default(),
-            belief: self.initial(),
+            belief: Belief {
+                state: [0.0; NX],
+                covariance: [[0.0; NX]; NX],
+            },
             gates: [self.gate; MAX_CHANNELS],
             shaft: Shaft::new(self.model.speeds.nominal),
-            active,
+            active: Active {
+                place: f32::MAX,
+                dense: [[0.0; NX]; NZ],
+                gain: [[0.0; NX]; MAX_CHANNELS],
+                variance: [0.0; MAX_CHANNELS],
+                load_std: [0.0; MAX_LOADS],
+            },
             calm: 0,
             age: u16::MAX,
             started: false,
-        }
-    }
-
-    fn initial(&self) -> Belief<f32, NX> {
-        let mut covariance = [[0.0; NX]; NX];
-        let mut entry = 0;
-        for i in 0..NX {
-            for j in 0..=i {
-                covariance[i][j] = self.model.initial_covariance.get(entry);
-                covariance[j][i] = covariance[i][j];
-                entry += 1;
-            }
-        }
-        Belief {
-            state: [0.0; NX],
-            covariance,
         }
     }
 
@@ -147,38 +135,48 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
     fn follow(&self, active: &mut Active<NZ, NX>, speed: f32) {
         let speeds = &self.model.speeds;
         let last = f32::from(speeds.count) - 1.0;
-        let place = ((speed - speeds.lowest) / speeds.step).clamp(0.0, last);
-        if (place - active.place).abs() <= FOLLOW || !place.is_finite() {
+        let place = (speed - speeds.lowest) / speeds.step;
+        if !place.is_finite() {
+            return;
+        }
+        // `clamp` panics where the ends are the wrong way round.
+        let place = match place {
+            place if place > last => last,
+            place if place > 0.0 => place,
+            _ => 0.0,
+        };
+        if (place - active.place).abs() <= FOLLOW {
             return;
         }
         active.place = place;
         let stride = self.model.stride();
         let low = place as usize;
         let part = place - low as f32;
-        let (low, next) = (low * stride, if part > 0.0 { stride } else { 0 });
-        let at = |i: usize| {
-            let value = self.model.tables.get(low + i);
-            value + part * (self.model.tables.get(low + next + i) - value)
-        };
-        let mut entry = 0;
-        let mut take = || {
-            entry += 1;
-            at(entry - 1)
+        let mut between = Between {
+            tables: self.model.tables,
+            at: low * stride,
+            next: if part > 0.0 { stride } else { 0 },
+            part,
         };
         for row in &mut active.dense {
-            row.fill_with(&mut take);
+            between.read(row);
         }
         let channels = self.model.channels.len();
+        let mut row = [0.0; MAX_CHANNELS];
         for i in 0..NX {
-            for column in active.gain.iter_mut().take(channels) {
-                column[i] = take();
+            between.read(row.get_mut(..channels).unwrap_or_default());
+            for (column, value) in active.gain.iter_mut().zip(&row) {
+                column[i] = *value;
             }
         }
-        (active.variance.iter_mut().take(channels)).for_each(|slot| *slot = take());
-        (active.load_std.iter_mut().take(self.model.loads.len())).for_each(|slot| *slot = take());
+        between.read(active.variance.get_mut(..channels).unwrap_or_default());
+        let loads = self.model.loads.len();
+        between.read(active.load_std.get_mut(..loads).unwrap_or_default());
     }
 
     /// One sample: convert, predict, update with each usable reading.
+    // Inlined, the stack would hold the temporaries of all sizes at once.
+    #[inline(never)]
     pub fn step(&self, state: &mut RotorState<NZ, NX>, raw: &RawSample) -> Estimate {
         let index = self.model.index.as_ref();
         let m = (state.unwrap).convert(
@@ -225,9 +223,22 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
     }
 
     fn restart(&self, state: &mut RotorState<NZ, NX>) {
-        state.belief = self.initial();
+        let Belief {
+            state: mean,
+            covariance,
+        } = &mut state.belief;
+        mean.fill(0.0);
+        let mut entry = 0;
+        for i in 0..NX {
+            for j in 0..=i {
+                covariance[i][j] = self.model.initial_covariance.get(entry);
+                covariance[j][i] = covariance[i][j];
+                entry += 1;
+            }
+        }
         state.gates = [self.gate; MAX_CHANNELS];
         state.shaft = Shaft::new(self.model.speeds.nominal);
+        self.follow(&mut state.active, self.model.speeds.nominal);
         state.calm = 0;
         state.age = u16::MAX;
         state.started = true;
@@ -274,25 +285,27 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         estimate: &mut Estimate,
     ) -> bool {
         let mut innovations = [0.0; MAX_CHANNELS];
-        for (i, (row, channel)) in self.rows.iter().zip(&self.model.channels).enumerate() {
-            let Some(Ok(value)) = m.values.get(i) else {
+        let sensors = (self.rows.iter().zip(&self.model.channels)).zip(&state.active.variance);
+        for (((row, channel), variance), (slot, value)) in
+            sensors.zip(innovations.iter_mut().zip(&m.values))
+        {
+            let Ok(value) = value else {
                 return false;
             };
             let nu = value - channel.offset - predicted(&state.belief.state, row);
-            let within = nu * nu <= self.model.gate_nis * state.active.variance[i];
+            let within = nu * nu <= self.model.gate_nis * variance;
             if !within {
                 return false;
             }
-            innovations[i] = nu;
+            *slot = nu;
         }
-        for (i, channel) in self.model.channels.iter().enumerate() {
-            let nu = innovations[i];
-            let gain = &state.active.gain[i];
+        let gains = state.active.gain.iter().zip(&state.active.variance);
+        for (((gain, variance), nu), (channel, value)) in
+            (gains.zip(innovations)).zip(self.model.channels.iter().zip(&m.values))
+        {
             for j in 0..NX {
                 state.belief.state[j] += gain[j] * nu;
             }
-            let variance = state.active.variance[i];
-            let value = m.values.get(i).copied().and_then(Result::ok);
             let sensor = SensorEstimate {
                 measured: value.unwrap_or(0.0) * channel.unit,
                 innovation: nu * channel.unit,
@@ -302,6 +315,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             };
             let _ = estimate.sensors.push(sensor);
         }
+        estimate.steady = true;
         state.age = 0;
         true
     }

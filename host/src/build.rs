@@ -92,6 +92,24 @@ pub enum BuildError {
     /// A rotor that cannot be computed.
     #[error("rotor: {0}")]
     Rotor(#[from] RotorError),
+    /// A filter that rotors do not have.
+    #[error(
+        "--filter: found steady, allowed on a rotor: aekf, which takes the steady gains of the \
+         speed by itself once it has converged"
+    )]
+    RotorFilter,
+    /// More modes than any filter of a rotor has.
+    #[error(
+        "rotor.reduction.modes: found {found}, allowed: at most {most} beside the {loads} loads"
+    )]
+    TooManyModes {
+        /// Modes that were asked for.
+        found: usize,
+        /// Most that there are beside the loads.
+        most: usize,
+        /// Number of loads.
+        loads: usize,
+    },
     /// A mode's speed cannot be seen in its displacements.
     #[error(
         "rate_hz: found a rate that samples a mode at a multiple of half its period, allowed: \
@@ -207,6 +225,7 @@ impl Sensors {
 pub fn image(machine: &Machine, sensors: &Sensors) -> Result<Vec<u8>, BuildError> {
     match machine.kind() {
         Some(Kind::Drivetrain(drivetrain)) => gearbox::image(machine, drivetrain, sensors),
+        Some(Kind::Rotor(_)) if sensors.filter == Filter::Steady => Err(BuildError::RotorFilter),
         Some(Kind::Rotor(rotor)) => RotorPlan::new(machine, rotor)?.image(machine, rotor, sensors),
         Some(Kind::Bearing(_)) => Err(BuildError::NoImage("a bearing")),
         None => Err(BuildError::NoEstimator(machine.path.clone())),

@@ -1,5 +1,6 @@
 //! The rotor at design time: finite elements, modes, responses, reduction.
 
+mod convergence;
 mod discrete;
 mod element;
 mod image;

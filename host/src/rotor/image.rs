@@ -6,12 +6,13 @@ use loadtwin_common::image::{Image, LoadSignal, Model, VERSION};
 use loadtwin_common::line::ROTOR_SIZES;
 use loadtwin_common::measurement::{Converter, Counter, IndexPulse};
 use loadtwin_common::phase::{Phase, PhaseStep};
-use loadtwin_common::rotor::filter::{Belief, Turn, predict_covariance, update};
+use loadtwin_common::rotor::filter::Turn;
 use loadtwin_common::rotor::{
     Numbers, RotorChannel, RotorModel as ImageModel, ShaftEncoder, Speeds,
 };
 
 use super::RotorError;
+use super::convergence::{Recursion, triangle};
 use super::discrete::{Discrete, discrete, held, moved, turned};
 use super::model::{BAND, RotorModel};
 use super::reduction::{Reduced, ReductionError};
@@ -35,12 +36,6 @@ const VALID_STD: f64 = 1.0;
 /// Random walk of an unbalance whose description gives none, in nominal loads per
 /// sqrt(s): a mass that moves by 0.1 % in a second.
 const UNBALANCE_WALK: f64 = 1e-3;
-
-/// Relative difference of every variance to its last at which the gain has converged.
-const CONVERGED: f64 = 0.02;
-
-/// Longest time that is looked at for it [s].
-const LONGEST_S: f64 = 20.0;
 
 /// Bandwidth of the tracked speed, in sample rates, at most [Hz].
 const TRACKING: f64 = 0.01;
@@ -74,10 +69,14 @@ impl RotorPlan {
             })
             .collect();
         let wanted = rotor.reduction.modes.map(|modes| modes + forces.len());
+        let [.., most] = ROTOR_SIZES;
         let size = (ROTOR_SIZES.into_iter())
-            .filter(|(nz, nx)| nx - 2 * nz >= forces.len() && *nz > forces.len())
-            .find(|(nz, _)| *nz >= wanted.unwrap_or(8))
-            .ok_or(BuildError::TooLarge("rotor.reduction.modes with its loads"))?;
+            .find(|(nz, nx)| nx - 2 * nz >= forces.len() && *nz >= wanted.unwrap_or(*nz))
+            .ok_or(BuildError::TooManyModes {
+                found: rotor.reduction.modes.unwrap_or(2),
+                most: most.0 - forces.len(),
+                loads: rotor.loads.len(),
+            })?;
         let kept = rotor.reduction.modes.unwrap_or(size.0 - forces.len());
         let reduced = Reduced::new(&model, rotor.speed_rad_s, kept, &forces)?;
         let [low, high] = rotor.schedule();
@@ -103,6 +102,13 @@ impl RotorPlan {
         };
         plan.scale = plan.scales()?;
         Ok(plan)
+    }
+
+    /// Bit k: pair k turns with the shaft.
+    fn turning_bits(&self) -> u8 {
+        (self.turning.iter().enumerate())
+            .map(|(k, turns)| u8::from(*turns) << k)
+            .sum()
     }
 
     /// Modal displacements kept.
@@ -325,7 +331,22 @@ impl RotorPlan {
             tables.extend(d.map(|d| posterior[(d, d)].max(0.0).sqrt()));
         }
         let f = self.scaled(&nominal.transition, false);
-        let full_samples = self.converged_after(&f, &rows, &variances, &q, &p);
+        let angle = self.nominal_speed * self.dt_s;
+        let recursion = Recursion {
+            f: &f,
+            rows: &rows,
+            variances: &variances,
+            q: &q,
+            p: &p,
+            turn: Turn {
+                turning: self.turning_bits(),
+                pairs: self.turning.len(),
+                cosine: angle.cos(),
+                sine: angle.sin(),
+            },
+            dt_s: self.dt_s,
+        };
+        let full_samples = recursion.converged_after(self.size);
         let (tables, q, p) = (bytes(tables), bytes(triangle(&q)), bytes(triangle(&p)));
         let encoder = sensors.encoders.first().map(|encoder| {
             let bandwidth = (TRACKING * machine.rate_hz).min(TRACKING_HZ);
@@ -359,9 +380,7 @@ impl RotorPlan {
             initial_covariance: Numbers::new(&p),
             full_samples,
             gate_nis: machine.tuning.gate_nis as f32,
-            turning: (self.turning.iter().enumerate())
-                .map(|(k, turns)| u8::from(*turns) << k)
-                .sum(),
+            turning: self.turning_bits(),
             loads: Self::loads(rotor)?,
             channels: (sensors.channels.iter().zip(&rows).zip(&variances))
                 .map(|((channel, row), variance)| self.channel(channel, row, *variance))
@@ -418,85 +437,6 @@ impl RotorPlan {
             variance: variance as f32,
         })
     }
-
-    /// Samples of the full recursion at the nominal speed after which no variance
-    /// differs by more than [`CONVERGED`] from what it ends at.
-    fn converged_after(
-        &self,
-        f: &Mat<f64>,
-        rows: &[Vec<f64>],
-        variances: &[f64],
-        q: &Mat<f64>,
-        p: &Mat<f64>,
-    ) -> u32 {
-        let case = Recursion {
-            f,
-            rows,
-            variances,
-            q: triangle(q),
-            p,
-            turn: Turn {
-                turning: (self.turning.iter().enumerate())
-                    .map(|(k, turns)| u8::from(*turns) << k)
-                    .sum(),
-                pairs: self.turning.len(),
-                cosine: (self.nominal_speed * self.dt_s).cos(),
-                sine: (self.nominal_speed * self.dt_s).sin(),
-            },
-            most: (LONGEST_S / self.dt_s) as u32,
-        };
-        match self.size {
-            (8, 20) => case.converged_after::<8, 20>(),
-            _ => case.most,
-        }
-    }
-}
-
-/// The recursion of the covariance, as on the line but in f64.
-struct Recursion<'a> {
-    f: &'a Mat<f64>,
-    rows: &'a [Vec<f64>],
-    variances: &'a [f64],
-    q: Vec<f64>,
-    p: &'a Mat<f64>,
-    turn: Turn<f64>,
-    most: u32,
-}
-
-impl Recursion<'_> {
-    fn converged_after<const NZ: usize, const NX: usize>(&self) -> u32 {
-        let dense: [[f64; NX]; NZ] =
-            std::array::from_fn(|i| std::array::from_fn(|j| self.f[(NZ + i, j)]));
-        let rows: Vec<[f64; NZ]> = (self.rows.iter())
-            .map(|row| std::array::from_fn(|j| row[j]))
-            .collect();
-        let mut belief = Belief::<f64, NX> {
-            state: [0.0; NX],
-            covariance: std::array::from_fn(|i| std::array::from_fn(|j| self.p[(i, j)])),
-        };
-        let loads = 2 * NZ..2 * NZ + 2 * self.turn.pairs;
-        let mut history = Vec::new();
-        for _ in 0..self.most {
-            predict_covariance(&mut belief.covariance, &dense, &self.turn, |i| self.q[i]);
-            for (row, variance) in rows.iter().zip(self.variances) {
-                update(&mut belief, row, 0.0, *variance, |_| true);
-            }
-            history.push(loads.clone().map(|d| belief.covariance[d][d]).sum::<f64>());
-        }
-        let Some(last) = history.last().copied() else {
-            return self.most;
-        };
-        let near = |p: &f64| (p - last).abs() <= CONVERGED * last;
-        let settled = history.iter().rev().take_while(|p| near(p)).count();
-        (history.len() - settled) as u32 + 1
-    }
-}
-
-fn triangle(m: &Mat<f64>) -> Vec<f64> {
-    (0..m.nrows())
-        .flat_map(|i| (0..=i).map(move |j| (i, j)))
-        .map(|at| m[at])
-        .collect()
 }
 
 fn bytes(values: Vec<f64>) -> Vec<u8> {

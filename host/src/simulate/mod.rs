@@ -32,6 +32,7 @@ mod error;
 mod gauge;
 mod plant;
 mod rotor;
+mod rotor_plant;
 mod scenario;
 mod thermal;
 
