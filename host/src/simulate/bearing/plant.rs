@@ -15,8 +15,9 @@ use crate::machine::Bearing;
 const SHAPES: usize = 11;
 const DOF: usize = 5 + 2 * SHAPES;
 
-/// Samples for which a factor of the stiffness is used.
-const REFACTOR: u32 = 10;
+/// Force out of balance at which equilibrium is reached [kN], and the most steps towards it.
+const BALANCED: f64 = 1e-5;
+const MOST_STEPS: usize = 20;
 
 /// An individual bearing in its seat.
 #[derive(Clone, Debug)]
@@ -155,13 +156,21 @@ struct Ball {
     angle: f64,
 }
 
+/// Where a ball is, what of the ring's shapes is there, and its excess diameter.
+struct Place {
+    row: usize,
+    azimuth: f64,
+    cos: f64,
+    sin: f64,
+    shapes: [f64; SHAPES],
+    excess: f64,
+}
+
 /// A bearing that turns under load, always in equilibrium.
 pub(super) struct Plant {
     individual: Individual,
     stiffness: Mat<f64>,
     position: [f64; DOF],
-    factor: Option<faer::linalg::solvers::Llt<f64>>,
-    age: u32,
     /// Azimuth of the first ball of each row [rad].
     cage: [f64; 2],
     balls: Vec<Ball>,
@@ -170,8 +179,10 @@ pub(super) struct Plant {
 
 fn shapes(psi: f64) -> [f64; SHAPES] {
     let mut f = [1.0; SHAPES];
+    let (sin1, cos1) = psi.sin_cos();
+    let (mut sin, mut cos) = (sin1, cos1);
     for order in 2..=6 {
-        let (sin, cos) = (order as f64 * psi).sin_cos();
+        (sin, cos) = (sin * cos1 + cos * sin1, cos * cos1 - sin * sin1);
         f[2 * order - 3] = cos;
         f[2 * order - 2] = sin;
     }
@@ -190,115 +201,127 @@ impl Plant {
             individual,
             stiffness,
             position: [0.0; DOF],
-            factor: None,
-            age: 0,
             cage,
             balls: Vec::new(),
             loads: [0.0; 5],
         };
-        for part in 1..=40 {
-            plant.factor = None;
-            plant.balance(loads.map(|load| load * (f64::from(part) / 20.0).min(1.0)));
-        }
+        plant.balance(loads);
         plant
     }
 
-    /// Moves to equilibrium with `Fx, Fy, Fz` [N], `Mx, Mz` [N m].
+    /// Moves to equilibrium with `Fx, Fy, Fz` [N], `Mx, Mz` [N m] by Newton's method.
     fn balance(&mut self, loads: [f64; 5]) {
         self.loads = loads;
-        let ind = &self.individual;
-        let target = [
-            loads[0] * 1e-3,
-            loads[1] * 1e-3,
-            loads[2] * 1e-3,
-            loads[3] / ind.radius,
-            loads[4] / ind.radius,
-        ];
-        let refactor = self.factor.is_none() || self.age >= REFACTOR;
-        let mut k = Mat::<f64>::zeros(
-            if refactor { DOF } else { 0 },
-            if refactor { DOF } else { 0 },
-        );
-        let mut rest = Mat::<f64>::zeros(DOF, 1);
-        for i in 0..5 {
-            rest[(i, 0)] = target[i];
-            if refactor {
-                k[(i, i)] = 1e-5;
+        let places: Vec<Place> = (0..2).flat_map(|row| self.places(row)).collect();
+        let mut before = f64::INFINITY;
+        let mut step = Mat::<f64>::zeros(DOF, 1);
+        for _ in 0..MOST_STEPS {
+            let (rest, stiffness) = self.imbalance(&places);
+            let size = rest.norm_max();
+            if size < BALANCED {
+                break;
             }
-        }
-        for i in 0..2 * SHAPES {
-            for j in 0..2 * SHAPES {
-                rest[(5 + i, 0)] -= self.stiffness[(i, j)] * self.position[5 + j];
-                if refactor {
-                    k[(5 + i, 5 + j)] = self.stiffness[(i, j)];
-                }
+            if size > before {
+                // A contact opened or closed on the way: half the step back.
+                step *= faer::Scale(-0.5);
+            } else if let Ok(factor) = stiffness.llt(Side::Lower) {
+                step = factor.solve(&rest);
+            } else {
+                break;
             }
-        }
-        self.balls.clear();
-        let lever = ind.offset / ind.radius;
-        for row in 0..2 {
-            let side = if row == 0 { 1.0 } else { -1.0 };
-            for (i, (off, excess)) in ind.scatter[row].iter().enumerate() {
-                let psi =
-                    self.cage[row] + std::f64::consts::TAU * i as f64 / ind.balls as f64 + off;
-                let (sin, cos) = psi.sin_cos();
-                let f = shapes(psi);
-                let z = &self.position;
-                let tilt = z[4] * cos - z[3] * sin;
-                let ring: f64 = (0..SHAPES).map(|k| f[k] * z[5 + row * SHAPES + k]).sum();
-                let d =
-                    ind.groove * ind.angle.cos() + z[0] * cos + z[2] * sin + side * lever * tilt
-                        - ring;
-                let w = ind.groove * ind.angle.sin() + ind.preload + side * (z[1] + tilt);
-                let delta = d.hypot(w) - ind.groove + excess;
-                let alpha = w.atan2(d);
-                let load = if delta > 0.0 {
-                    ind.stiffness * delta.powf(1.5)
-                } else {
-                    0.0
-                };
-                self.balls.push(Ball {
-                    row,
-                    azimuth: psi,
-                    load,
-                    angle: alpha,
-                });
-                if load == 0.0 {
-                    continue;
-                }
-                let (sa, ca) = alpha.sin_cos();
-                let mut n = [0.0; 5 + SHAPES];
-                n[0] = ca * cos;
-                n[1] = sa * side;
-                n[2] = ca * sin;
-                n[3] = -side * sin * (sa + lever * ca);
-                n[4] = side * cos * (sa + lever * ca);
-                for s in 0..SHAPES {
-                    n[5 + s] = -ca * f[s];
-                }
-                let place = |i: usize| if i < 5 { i } else { i + row * SHAPES };
-                let slope = 1.5 * load / delta;
-                for i in 0..5 + SHAPES {
-                    rest[(place(i), 0)] -= load * n[i];
-                    if refactor {
-                        for j in 0..5 + SHAPES {
-                            k[(place(i), place(j))] += slope * n[i] * n[j];
-                        }
-                    }
-                }
-            }
-        }
-        if refactor {
-            self.factor = k.llt(Side::Lower).ok();
-            self.age = 0;
-        }
-        self.age += 1;
-        if let Some(factor) = &self.factor {
-            let step = factor.solve(&rest);
+            before = size;
             for (i, z) in self.position.iter_mut().enumerate() {
                 *z += step[(i, 0)].clamp(-20.0, 20.0);
             }
         }
+    }
+
+    /// Where the balls of a row are.
+    fn places(&self, row: usize) -> impl Iterator<Item = Place> {
+        let spacing = std::f64::consts::TAU / self.individual.balls as f64;
+        let scatter = &self.individual.scatter[row];
+        scatter.iter().enumerate().map(move |(i, (off, excess))| {
+            let azimuth = self.cage[row] + spacing * i as f64 + off;
+            let (sin, cos) = azimuth.sin_cos();
+            Place {
+                row,
+                azimuth,
+                cos,
+                sin,
+                shapes: shapes(azimuth),
+                excess: *excess,
+            }
+        })
+    }
+
+    /// What is out of balance at the position [kN], and the stiffness there; leaves the balls.
+    fn imbalance(&mut self, places: &[Place]) -> (Mat<f64>, Mat<f64>) {
+        let ind = &self.individual;
+        let units = [1e-3, 1e-3, 1e-3, 1.0 / ind.radius, 1.0 / ind.radius];
+        let mut k = Mat::<f64>::zeros(DOF, DOF);
+        let mut rest = Mat::<f64>::zeros(DOF, 1);
+        for (i, unit) in units.iter().enumerate() {
+            rest[(i, 0)] = self.loads[i] * unit;
+            k[(i, i)] = 1e-5;
+        }
+        for j in 0..2 * SHAPES {
+            for i in 0..2 * SHAPES {
+                rest[(5 + i, 0)] -= self.stiffness[(i, j)] * self.position[5 + j];
+                k[(5 + i, 5 + j)] = self.stiffness[(i, j)];
+            }
+        }
+        self.balls.clear();
+        let lever = ind.offset / ind.radius;
+        for place in places {
+            let (row, cos, sin) = (place.row, place.cos, place.sin);
+            let side = if row == 0 { 1.0 } else { -1.0 };
+            let z = &self.position;
+            let tilt = z[4] * cos - z[3] * sin;
+            let ring: f64 = (0..SHAPES)
+                .map(|k| place.shapes[k] * z[5 + row * SHAPES + k])
+                .sum();
+            let d = ind.groove * ind.angle.cos() + z[0] * cos + z[2] * sin + side * lever * tilt
+                - ring;
+            let w = ind.groove * ind.angle.sin() + ind.preload + side * (z[1] + tilt);
+            let distance = d.hypot(w);
+            let delta = distance - ind.groove + place.excess;
+            let load = if delta > 0.0 {
+                ind.stiffness * delta * delta.sqrt()
+            } else {
+                0.0
+            };
+            self.balls.push(Ball {
+                row,
+                azimuth: place.azimuth,
+                load,
+                angle: w.atan2(d),
+            });
+            if load == 0.0 {
+                continue;
+            }
+            let (sa, ca) = (w / distance, d / distance);
+            let by_d = [cos, 0.0, sin, -side * lever * sin, side * lever * cos];
+            let by_w = [0.0, side, 0.0, -side * sin, side * cos];
+            let (mut normal, mut across) = ([0.0; 5 + SHAPES], [0.0; 5 + SHAPES]);
+            for i in 0..5 {
+                normal[i] = ca * by_d[i] + sa * by_w[i];
+                across[i] = ca * by_w[i] - sa * by_d[i];
+            }
+            for s in 0..SHAPES {
+                normal[5 + s] = -ca * place.shapes[s];
+                across[5 + s] = sa * place.shapes[s];
+            }
+            let degree = |i: usize| if i < 5 { i } else { i + row * SHAPES };
+            let (slope, turning) = (1.5 * load / delta, load / distance);
+            for j in 0..5 + SHAPES {
+                rest[(degree(j), 0)] -= load * normal[j];
+                let (n, t) = (slope * normal[j], turning * across[j]);
+                for i in 0..5 + SHAPES {
+                    k[(degree(i), degree(j))] += n * normal[i] + t * across[i];
+                }
+            }
+        }
+        (rest, k)
     }
 
     /// One sample further: the wheel has turned by `turned` [rad], the cages have slipped
