@@ -18,7 +18,7 @@ use super::model::{BAND, RotorModel};
 use super::reduction::{Reduced, ReductionError};
 use super::unbalance::{Unbalance, unbalance_response};
 use crate::build::{BuildError, Sensors};
-use crate::machine::{Channel, LoadKind, Machine, Rotor, Senses};
+use crate::machine::{Channel, Encoder, LoadKind, Machine, Rotor, Senses};
 use crate::riccati::{gain, steady_covariance};
 
 /// Speeds of the tables where the machine has a range of them.
@@ -304,32 +304,7 @@ impl RotorPlan {
             .collect();
         let nominal = self.discrete(self.nominal_speed)?;
         let (q, p) = self.covariances(rotor, &nominal);
-        let mut tables = Vec::new();
-        for speed in &self.speeds {
-            let discrete = self.discrete(*speed)?;
-            let f = self.scaled(&discrete.transition, false);
-            let steady =
-                steady_covariance(&f, &h, &q, &variances).ok_or(BuildError::NotObserved)?;
-            let k = gain(&steady, &h, &variances);
-            tables.extend(
-                (0..nz)
-                    .flat_map(|i| (0..nx).map(move |j| (nz + i, j)))
-                    .map(|at| f[at]),
-            );
-            tables.extend(
-                (0..nx)
-                    .flat_map(|i| (0..rows.len()).map(move |j| (i, j)))
-                    .map(|at| k[at]),
-            );
-            let hp = &h * &steady;
-            tables.extend(
-                (0..rows.len())
-                    .map(|i| variances[i] + (0..nx).map(|j| hp[(i, j)] * h[(i, j)]).sum::<f64>()),
-            );
-            let posterior = &steady - &k * &hp;
-            let d = 2 * nz..2 * nz + self.nominal.len();
-            tables.extend(d.map(|d| posterior[(d, d)].max(0.0).sqrt()));
-        }
+        let tables = self.tables(&h, &q, &variances)?;
         let f = self.scaled(&nominal.transition, false);
         let angle = self.nominal_speed * self.dt_s;
         let recursion = Recursion {
@@ -348,18 +323,7 @@ impl RotorPlan {
         };
         let full_samples = recursion.converged_after(self.size);
         let (tables, q, p) = (bytes(tables), bytes(triangle(&q)), bytes(triangle(&p)));
-        let encoder = sensors.encoders.first().map(|encoder| {
-            let bandwidth = (TRACKING * machine.rate_hz).min(TRACKING_HZ);
-            let rest = (-std::f64::consts::TAU * bandwidth * self.dt_s).exp();
-            ShaftEncoder {
-                counter: Counter {
-                    step: phase_step(1.0 / encoder.counts_per_turn),
-                    bits: encoder.bits as u8,
-                },
-                angle_gain: (1.0 - rest * rest) as f32,
-                speed_gain: ((1.0 - rest).powi(2) / self.dt_s) as f32,
-            }
-        });
+        let encoder = (sensors.encoders.first()).map(|e| self.shaft_encoder(e, machine.rate_hz));
         let index = machine.index.as_ref().filter(|_| encoder.is_some());
         let step = match self.speeds.as_slice() {
             [a, b, ..] => b - a,
@@ -400,6 +364,56 @@ impl RotorPlan {
             model: Model::Rotor(model),
         };
         postcard::to_stdvec(&image).map_err(|_| BuildError::TooLarge("the image"))
+    }
+
+    /// For each speed of the schedule: the part of `F` that varies, the steady gain, the
+    /// variances of the innovations, and the standard deviations of the loads.
+    fn tables(
+        &self,
+        h: &Mat<f64>,
+        q: &Mat<f64>,
+        variances: &[f64],
+    ) -> Result<Vec<f64>, BuildError> {
+        let (nz, nx) = self.size;
+        let mut tables = Vec::new();
+        for speed in &self.speeds {
+            let discrete = self.discrete(*speed)?;
+            let f = self.scaled(&discrete.transition, false);
+            let steady = steady_covariance(&f, h, q, variances).ok_or(BuildError::NotObserved)?;
+            let k = gain(&steady, h, variances);
+            tables.extend(
+                (0..nz)
+                    .flat_map(|i| (0..nx).map(move |j| (nz + i, j)))
+                    .map(|at| f[at]),
+            );
+            tables.extend(
+                (0..nx)
+                    .flat_map(|i| (0..variances.len()).map(move |j| (i, j)))
+                    .map(|at| k[at]),
+            );
+            let hp = h * &steady;
+            tables.extend(
+                (0..variances.len())
+                    .map(|i| variances[i] + (0..nx).map(|j| hp[(i, j)] * h[(i, j)]).sum::<f64>()),
+            );
+            let posterior = &steady - &k * &hp;
+            let d = 2 * nz..2 * nz + self.nominal.len();
+            tables.extend(d.map(|d| posterior[(d, d)].max(0.0).sqrt()));
+        }
+        Ok(tables)
+    }
+
+    fn shaft_encoder(&self, encoder: &Encoder, rate_hz: f64) -> ShaftEncoder {
+        let bandwidth = (TRACKING * rate_hz).min(TRACKING_HZ);
+        let rest = (-std::f64::consts::TAU * bandwidth * self.dt_s).exp();
+        ShaftEncoder {
+            counter: Counter {
+                step: phase_step(1.0 / encoder.counts_per_turn),
+                bits: encoder.bits as u8,
+            },
+            angle_gain: (1.0 - rest * rest) as f32,
+            speed_gain: ((1.0 - rest).powi(2) / self.dt_s) as f32,
+        }
     }
 
     fn loads<const N: usize>(rotor: &Rotor) -> Result<FixedVec<LoadSignal, N>, BuildError> {
