@@ -130,6 +130,10 @@ mod tests {
         assert_eq!(median(&mut [(3.0, 1.0), (1.0, 1.0), (2.0, 1.0)]), 2.0);
         let with_outlier = median(&mut [(1.0, 1.0), (2.0, 1.0), (3.0, 1.0), (1e6, 1.0)]);
         assert_eq!(with_outlier, 2.5);
-        assert_eq!(median(&mut [(1.0, 10.0), (2.0, 1.0), (3.0, 1.0)]), 1.0);
+        // Half of the weight, 6, lies between the middles 5 and 10.5 of the first two.
+        assert_eq!(
+            median(&mut [(1.0, 10.0), (2.0, 1.0), (3.0, 1.0)]),
+            1.0 + 1.0 / 5.5
+        );
     }
 }

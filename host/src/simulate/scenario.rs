@@ -299,13 +299,7 @@ mod tests {
         let p = profile("start-stop");
         assert_eq!(p.at(0.0), Demand::default());
         for t in [20.0, 40.0, 60.0] {
-            assert_eq!(
-                p.at(t),
-                Demand {
-                    torque: 1.0,
-                    speed: 1.0
-                }
-            );
+            assert_eq!(p.at(t), Demand::new(1.0, 1.0));
         }
         let lowest = (0..9000)
             .map(|i| f64::from(i) * 0.01)
