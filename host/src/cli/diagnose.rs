@@ -10,7 +10,7 @@ use super::balance;
 use super::output::say;
 use super::progress::Progress;
 use crate::balance::Request;
-use crate::diagnose::{self, Diagnosis, Verdict, effect};
+use crate::diagnose::{self, Diagnosis, Told, Verdict, effect};
 use crate::machine::Machine;
 
 /// Find which physical effect a model lacks, and add it.
@@ -50,9 +50,13 @@ impl Diagnose {
             return self.run_balance(&machine, as_json);
         }
         let progress = Progress::new("diagnose");
-        let diagnosis = diagnose::diagnose(&machine, &self.recordings, &self.validate, |part| {
-            progress.show(part);
-        })?;
+        let diagnosis = diagnose::diagnose(
+            &machine,
+            &self.recordings,
+            &self.validate,
+            effect::LIBRARY,
+            |part| progress.show(part),
+        )?;
         drop(progress);
         if let Some(path) = &self.report {
             let names: Vec<String> = self
@@ -125,6 +129,16 @@ fn print(diagnosis: &Diagnosis) {
         && let Some(effect) = names.first().and_then(|n| effect::by_name(n))
     {
         say!("what would: {}", effect.experiment());
+    }
+    let silent = diagnose::cannot_show(&diagnosis.selection);
+    if !silent.is_empty() {
+        say!(
+            "of these the recording shows nothing: {}",
+            silent.join(", ")
+        );
+    }
+    if diagnosis.sessions[0].told == Told::Gauges {
+        say!("no reference load: what all gauges have in common cannot be told from the torque");
     }
     say!("{:<26}{:>12}{:>12}", "candidate", "evidence", "by chance");
     for ranked in diagnosis.selection.ranking.iter().take(8) {

@@ -4,8 +4,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
-use super::select::{Selection, rest};
-use super::stream::{Kind, Session};
+use super::refit::rest;
+use super::select::Selection;
+use super::stream::{Kind, Session, Told};
 
 /// Blocks of the bootstrap [s].
 const BLOCK_S: f64 = 2.0;
@@ -49,7 +50,6 @@ pub fn load_errors(sessions: &[Session], selection: &Selection, seed: u64) -> Lo
         .iter()
         .map(|s| s.streams.iter().map(|k| k.residual.clone()).collect())
         .collect();
-    let after = rest(sessions, &selection.found, &selection.nuisance);
     let zeros: Vec<Vec<f64>> = selection
         .nuisance
         .iter()
@@ -65,7 +65,7 @@ pub fn load_errors(sessions: &[Session], selection: &Selection, seed: u64) -> Lo
         },
         recalibrated: Pair {
             before: figure(&again(&nominal)),
-            after: figure(&again(&after)),
+            after: figure(&again(&with_effects)),
         },
     }
 }
@@ -95,7 +95,7 @@ fn recalibrated(sessions: &[Session], residuals: &[Vec<Vec<f64>>]) -> Vec<Vec<Ve
                 }
             }
         }
-        let fit = super::fit::solved(gram, &right, &[0.0, 0.0]);
+        let fit = super::sums::solved(gram, &right, &[0.0, 0.0]);
         for (session, out) in sessions.iter().zip(&mut out) {
             for (r, x) in out[k].iter_mut().zip(&session.streams[k].reading) {
                 *r -= fit[(0, 0)] + fit[(1, 0)] * x;
@@ -119,7 +119,8 @@ fn interval(sessions: &[Session], residuals: &[Vec<Vec<f64>>], seed: u64) -> Int
         }
     }
     blocks.retain(|b| b.1 > 0.0);
-    if blocks.is_empty() {
+    // What the gauges say together is no reference for itself.
+    if blocks.is_empty() || sessions.iter().any(|s| s.told == Told::Gauges) {
         return Interval {
             value_percent: None,
             interval_percent: None,

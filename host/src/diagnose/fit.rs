@@ -5,11 +5,11 @@
 //! fold out is a subtraction, and draws of the null hypothesis are further
 //! right-hand sides of the same sums.
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
+use faer::Mat;
 
 use super::effect::{Coupling, Effect};
 use super::stream::{Columns, Kind, Session};
+use super::sums::{Sums, add, dot, left_out, mirror, solved, test_error, totals};
 
 /// Blocks are this long [s]: long against the correlation of the noise.
 pub const BLOCK_S: f64 = 1.5;
@@ -44,14 +44,6 @@ struct StreamData {
     /// Samples of noise for one that tells something new.
     inflation: f64,
     variance: f64,
-}
-
-/// Sums of products of one stream, a set for each fold.
-#[derive(Clone)]
-struct Sums {
-    gram: Vec<Mat<f64>>,
-    right: Vec<Mat<f64>>,
-    square: Vec<Vec<f64>>,
 }
 
 /// What is in the model already: nuisances and accepted effects.
@@ -115,15 +107,11 @@ impl Data {
                     right.push(drawn);
                 }
                 let stream = &sessions[0].streams[k];
-                let inflation = match stream.kind {
-                    Kind::Balance => 1.5 * sessions[0].signals.smoothing as f64,
-                    Kind::Strain | Kind::Angle => 1.0,
-                };
                 StreamData {
                     count: mask.iter().sum(),
                     mask,
                     right,
-                    inflation,
+                    inflation: inflation(&sessions[0], k),
                     variance: stream.noise_std * stream.noise_std,
                 }
             })
@@ -400,103 +388,12 @@ impl Data {
     }
 }
 
-/// Squared errors on left-out folds, for each right-hand side.
-fn left_out(sums: &Sums, ridge: &[f64]) -> Vec<f64> {
-    let sides = sums.square[0].len();
-    let mut errors = vec![0.0; sides];
-    let (gram, right) = totals(sums);
-    for fold in 0..FOLDS {
-        let solution = solved(
-            &gram - &sums.gram[fold],
-            &(&right - &sums.right[fold]),
-            ridge,
-        );
-        add(&mut errors, &test_error(sums, fold, &solution));
+/// Samples of stream `k` for one that tells something new.
+pub fn inflation(session: &Session, k: usize) -> f64 {
+    match session.streams[k].kind {
+        Kind::Balance => 1.5 * session.signals.smoothing as f64,
+        // Counts err alike for a while at a steady speed.
+        Kind::Angle => 4.0,
+        Kind::Strain => 1.0,
     }
-    errors
-}
-
-fn totals(sums: &Sums) -> (Mat<f64>, Mat<f64>) {
-    let mut gram = sums.gram[0].clone();
-    let mut right = sums.right[0].clone();
-    for fold in 1..FOLDS {
-        gram += &sums.gram[fold];
-        right += &sums.right[fold];
-    }
-    (gram, right)
-}
-
-fn add(sum: &mut [f64], more: &[f64]) {
-    for (sum, more) in sum.iter_mut().zip(more) {
-        *sum += more;
-    }
-}
-
-/// Copies the lower triangle into the upper one.
-pub fn mirror(gram: &mut Mat<f64>) {
-    for i in 0..gram.nrows() {
-        for j in 0..i {
-            gram[(j, i)] = gram[(i, j)];
-        }
-    }
-}
-
-/// `rr - 2 b'x + b'X b` of one fold, for each right-hand side.
-fn test_error(sums: &Sums, fold: usize, solution: &Mat<f64>) -> Vec<f64> {
-    let predicted = &sums.gram[fold] * solution;
-    (0..solution.ncols())
-        .map(|r| {
-            let fitted: f64 = (0..solution.nrows())
-                .map(|i| solution[(i, r)] * (predicted[(i, r)] - 2.0 * sums.right[fold][(i, r)]))
-                .sum();
-            sums.square[fold][r] + fitted
-        })
-        .collect()
-}
-
-/// Solves `(gram + ridge) b = right`; columns are scaled to one size first.
-/// All zero where the columns do not determine it.
-pub fn solved(mut gram: Mat<f64>, right: &Mat<f64>, ridge: &[f64]) -> Mat<f64> {
-    let (p, sides) = (gram.nrows(), right.ncols());
-    for (i, r) in ridge.iter().enumerate() {
-        gram[(i, i)] += r;
-    }
-    let scale: Vec<f64> = (0..p)
-        .map(|i| {
-            if gram[(i, i)] > 0.0 {
-                gram[(i, i)].sqrt()
-            } else {
-                1.0
-            }
-        })
-        .collect();
-    let scaled = Mat::from_fn(p, p, |i, j| {
-        gram[(i, j)] / (scale[i] * scale[j]) + if i == j { 1e-10 } else { 0.0 }
-    });
-    let rhs = Mat::from_fn(p, sides, |i, r| right[(i, r)] / scale[i]);
-    match scaled.llt(Side::Lower) {
-        Ok(factor) => {
-            let solution = factor.solve(&rhs);
-            Mat::from_fn(p, sides, |i, r| solution[(i, r)] / scale[i])
-        }
-        Err(_) => Mat::zeros(p, sides),
-    }
-}
-
-/// `x y` in four sums, so that it runs in the width of the processor.
-fn dot(x: &[f64], y: &[f64]) -> f64 {
-    let mut sums = [0.0; 4];
-    let (xs, ys) = (x.chunks_exact(4), y.chunks_exact(4));
-    let rest: f64 = xs
-        .remainder()
-        .iter()
-        .zip(ys.remainder())
-        .map(|(x, y)| x * y)
-        .sum();
-    for (x, y) in xs.zip(ys) {
-        for i in 0..4 {
-            sums[i] += x[i] * y[i];
-        }
-    }
-    sums.iter().sum::<f64>() + rest
 }

@@ -7,21 +7,29 @@
 //! least squares, its shape from search, its evidence from blocks that were
 //! left out, against draws of the same machine without any effect.
 
+mod columns;
+mod consensus;
 mod correct;
+mod doubt;
 pub mod effect;
 mod error;
 mod fit;
+mod known;
 mod null;
 mod observe;
 mod page;
 mod recorded;
+mod refit;
 mod select;
 mod signals;
 mod stream;
 mod structure;
+mod sums;
+mod thin;
+mod torque;
 mod verdict;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use thiserror::Error;
 
@@ -31,14 +39,15 @@ pub use observe::observe;
 pub use page::{page, sentence};
 pub use select::{Found, Ranked, Selection};
 pub use signals::Signals;
-pub use stream::{Kind, Session, Stream, Term};
+pub use stream::{Kind, Session, Stream, Term, Told};
 pub use structure::{Oddity, oddities};
-pub use verdict::{Verdict, report};
+pub use verdict::{Verdict, cannot_show, report};
 
 use crate::calibrate::CalibrateError;
 use crate::machine::{Machine, MachineError};
 use crate::recording::RecordingError;
 use crate::simulate::SimulateError;
+use effect::Effect;
 
 /// Why nothing can be said.
 #[derive(Debug, Error)]
@@ -90,8 +99,9 @@ pub struct Diagnosis {
 /// Seed of the draws without effect.
 const SEED: u64 = 20_261_121;
 
-/// Diagnoses `machine` on `recordings`; errors are told on `validation`, or,
-/// where there is none, on the fitted recordings themselves.
+/// Diagnoses `machine` on `recordings` with `candidates`, the whole
+/// [`effect::LIBRARY`] as a rule; errors are told on `validation`, or, where
+/// there is none, on the fitted recordings themselves.
 ///
 /// # Errors
 /// [`DiagnoseError`] when the machine has no residuals, or a recording cannot
@@ -100,10 +110,11 @@ pub fn diagnose(
     machine: &Machine,
     recordings: &[PathBuf],
     validation: &[PathBuf],
+    candidates: &[&'static dyn Effect],
     mut progress: impl FnMut(f64),
 ) -> Result<Diagnosis, DiagnoseError> {
-    let mut sessions = read(machine, recordings)?;
-    let mut unseen = read(machine, validation)?;
+    let mut sessions = read(machine, &[recordings, validation].concat())?;
+    let mut unseen = sessions.split_off(recordings.len());
     let mut end = 0.0;
     for session in sessions.iter_mut().chain(&mut unseen) {
         for t in &mut session.signals.t {
@@ -112,9 +123,14 @@ pub fn diagnose(
         end = session.signals.t.last().copied().unwrap_or(0.0) + session.signals.dt_s;
     }
     progress(0.1);
-    let draws = null::draws(machine, &sessions, SEED);
+    let draws = null::draws(machine, &mut sessions, SEED);
     progress(0.4);
-    let selection = select::select(&sessions, &draws, |part| progress(0.4 + 0.6 * part));
+    let mut selection = select::select(&sessions, &draws, candidates, |part| {
+        progress(0.4 + 0.6 * part);
+    });
+    if !unseen.is_empty() {
+        selection.confirm(&sessions, &unseen);
+    }
     let oddities = oddities(&sessions, &selection, &draws);
     let verdict = Verdict::of(&sessions, &selection, &oddities, &draws);
     let judged = if unseen.is_empty() {
@@ -133,9 +149,17 @@ pub fn diagnose(
     })
 }
 
+/// All recordings, given the torque in the same way.
 fn read(machine: &Machine, paths: &[PathBuf]) -> Result<Vec<Session>, DiagnoseError> {
-    paths
-        .iter()
-        .map(|path: &PathBuf| observe(machine, Path::new(path)))
-        .collect()
+    let by = |told: Told| {
+        paths
+            .iter()
+            .map(|path| observe::observe_given(machine, path, told))
+            .collect::<Result<Vec<_>, _>>()
+    };
+    let sessions = by(Told::References)?;
+    if sessions.iter().all(|s| s.told == sessions[0].told) {
+        return Ok(sessions);
+    }
+    by(Told::Gauges)
 }

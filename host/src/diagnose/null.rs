@@ -2,10 +2,11 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 
 use super::DiagnoseError;
 use super::fit::BLOCK_S;
-use super::observe::observe;
+use super::observe::observe_given;
 use super::stream::Session;
 use crate::machine::Machine;
 use crate::simulate::{Scenario, Simulation};
@@ -16,24 +17,47 @@ const SIMULATIONS: u64 = 3;
 /// Draws of the residuals.
 const DRAWS: u64 = 10;
 
+/// Part to which inertias and stiffnesses are known: how long a vibration
+/// stays in step with the simulated one.
+const TOLERANCE: f64 = 0.002;
+
+/// The same of damping, which is never known better.
+const DAMPING_TOLERANCE: f64 = 0.1;
+
 /// Residuals without effect: `[draw][session][stream]`, samples as in the session.
 pub type Draws = Vec<Vec<Vec<Vec<f64>>>>;
 
 /// Draws residuals without effect: each block from one of a few clean
-/// simulations of `machine` doing what it did in each session.
+/// simulations of machines like `machine` doing what it did in each session;
+/// one more, of the very `machine`, is taken into the streams of `sessions`.
 ///
 /// Where that cannot be simulated, the blocks of the residual itself with
 /// signs at random: its size and colour stay, what it has to do with any
 /// signal is lost.
-pub fn draws(machine: &Machine, sessions: &[Session], seed: u64) -> Draws {
+pub fn draws(machine: &Machine, sessions: &mut [Session], seed: u64) -> Draws {
     let clean: Vec<Option<Vec<Session>>> = sessions
         .iter()
         .map(|session| {
-            (0..SIMULATIONS)
-                .map(|k| simulated(machine, session, seed + k).ok())
+            (0..=SIMULATIONS)
+                .into_par_iter()
+                .map(|k| {
+                    let seed = seed + k;
+                    if k == SIMULATIONS {
+                        return simulated(machine, machine, session, seed).ok();
+                    }
+                    simulated(machine, &alike(machine, seed), session, seed).ok()
+                })
                 .collect()
         })
         .collect();
+    for (session, clean) in sessions.iter_mut().zip(&clean) {
+        if let Some(last) = clean.as_ref().and_then(|c| c.last()) {
+            for (stream, clean) in session.streams.iter_mut().zip(&last.streams) {
+                let known = |r: &f64| if r.is_finite() { *r } else { 0.0 };
+                stream.clean = clean.residual.iter().map(known).collect();
+            }
+        }
+    }
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     (0..DRAWS)
         .map(|_| {
@@ -85,18 +109,37 @@ fn mean(x: &[f64]) -> f64 {
     if n > 0.0 { sum / n } else { 0.0 }
 }
 
-/// The session of a clean simulation on what `session` did.
-fn simulated(machine: &Machine, session: &Session, seed: u64) -> Result<Session, DiagnoseError> {
-    let demand = session.demand.iter().copied();
-    if session.demand.is_empty() {
-        return Err(DiagnoseError::NoDrivetrain);
+/// A machine that fits the description within what such figures are known to.
+fn alike(machine: &Machine, seed: u64) -> Machine {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut about = |value: &mut f64, part: f64| *value *= 1.0 + part * rng.random_range(-1.0..1.0);
+    let mut machine = machine.clone();
+    if let Some(drivetrain) = &mut machine.drivetrain {
+        for inertia in &mut drivetrain.inertias {
+            about(&mut inertia.moment_kg_m2, TOLERANCE);
+        }
+        for shaft in &mut drivetrain.shafts {
+            about(&mut shaft.stiffness_nm_per_rad, TOLERANCE);
+            about(&mut shaft.damping_nm_s_per_rad, DAMPING_TOLERANCE);
+        }
     }
-    let scenario = Scenario::recorded(session.signals.dt_s, demand);
+    machine
+}
+
+/// What `described` makes of a clean simulation of `machine` on what `session` did.
+fn simulated(
+    described: &Machine,
+    machine: &Machine,
+    session: &Session,
+    seed: u64,
+) -> Result<Session, DiagnoseError> {
+    let course = session.course.clone().ok_or(DiagnoseError::NoDrivetrain)?;
+    let scenario = Scenario::recorded(course);
     let simulation = Simulation::new(machine, &scenario, seed, None, &[])?;
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("clean.parquet");
     simulation.write(&path, |_| ())?;
-    let mut clean = observe(machine, &path)?;
+    let mut clean = observe_given(described, &path, session.told)?;
     // Zeros differ from recording to recording; a block is not to tell from which it is.
     for stream in &mut clean.streams {
         let mean = mean(&stream.residual);

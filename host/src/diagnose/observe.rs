@@ -1,14 +1,19 @@
 //! From a recording to residuals: what the model says of each sample, given
-//! the reference loads.
+//! the torque that reference loads, or else all gauges together, tell.
 
 use std::path::Path;
 
 use super::DiagnoseError;
+use super::consensus;
+use super::doubt::{SHORTEST_S, doubt};
+use super::known::{course, course_by_shaft, drives, loads};
 use super::recorded::{Recorded, derivatives, take_out_spikes, take_out_stuck};
-use super::signals::{Response, Signals, smooth};
-use super::stream::{Kind, Session, Stream};
+use super::signals::{Signals, smooth};
+use super::stream::{Kind, Session, Stream, Told};
+use super::thin::{Thin, at, filled};
+use super::torque::{Bodies, torques};
 use crate::gearbox::Torsion;
-use crate::machine::{Drivetrain, Machine, Senses, resampled};
+use crate::machine::{Machine, Senses, resampled};
 
 /// Width of each of the three moving means that smooth accelerations [s].
 const SMOOTHING_S: f64 = 0.2;
@@ -19,25 +24,23 @@ const RATE_HZ: f64 = 125.0;
 /// Entries of a map between which lines are drawn.
 const ENTRIES: usize = 4096;
 
-/// Shortest recording that is judged [s].
-const SHORTEST_S: f64 = 10.0;
-
-/// What the loads tell of the torques in the chain.
-struct Torques {
-    /// Torque of each shaft, referred [N m].
-    shafts: Vec<Option<Vec<f64>>>,
-    /// `sum loads - sum J dw/dt - sum c w`, smoothed, where all loads are known.
-    balance: Option<Vec<f64>>,
-    /// Response of the chain, where all loads are known.
-    response: Option<Response>,
-}
-
-/// Reads `path` as residuals of today's `machine`.
+/// Reads `path` as residuals of today's `machine`, given the torque that the
+/// references tell, or where there are none the gauges together.
 ///
 /// # Errors
-/// When the recording cannot be read, or is too short to be judged.
-#[allow(clippy::too_many_lines, reason = "one stream after another")]
+/// When the recording cannot be read, is too short to be judged, shows next to
+/// nothing, or contradicts the description.
 pub fn observe(machine: &Machine, path: &Path) -> Result<Session, DiagnoseError> {
+    observe_given(machine, path, Told::References)
+}
+
+/// As [`observe`], given the torque that `told` tells, or what it lacks the gauges.
+#[allow(clippy::too_many_lines, reason = "one stream after another")]
+pub(super) fn observe_given(
+    machine: &Machine,
+    path: &Path,
+    mut told: Told,
+) -> Result<Session, DiagnoseError> {
     let drivetrain = machine
         .drivetrain
         .as_ref()
@@ -61,28 +64,38 @@ pub fn observe(machine: &Machine, path: &Path) -> Result<Session, DiagnoseError>
         .map(|angle| derivatives(angle, width, recorded.dt_s))
         .unzip();
     let motion = Bodies::new(machine, drivetrain, &speeds, &accelerations);
-    let known = loads(machine, drivetrain, &recorded);
+    let known = match told {
+        Told::References => loads(machine, drivetrain, &recorded),
+        Told::Gauges => vec![None; drivetrain.loads.len()],
+    };
     if known.iter().all(Option::is_none) {
+        told = Told::Gauges;
+    }
+    let drives = drives(machine, drivetrain, &recorded);
+    let torques = match told {
+        Told::References => torques(
+            drivetrain,
+            &torsion,
+            &motion,
+            &known,
+            &drives,
+            width,
+            recorded.dt_s,
+        ),
+        Told::Gauges => consensus::torques(machine, drivetrain, &recorded)?,
+    };
+    if torques.shafts.iter().all(Option::is_none) && told == Told::Gauges {
         return Err(refused(format!(
-            "no reference load; the residuals need one of the columns [{}]",
+            "no reference load (columns [{}]) and no shaft with {} gauges that could tell the torque together",
             machine
                 .references
                 .iter()
                 .map(|r| r.name.as_str())
                 .collect::<Vec<_>>()
-                .join(", ")
+                .join(", "),
+            consensus::FEWEST,
         )));
     }
-    let drives = drives(machine, drivetrain, &recorded);
-    let torques = torques(
-        drivetrain,
-        &torsion,
-        &motion,
-        &known,
-        &drives,
-        width,
-        recorded.dt_s,
-    );
     let nominal_torque = drivetrain
         .loads
         .iter()
@@ -131,6 +144,7 @@ pub fn observe(machine: &Machine, path: &Path) -> Result<Session, DiagnoseError>
         inertias: drivetrain.inertias.iter().map(|i| i.name.clone()).collect(),
         ratios: drivetrain.inertias.iter().map(|i| i.speed_ratio).collect(),
         smoothing,
+        home: machine.index.as_ref().map_or(0.0, |i| i.angle_rad),
         response,
     };
 
@@ -200,6 +214,7 @@ pub fn observe(machine: &Machine, path: &Path) -> Result<Session, DiagnoseError>
             kind: Kind::Strain,
             group: channel.group.clone(),
             residual: thin.residual(&residual),
+            clean: Vec::new(),
             scale: square.sqrt() / ratio.abs() * nominal,
             noise_std: noise / (every as f64).sqrt(),
             map: thin.means(&map),
@@ -223,6 +238,7 @@ pub fn observe(machine: &Machine, path: &Path) -> Result<Session, DiagnoseError>
         kind,
         group: None,
         residual: Vec::new(),
+        clean: Vec::new(),
         scale: nominal_torque,
         noise_std: 2e-4 * nominal_torque,
         map: Vec::new(),
@@ -283,30 +299,27 @@ pub fn observe(machine: &Machine, path: &Path) -> Result<Session, DiagnoseError>
         });
     }
     home(&mut streams, machine, &torsion);
-    let usable = streams
-        .iter()
-        .map(|s| s.residual.iter().filter(|r| r.is_finite()).count())
-        .max()
-        .unwrap_or(0);
-    if (usable as f64) * dt_s < 0.5 * SHORTEST_S {
-        return Err(refused(
-            "there is no stretch in which angle, loads and readings are known together".into(),
-        ));
-    }
-    let demand = known[0].as_ref().map_or(Vec::new(), |load| {
-        let nominal = drivetrain.loads[0].nominal_nm;
-        thin.means(load)
-            .iter()
-            .zip(signals.relative_speed())
-            .map(|(load, speed)| [load / nominal, speed])
-            .collect()
-    });
-    Ok(Session {
+    let course = match told {
+        Told::References => course(drivetrain, &torsion, &recorded, &motion, &known, &drives),
+        Told::Gauges => Some(course_by_shaft(
+            drivetrain,
+            &torsion,
+            &recorded,
+            &motion,
+            &level_full,
+        )),
+    };
+    let session = Session {
         signals,
         streams,
         twist,
-        demand,
-    })
+        course,
+        told,
+    };
+    match doubt(&session) {
+        Some(reason) => Err(refused(reason)),
+        None => Ok(session),
+    }
 }
 
 /// Takes off the error that the counts of the index's encoder leave in the
@@ -339,369 +352,4 @@ fn home(streams: &mut [Stream], machine: &Machine, torsion: &Torsion) {
             *r -= shift * slope;
         }
     }
-}
-
-/// Speed and acceleration of each inertia, referred.
-struct Bodies {
-    speed: Vec<Vec<f64>>,
-    acceleration: Vec<Vec<f64>>,
-}
-
-impl Bodies {
-    /// Each inertia by its own encoder, or by the nearest one.
-    fn new(
-        machine: &Machine,
-        drivetrain: &Drivetrain,
-        speeds: &[Vec<f64>],
-        accelerations: &[Vec<f64>],
-    ) -> Self {
-        let place = |name: &str| {
-            drivetrain
-                .inertias
-                .iter()
-                .position(|i| i.name == name)
-                .unwrap_or(0)
-        };
-        let nearest = |body: usize| {
-            (0..machine.encoders.len())
-                .min_by_key(|k| place(&machine.encoders[*k].inertia).abs_diff(body))
-                .unwrap_or(0)
-        };
-        let bodies = 0..drivetrain.inertias.len();
-        Self {
-            speed: bodies.clone().map(|b| speeds[nearest(b)].clone()).collect(),
-            acceleration: bodies.map(|b| accelerations[nearest(b)].clone()).collect(),
-        }
-    }
-}
-
-/// Each load as its reference tells it, or a channel that senses the load itself.
-fn loads(machine: &Machine, drivetrain: &Drivetrain, recorded: &Recorded) -> Vec<Option<Vec<f64>>> {
-    drivetrain
-        .loads
-        .iter()
-        .enumerate()
-        .map(|(j, load)| {
-            let reference = &recorded.loads[j];
-            if reference.iter().any(|v| v.is_finite()) {
-                return Some(filled(reference));
-            }
-            let k = machine
-                .channels
-                .iter()
-                .position(|c| c.senses == Senses::Load(load.name.clone()))?;
-            let channel = &machine.channels[k];
-            let sensitivity = channel.to_si(channel.sensitivity?);
-            let offset = channel.to_si(channel.offset);
-            let load: Vec<f64> = recorded.channels[k]
-                .iter()
-                .map(|y| (y - offset) / sensitivity)
-                .collect();
-            Some(filled(&load))
-        })
-        .collect()
-}
-
-/// Measured drive torque on each inertia, at its own speed [N m].
-fn drives(
-    machine: &Machine,
-    drivetrain: &Drivetrain,
-    recorded: &Recorded,
-) -> Vec<Option<Vec<f64>>> {
-    drivetrain
-        .inertias
-        .iter()
-        .map(|inertia| {
-            let k = machine
-                .channels
-                .iter()
-                .position(|c| c.senses == Senses::Drive(inertia.name.clone()))?;
-            let channel = &machine.channels[k];
-            let sensitivity = channel.to_si(channel.sensitivity.unwrap_or(1.0));
-            let offset = channel.to_si(channel.offset);
-            let torque: Vec<f64> = recorded.channels[k]
-                .iter()
-                .map(|y| (y - offset) / sensitivity)
-                .collect();
-            Some(filled(&torque))
-        })
-        .collect()
-}
-
-#[allow(
-    clippy::too_many_lines,
-    reason = "the equations of the chain, in their order"
-)]
-fn torques(
-    drivetrain: &Drivetrain,
-    torsion: &Torsion,
-    motion: &Bodies,
-    known: &[Option<Vec<f64>>],
-    drives: &[Option<Vec<f64>>],
-    width: usize,
-    dt_s: f64,
-) -> Torques {
-    let bodies = drivetrain.inertias.len();
-    let n = motion.speed[0].len();
-    let ratio = |b: usize| drivetrain.inertias[b].speed_ratio;
-    let moment = |b: usize| drivetrain.inertias[b].moment_kg_m2 * ratio(b) * ratio(b);
-    let drag = |b: usize| drivetrain.inertias[b].drag_nm_s_per_rad * ratio(b) * ratio(b);
-    // Torque from outside on each inertia, referred; none where it is not known.
-    let outside: Vec<Option<Vec<f64>>> = (0..bodies)
-        .map(|b| {
-            let mut sum = vec![0.0; n];
-            for (load, values) in drivetrain.loads.iter().zip(known) {
-                if torsion.inertia(&load.inertia) == b {
-                    let factor = load.direction.sign() * ratio(b);
-                    for (sum, v) in sum.iter_mut().zip(values.as_ref()?) {
-                        *sum += factor * v;
-                    }
-                }
-            }
-            if let Some(drive) = &drives[b] {
-                for (sum, v) in sum.iter_mut().zip(drive) {
-                    *sum += ratio(b) * v;
-                }
-            }
-            Some(sum)
-        })
-        .collect();
-    let has_load = |b: usize| {
-        drives[b].is_some()
-            || drivetrain
-                .loads
-                .iter()
-                .any(|l| torsion.inertia(&l.inertia) == b)
-    };
-    let all = outside.iter().all(Option::is_some);
-    let simulated = all.then(|| simulate(torsion, drivetrain, motion, &outside, dt_s));
-    // What inertia and drag of body b take, smoothed.
-    let taken =
-        |b: usize, i: usize| moment(b) * motion.acceleration[b][i] + drag(b) * motion.speed[b][i];
-    let slow: Vec<Option<Vec<f64>>> = outside
-        .iter()
-        .map(|o| o.as_ref().map(|o| smooth(o, width)))
-        .collect();
-    let mut sides = Vec::new();
-    let shafts = (0..bodies - 1)
-        .map(|s| {
-            let before: Vec<usize> = (0..=s).collect();
-            let after: Vec<usize> = (s + 1..bodies).collect();
-            let usable = |side: &[usize]| {
-                side.iter().all(|b| outside[*b].is_some()) && side.iter().any(|b| has_load(*b))
-            };
-            let weight = |side: &[usize]| side.iter().map(|b| moment(*b)).sum::<f64>();
-            let take_after = match (usable(&before), usable(&after)) {
-                (false, false) => {
-                    sides.push(vec![0.0; bodies]);
-                    return None;
-                }
-                (true, false) => false,
-                (false, true) => true,
-                _ => weight(&after) < weight(&before),
-            };
-            let (side, sign) = if take_after {
-                (&after, -1.0)
-            } else {
-                (&before, 1.0)
-            };
-            sides.push(
-                (0..bodies)
-                    .map(|b| if side.contains(&b) { -sign } else { 0.0 })
-                    .collect(),
-            );
-            // The slow part by the loads of one side, the fast part by the chain.
-            let source = if simulated.is_some() { &slow } else { &outside };
-            let mut torque: Vec<f64> = (0..n)
-                .map(|i| {
-                    let sum: f64 = side
-                        .iter()
-                        .map(|b| source[*b].as_ref().map_or(0.0, |o| o[i]) - taken(*b, i))
-                        .sum();
-                    sign * sum
-                })
-                .collect();
-            if let Some(simulated) = &simulated {
-                let slow_part = smooth(&simulated[s], width);
-                for i in 0..n {
-                    torque[i] += simulated[s][i] - slow_part[i];
-                }
-            }
-            Some(torque)
-        })
-        .collect();
-    let balance = all.then(|| {
-        (0..n)
-            .map(|i| {
-                (0..bodies)
-                    .map(|b| slow[b].as_ref().map_or(0.0, |o| o[i]) - taken(b, i))
-                    .sum()
-            })
-            .collect()
-    });
-    let response = all.then(|| Response {
-        transition: torsion.discretised(dt_s),
-        first_drive: torsion.states() + drivetrain.loads.len(),
-        shafts: shaft_rows(torsion, drivetrain),
-        stiffness: torsion.referred_stiffness().collect(),
-        bodies: (0..bodies).map(|b| (moment(b), ratio(b))).collect(),
-        side: sides,
-    });
-    Torques {
-        shafts,
-        balance,
-        response,
-    }
-}
-
-fn shaft_rows(torsion: &Torsion, drivetrain: &Drivetrain) -> Vec<Vec<f64>> {
-    drivetrain
-        .shafts
-        .iter()
-        .map(|shaft| {
-            let row = torsion.sensed_row(&Senses::Shaft(shaft.name.clone()));
-            row[..torsion.states()]
-                .iter()
-                .map(|c| c * shaft.speed_ratio)
-                .collect()
-        })
-        .collect()
-}
-
-/// Torque of each shaft when the known torques act on the chain and its rigid
-/// motion is the measured one.
-fn simulate(
-    torsion: &Torsion,
-    drivetrain: &Drivetrain,
-    motion: &Bodies,
-    outside: &[Option<Vec<f64>>],
-    dt_s: f64,
-) -> Vec<Vec<f64>> {
-    let f = torsion.discretised(dt_s);
-    let (states, bodies) = (torsion.states(), outside.len());
-    let first = states + drivetrain.loads.len();
-    let rows = shaft_rows(torsion, drivetrain);
-    let n = motion.speed[0].len();
-    let moments: Vec<f64> = drivetrain
-        .inertias
-        .iter()
-        .map(|i| i.moment_kg_m2 * i.speed_ratio * i.speed_ratio)
-        .collect();
-    let total: f64 = moments.iter().sum();
-    let torque = |b: usize, i: usize| outside[b].as_ref().map_or(0.0, |o| o[i]);
-    let mut x = vec![0.0; states];
-    x[states - bodies..].fill(motion.speed[0][0]);
-    let net: f64 = (0..bodies).map(|b| torque(b, 0)).sum();
-    let mut carried = 0.0;
-    for (s, k) in torsion.referred_stiffness().enumerate() {
-        carried += torque(s, 0) - moments[s] / total * net;
-        x[1 + s] = carried / k;
-    }
-    let mut next = x.clone();
-    let mut out = vec![Vec::with_capacity(n); rows.len()];
-    for i in 0..n {
-        for (row, out) in rows.iter().zip(&mut out) {
-            out.push(row.iter().zip(&x).map(|(c, x)| c * x).sum());
-        }
-        let to = (i + 1).min(n - 1);
-        for (r, slot) in next.iter_mut().enumerate() {
-            let mut sum = 0.0;
-            for (c, x) in x.iter().enumerate() {
-                sum += f[(r, c)] * x;
-            }
-            for b in 0..bodies {
-                // Between the samples by straight lines: their mean over the step.
-                let u = 0.5 * (torque(b, i) + torque(b, to)) / drivetrain.inertias[b].speed_ratio;
-                sum += f[(r, first + b)] * u;
-            }
-            *slot = sum;
-        }
-        let speeds = states - bodies;
-        let mean: f64 = (0..bodies)
-            .map(|b| moments[b] / total * next[speeds + b])
-            .sum();
-        let shift = motion.speed[0][to] - mean;
-        next[speeds..].iter_mut().for_each(|w| *w += shift);
-        next[0] = 0.0;
-        std::mem::swap(&mut x, &mut next);
-    }
-    out
-}
-
-/// Fewer samples: means of so many.
-struct Thin {
-    every: usize,
-    /// Raw samples at both ends whose accelerations are not known.
-    edge: usize,
-    n: usize,
-}
-
-impl Thin {
-    fn count(&self) -> usize {
-        self.n / self.every
-    }
-
-    fn times(&self, dt_s: f64) -> Vec<f64> {
-        (0..self.count())
-            .map(|i| (i as f64 * self.every as f64 + 0.5 * (self.every as f64 - 1.0)) * dt_s)
-            .collect()
-    }
-
-    /// Means of what is known; NaN where nothing is.
-    fn means(&self, x: &[f64]) -> Vec<f64> {
-        x.chunks_exact(self.every)
-            .map(|chunk| {
-                let (sum, n) = chunk
-                    .iter()
-                    .filter(|v| v.is_finite())
-                    .fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
-                sum / n
-            })
-            .collect()
-    }
-
-    /// Means where all samples are known, NaN elsewhere and at the ends.
-    fn residual(&self, x: &[f64]) -> Vec<f64> {
-        x.chunks_exact(self.every)
-            .enumerate()
-            .map(|(i, chunk)| {
-                let from = i * self.every;
-                if from < self.edge || from + self.every + self.edge > self.n {
-                    return f64::NAN;
-                }
-                chunk.iter().sum::<f64>() / self.every as f64
-            })
-            .collect()
-    }
-}
-
-/// The value and the slope of a map at `angle`.
-fn at(table: &[f64], angle: f64) -> (f64, f64) {
-    let n = table.len();
-    if n == 1 {
-        return (table[0], 0.0);
-    }
-    let position = (angle / std::f64::consts::TAU).rem_euclid(1.0) * n as f64;
-    let left = position as usize % n;
-    let (a, b) = (table[left], table[(left + 1) % n]);
-    let step = std::f64::consts::TAU / n as f64;
-    (a + position.fract() * (b - a), (b - a) / step)
-}
-
-/// Each value that is not known is the one before, the first ones the first known.
-fn filled(values: &[f64]) -> Vec<f64> {
-    let mut last = values
-        .iter()
-        .copied()
-        .find(|v| v.is_finite())
-        .unwrap_or(0.0);
-    values
-        .iter()
-        .map(|v| {
-            if v.is_finite() {
-                last = *v;
-            }
-            last
-        })
-        .collect()
 }

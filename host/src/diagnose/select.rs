@@ -3,20 +3,25 @@
 
 use rayon::prelude::*;
 
-use super::effect::{Coupling, Effect, LIBRARY};
-use super::fit::{Base, Data, Prior, Trial};
+use super::columns::{base_columns, columns};
+use super::effect::Effect;
+use super::fit::{Base, Data, Trial, inflation};
 use super::null::Draws;
-use super::stream::{Columns, Kind, Session};
+use super::refit::{refit, rest};
+use super::stream::Session;
 
 /// Chance of an effect being named where there is none, over all candidates.
 const FALSE_ALARM: f64 = 0.005;
 
 /// Evidence below which nothing is named, whatever the draws say.
-const LEAST: f64 = 8.0;
+const LEAST: f64 = 12.0;
 
 /// Part of the evidence before it that a further effect must bring: what a
 /// form that is not quite right leaves behind is less.
 const FURTHER: f64 = 0.05;
+
+/// Part of the evidence by which two forms of the same may differ.
+const SAME: f64 = 0.005;
 
 /// Most effects that are named.
 const MOST: usize = 3;
@@ -57,6 +62,11 @@ impl Ranked {
     pub fn margin(&self) -> f64 {
         self.trial.score - self.threshold
     }
+
+    /// How many numbers it may choose.
+    fn parameters(&self) -> usize {
+        self.effect.linear().len() + self.effect.shape().len()
+    }
 }
 
 /// What the search came to.
@@ -73,8 +83,56 @@ pub struct Selection {
     pub rest: Vec<Vec<Vec<f64>>>,
 }
 
-/// Searches the library for what explains the residuals of `sessions`.
-pub fn select(sessions: &[Session], draws: &Draws, mut progress: impl FnMut(f64)) -> Selection {
+impl Selection {
+    /// Keeps of the further effects those that explain recordings which took
+    /// no part in the search.
+    pub fn confirm(&mut self, sessions: &[Session], unseen: &[Session]) {
+        let mut kept: Vec<Found> = Vec::new();
+        for found in &self.found {
+            let mut with = kept.clone();
+            with.push(found.clone());
+            let helps =
+                kept.is_empty() || size(sessions, unseen, &with) < size(sessions, unseen, &kept);
+            if helps {
+                kept = with;
+            }
+        }
+        if kept.len() < self.found.len() {
+            self.nuisance = refit(sessions, &mut kept, None);
+            self.rest = rest(sessions, &kept, &self.nuisance);
+            self.found = kept;
+        }
+    }
+}
+
+/// Half the logarithm of the mean squares that are left of `unseen`, each as
+/// often as it has independent samples.
+fn size(sessions: &[Session], unseen: &[Session], found: &[Found]) -> f64 {
+    let mut found = found.to_vec();
+    let nuisance = refit(sessions, &mut found, None);
+    unseen
+        .iter()
+        .zip(rest(unseen, &found, &nuisance))
+        .flat_map(|(session, rest)| {
+            rest.into_iter().enumerate().map(|(k, rest)| {
+                let known = rest.iter().filter(|r| r.is_finite());
+                let n = known.clone().count().max(1) as f64;
+                // Zeros differ from recording to recording.
+                let mean = known.clone().sum::<f64>() / n;
+                let square = known.map(|r| (r - mean).powi(2)).sum::<f64>() / n;
+                0.5 * n / inflation(session, k) * square.max(1e-300).ln()
+            })
+        })
+        .sum()
+}
+
+/// Searches `candidates` for what explains the residuals of `sessions`.
+pub fn select(
+    sessions: &[Session],
+    draws: &Draws,
+    candidates: &[&'static dyn Effect],
+    mut progress: impl FnMut(f64),
+) -> Selection {
     let mut data = Data::new(sessions, draws);
     let mut found: Vec<Found> = Vec::new();
     let mut ranking = Vec::new();
@@ -82,20 +140,29 @@ pub fn select(sessions: &[Session], draws: &Draws, mut progress: impl FnMut(f64)
     let mut working = sessions.to_vec();
     for round in 0..MOST {
         let base = data.base(base_columns(sessions, &found));
-        let mut ranked = rank(&data, &base, &working, &found);
+        let left: Vec<&'static dyn Effect> = candidates
+            .iter()
+            .copied()
+            .filter(|e| !found.iter().any(|f| f.effect.name() == e.name()))
+            .collect();
+        let mut ranked = rank(&data, &base, &working, &left);
         progress((round as f64 + 0.7) / MOST as f64);
         refine(&data, &base, &working, &mut ranked);
-        let accepted = ranked
-            .iter()
-            .find(|r| r.margin() > 0.0 && brings_more(r, &found))
-            .cloned();
+        let accepted = simplest(
+            ranked
+                .iter()
+                .filter(|r| r.margin() > 0.0 && brings_more(r, &found)),
+        )
+        .cloned();
         if round == 0 {
             ranking.clone_from(&ranked);
         }
         let Some(best) = accepted else { break };
         if round == 0 {
-            alike = ranked[1..]
+            alike = ranked
                 .iter()
+                .filter(|other| other.effect.name() != best.effect.name())
+                .filter(|other| other.parameters() <= best.parameters())
                 .filter(|other| indistinct(&best, other))
                 .cloned()
                 .collect();
@@ -144,129 +211,33 @@ fn brings_more(candidate: &Ranked, found: &[Found]) -> bool {
     brought > FURTHER * before
 }
 
+/// The first of `ranked`, or one that explains the same with fewer parameters:
+/// a gauge that came loose before the recording began has another gain.
+fn simplest<'a>(ranked: impl Iterator<Item = &'a Ranked>) -> Option<&'a Ranked> {
+    let mut ranked = ranked.peekable();
+    let best = ranked.peek()?.trial.score;
+    ranked
+        .filter(|r| r.trial.score > best - LEAST.max(SAME * best))
+        .min_by_key(|r| r.parameters())
+}
+
 /// Whether what tells `other` from `best` could be chance.
 fn indistinct(best: &Ranked, other: &Ranked) -> bool {
     let gap = best.margin() - other.margin();
     other.margin() > 0.0 && gap < 4.0_f64.max(0.002 * best.margin())
 }
 
-/// Columns that are in the model anyway: a zero for each strain and angle,
-/// the reference's zero and an error of the inertia in the balance, an error
-/// of the stiffness in an angle.
-fn nuisances(session: &Session, k: usize) -> Vec<Prior> {
-    let stream = &session.streams[k];
-    let n = session.signals.len();
-    let constant = |part: f64| Prior {
-        column: vec![1.0; n],
-        std: part * stream.scale,
-    };
-    match stream.kind {
-        Kind::Strain => vec![constant(1.0)],
-        Kind::Balance => {
-            let moment: f64 = session
-                .signals
-                .response
-                .as_ref()
-                .map_or(0.0, |r| r.bodies.iter().map(|b| b.0).sum());
-            vec![
-                constant(1e-3),
-                Prior {
-                    column: session
-                        .signals
-                        .acceleration
-                        .iter()
-                        .map(|a| a * moment)
-                        .collect(),
-                    std: 0.02,
-                },
-            ]
-        }
-        Kind::Angle => vec![
-            constant(1e3),
-            Prior {
-                column: session
-                    .signals
-                    .level
-                    .iter()
-                    .map(|l| l * stream.scale)
-                    .collect(),
-                std: 0.1,
-            },
-        ],
-    }
-}
-
-fn joined(sessions: &[Session], of: impl Fn(&Session) -> Vec<f64>) -> Vec<f64> {
-    sessions.iter().flat_map(of).collect()
-}
-
-/// Nuisances, and each effect found with parameters free in each stream.
-fn base_columns(sessions: &[Session], found: &[Found]) -> Vec<Vec<Prior>> {
-    let mut base: Vec<Vec<Prior>> = (0..sessions[0].streams.len())
-        .map(|k| {
-            let per_session: Vec<Vec<Prior>> = sessions.iter().map(|s| nuisances(s, k)).collect();
-            (0..per_session[0].len())
-                .map(|j| Prior {
-                    column: per_session
-                        .iter()
-                        .flat_map(|p| p[j].column.clone())
-                        .collect(),
-                    std: per_session[0][j].std,
-                })
-                .collect()
-        })
-        .collect();
-    for f in found {
-        let columns = columns(sessions, f.effect, &f.shape);
-        for (linear, columns) in f.effect.linear().iter().zip(columns) {
-            for (k, column) in columns.into_iter().enumerate() {
-                if !column.is_empty() {
-                    base[k].push(Prior {
-                        column,
-                        std: linear.prior_std,
-                    });
-                }
-            }
-        }
-    }
-    base
-}
-
-/// Columns of an effect over all sessions: `[parameter][stream]`.
-fn columns(sessions: &[Session], effect: &dyn Effect, shape: &[f64]) -> Vec<Columns> {
-    let per_session: Vec<Vec<Columns>> = sessions
-        .iter()
-        .map(|session| {
-            effect
-                .terms(session, shape)
-                .iter()
-                .map(|term| {
-                    let mut columns = session.columns(term);
-                    for (stream, column) in session.streams.iter().zip(&mut columns) {
-                        if !effect.acts_on(stream) {
-                            column.clear();
-                        }
-                    }
-                    columns
-                })
-                .collect()
-        })
-        .collect();
-    (0..effect.linear().len())
-        .map(|j| {
-            (0..sessions[0].streams.len())
-                .map(|k| per_session.iter().flat_map(|s| s[j][k].clone()).collect())
-                .collect()
-        })
-        .collect()
-}
-
-/// All effects on the grid of their shapes, the best evidence first.
-fn rank(data: &Data, base: &Base, sessions: &[Session], found: &[Found]) -> Vec<Ranked> {
-    let jobs: Vec<(usize, Vec<f64>)> = LIBRARY
+/// Candidates on the grid of their shapes, the best evidence first; without
+/// those that the recording cannot show.
+fn rank(
+    data: &Data,
+    base: &Base,
+    sessions: &[Session],
+    candidates: &[&'static dyn Effect],
+) -> Vec<Ranked> {
+    let jobs: Vec<(usize, Vec<f64>)> = candidates
         .iter()
         .enumerate()
-        .filter(|(_, e)| !found.iter().any(|f| f.effect.name() == e.name()))
         .flat_map(|(i, effect)| {
             effect
                 .grid(&sessions[0])
@@ -276,17 +247,19 @@ fn rank(data: &Data, base: &Base, sessions: &[Session], found: &[Found]) -> Vec<
         .collect();
     let trials: Vec<(usize, Trial)> = jobs
         .par_iter()
-        .map(|(i, shape)| {
-            let effect = LIBRARY[*i];
+        .filter_map(|(i, shape)| {
+            let effect = candidates[*i];
             let columns = columns(sessions, effect, shape);
+            if columns.iter().flatten().all(Vec::is_empty) {
+                return None;
+            }
             let mut trial = data.trial(base, effect, shape, &columns, true);
             trial.score = charged(effect, sessions, trial.score);
-            (*i, trial)
+            Some((*i, trial))
         })
         .collect();
     let mut ranked: Vec<Ranked> = Vec::new();
-    let candidates = LIBRARY.len() as f64;
-    for (i, effect) in LIBRARY.iter().enumerate() {
+    for (i, effect) in candidates.iter().enumerate() {
         let own: Vec<&Trial> = trials
             .iter()
             .filter(|(j, _)| *j == i)
@@ -302,7 +275,7 @@ fn rank(data: &Data, base: &Base, sessions: &[Session], found: &[Found]) -> Vec<
         ranked.push(Ranked {
             effect: *effect,
             trial: (*best).clone(),
-            threshold: by_chance(&largest, FALSE_ALARM / candidates),
+            threshold: by_chance(&largest, FALSE_ALARM / candidates.len() as f64),
         });
     }
     ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
@@ -311,11 +284,11 @@ fn rank(data: &Data, base: &Base, sessions: &[Session], found: &[Found]) -> Vec<
 
 /// Evidence that a machine without the effect hardly reaches.
 ///
-/// What the draws have in common is how the machine itself differs from its
-/// model; the simulations know that only roughly, because they do what the
-/// recording did only roughly.
+/// What the draws have in common is how a clean machine differs from its
+/// model: vibrations out of step, counts that beat with the speed. The
+/// simulations know its power only within a factor, taken as three.
 fn by_chance(draws: &[f64], probability: f64) -> f64 {
-    const ROUGHLY: f64 = 0.5;
+    const ROUGHLY: f64 = 2.0;
     let mean = draws.iter().sum::<f64>() / draws.len().max(1) as f64;
     (gumbel(draws, probability) + ROUGHLY * mean).max(LEAST)
 }
@@ -412,197 +385,4 @@ fn drop_superfluous(data: &Data, sessions: &[Session], found: &mut Vec<Found>) {
             i += 1;
         }
     }
-}
-
-/// Evidence that a stream must give for an effect with parameters of its own
-/// to be taken to act on it.
-const ACTS: f64 = 4.0;
-
-/// Fits all parameters together: nuisances of each stream and effects in
-/// turn, until they agree.
-#[allow(
-    clippy::too_many_lines,
-    reason = "the two halves of a step share all that they change"
-)]
-fn refit(sessions: &[Session], found: &mut [Found], newest: Option<&[f64]>) -> Vec<Vec<f64>> {
-    const ROUNDS: usize = 25;
-    let streams = sessions[0].streams.len();
-    let base = base_columns(sessions, &[]);
-    let residuals: Vec<Vec<f64>> = (0..streams)
-        .map(|k| joined(sessions, |s| s.streams[k].residual.clone()))
-        .collect();
-    let all: Vec<Vec<Columns>> = found
-        .iter()
-        .map(|f| columns(sessions, f.effect, &f.shape))
-        .collect();
-    let mut nuisance: Vec<Vec<f64>> = base.iter().map(|b| vec![0.0; b.len()]).collect();
-    if let (Some(gains), Some(last)) = (newest, found.last_mut()) {
-        // Which streams the newest one acts on.
-        let least = ACTS.max(0.005 * gains.iter().copied().fold(0.0, f64::max));
-        last.parameters = (0..streams)
-            .map(|k| {
-                let acts = last.effect.coupling() == Coupling::Shared || gains[k] > least;
-                vec![0.0; if acts { last.effect.linear().len() } else { 0 }]
-            })
-            .collect();
-    }
-    let mut rest = residuals.clone();
-    let weight: Vec<f64> = sessions[0]
-        .streams
-        .iter()
-        .map(|s| 1.0 / (s.noise_std * s.noise_std))
-        .collect();
-    let subtract = |rest: &mut [f64], column: &[f64], by: f64| {
-        for (r, c) in rest.iter_mut().zip(column) {
-            *r -= by * c;
-        }
-    };
-    for f in found.iter_mut() {
-        for parameters in &mut f.parameters {
-            parameters.fill(0.0);
-        }
-    }
-    for _ in 0..ROUNDS {
-        for k in 0..streams {
-            // Nuisances and the stream's own parameters together.
-            let mut own: Vec<(&[f64], f64)> = base[k]
-                .iter()
-                .map(|p| (p.column.as_slice(), p.std))
-                .collect();
-            for (f, columns) in found.iter().zip(&all) {
-                if f.effect.coupling() == Coupling::Own && !f.parameters[k].is_empty() {
-                    for (linear, c) in f.effect.linear().iter().zip(columns) {
-                        if !c[k].is_empty() {
-                            own.push((&c[k], linear.prior_std));
-                        }
-                    }
-                }
-            }
-            let step = least_squares(
-                &own,
-                &rest[k],
-                weight[k],
-                &current(&nuisance[k], found, &all, k),
-            );
-            for ((column, _), by) in own.iter().zip(&step) {
-                subtract(&mut rest[k], column, *by);
-            }
-            let mut steps = step.into_iter();
-            for value in &mut nuisance[k] {
-                *value += steps.next().unwrap_or(0.0);
-            }
-            for (f, columns) in found.iter_mut().zip(&all) {
-                if f.effect.coupling() == Coupling::Own && !columns[0][k].is_empty() {
-                    for value in &mut f.parameters[k] {
-                        *value += steps.next().unwrap_or(0.0);
-                    }
-                }
-            }
-        }
-        for (f, columns) in found.iter_mut().zip(&all) {
-            if f.effect.coupling() == Coupling::Shared {
-                shared_step(f, columns, &mut rest, &weight);
-            }
-        }
-    }
-    nuisance
-}
-
-/// Parameters of stream `k` as they stand, in the order of its columns.
-fn current(nuisance: &[f64], found: &[Found], all: &[Vec<Columns>], k: usize) -> Vec<f64> {
-    let own = found
-        .iter()
-        .zip(all)
-        .filter(|(f, c)| f.effect.coupling() == Coupling::Own && !c[0][k].is_empty())
-        .flat_map(|(f, _)| f.parameters[k].iter().copied());
-    nuisance.iter().copied().chain(own).collect()
-}
-
-/// Step towards the minimum of `weight |rest - columns step|^2 + |(now + step)/std|^2`.
-fn least_squares(columns: &[(&[f64], f64)], rest: &[f64], weight: f64, now: &[f64]) -> Vec<f64> {
-    let p = columns.len();
-    let mut gram = faer::Mat::<f64>::zeros(p, p);
-    let mut right = faer::Mat::<f64>::zeros(p, 1);
-    for (i, r) in rest.iter().enumerate().filter(|(_, r)| r.is_finite()) {
-        for (a, (x, _)) in columns.iter().enumerate() {
-            right[(a, 0)] += weight * x[i] * r;
-            for (b, (y, _)) in columns[..=a].iter().enumerate() {
-                gram[(a, b)] += weight * x[i] * y[i];
-            }
-        }
-    }
-    super::fit::mirror(&mut gram);
-    let ridge: Vec<f64> = columns.iter().map(|(_, std)| 1.0 / (std * std)).collect();
-    for (a, ridge) in ridge.iter().enumerate() {
-        right[(a, 0)] -= ridge * now.get(a).copied().unwrap_or(0.0);
-    }
-    let step = super::fit::solved(gram, &right, &ridge);
-    (0..p).map(|a| step[(a, 0)]).collect()
-}
-
-fn shared_step(f: &mut Found, columns: &[Columns], rest: &mut [Vec<f64>], weight: &[f64]) {
-    let c = columns.len();
-    let mut gram = faer::Mat::<f64>::zeros(c, c);
-    let mut right = faer::Mat::<f64>::zeros(c, 1);
-    for (k, rest) in rest.iter().enumerate() {
-        if columns.iter().any(|x| x[k].is_empty()) {
-            continue;
-        }
-        for (i, r) in rest.iter().enumerate().filter(|(_, r)| r.is_finite()) {
-            for a in 0..c {
-                right[(a, 0)] += weight[k] * columns[a][k][i] * r;
-                for b in 0..=a {
-                    gram[(a, b)] += weight[k] * columns[a][k][i] * columns[b][k][i];
-                }
-            }
-        }
-    }
-    super::fit::mirror(&mut gram);
-    let step = super::fit::solved(gram, &right, &vec![0.0; c]);
-    for (k, rest) in rest.iter_mut().enumerate() {
-        if columns.iter().any(|x| x[k].is_empty()) {
-            f.parameters[k].clear();
-            continue;
-        }
-        for a in 0..c {
-            f.parameters[k][a] += step[(a, 0)];
-            for (r, x) in rest.iter_mut().zip(&columns[a][k]) {
-                *r -= step[(a, 0)] * x;
-            }
-        }
-    }
-}
-
-/// Residuals of `sessions` less nuisances and effects: `[session][stream]`.
-pub fn rest(sessions: &[Session], found: &[Found], nuisance: &[Vec<f64>]) -> Vec<Vec<Vec<f64>>> {
-    sessions
-        .iter()
-        .map(|session| {
-            let one = std::slice::from_ref(session);
-            let base = base_columns(one, &[]);
-            let all: Vec<Vec<Columns>> = found
-                .iter()
-                .map(|f| columns(one, f.effect, &f.shape))
-                .collect();
-            (0..session.streams.len())
-                .map(|k| {
-                    let mut rest = session.streams[k].residual.clone();
-                    let mut subtract = |column: &[f64], by: f64| {
-                        for (r, c) in rest.iter_mut().zip(column) {
-                            *r -= by * c;
-                        }
-                    };
-                    for (prior, value) in base[k].iter().zip(&nuisance[k]) {
-                        subtract(&prior.column, *value);
-                    }
-                    for (f, columns) in found.iter().zip(&all) {
-                        for (column, value) in columns.iter().zip(&f.parameters[k]) {
-                            subtract(&column[k], *value);
-                        }
-                    }
-                    rest
-                })
-                .collect()
-        })
-        .collect()
 }

@@ -48,6 +48,8 @@ pub struct Signals {
     /// Moving means of this many samples, three times over, smooth the
     /// accelerations; odd.
     pub smoothing: usize,
+    /// Carrier angle of the index pulse, where the angle is without error [rad].
+    pub home: f64,
     /// None where the loads of the chain are not all known.
     pub response: Option<Response>,
 }

@@ -2,6 +2,7 @@
 //! each thing that is measured.
 
 use super::signals::{Signals, smooth};
+use crate::simulate::Course;
 
 /// What kind of residual a stream is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,6 +16,16 @@ pub enum Kind {
     Angle,
 }
 
+/// What tells the torque that a recording's residuals are given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Told {
+    /// Reference loads.
+    References,
+    /// All gauges of a shaft together: what they have in common is not seen.
+    Gauges,
+}
+
 /// One residual, sample by sample of [`Signals`].
 #[derive(Clone, Debug)]
 pub struct Stream {
@@ -26,6 +37,9 @@ pub struct Stream {
     pub group: Option<String>,
     /// Measured less predicted; NaN where there is none.
     pub residual: Vec<f64>,
+    /// The same of a clean simulation that did what the recording did; empty
+    /// where there is none.
+    pub clean: Vec<f64>,
     /// Full scale: what the stream reads at nominal load, root mean square.
     pub scale: f64,
     /// Standard deviation of a sample that the description expects.
@@ -99,9 +113,11 @@ pub struct Session {
     pub streams: Vec<Stream>,
     /// Nominal twist of each shaft, referred [rad].
     pub twist: Vec<f64>,
-    /// First load and speed as parts of nominal: what would have to be done
-    /// to see the same again; empty where the first load is not known.
-    pub demand: Vec<[f64; 2]>,
+    /// What would have to be done to see the same again; none where the first
+    /// load is not known.
+    pub course: Option<Course>,
+    /// What tells the torque.
+    pub told: Told,
 }
 
 /// Columns of one linear parameter, one for each stream; empty where it

@@ -5,6 +5,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use super::effect::{Coupling, LIBRARY};
+use super::fit::inflation;
 use super::null::Draws;
 use super::select::{Found, Selection};
 use super::stream::Session;
@@ -18,6 +19,10 @@ const EXPLAINED: f64 = 0.7;
 /// Excess of the mean square that counts as something, over how much it
 /// differs from draw to draw.
 const EXCESS: f64 = 8.0;
+
+/// How well the simulations know the mean square of what a clean machine
+/// leaves, where vibrations are most of it.
+const ROUGHLY: f64 = 0.03;
 
 /// Evidence of faulty samples that counts.
 const FAULTS: f64 = 40.0;
@@ -80,8 +85,9 @@ impl Verdict {
 /// Whether more is left than chance leaves, and more than what a form that is
 /// not quite right leaves of an effect.
 fn unexplained(sessions: &[Session], oddities: &[Oddity], draws: &Draws) -> bool {
-    let n: f64 = sessions.iter().map(|s| s.signals.len() as f64).sum();
+    let samples: f64 = sessions.iter().map(|s| s.signals.len() as f64).sum();
     let weight = |k: usize| {
+        let n = samples / inflation(&sessions[0], k);
         // What a mean square differs by from draw to draw, at least that of white noise.
         let values: Vec<f64> = draws
             .iter()
@@ -94,7 +100,9 @@ fn unexplained(sessions: &[Session], oddities: &[Oddity], draws: &Draws) -> bool
         let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
         let spread = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>()
             / values.len().saturating_sub(1).max(1) as f64;
-        (spread.sqrt() / mean.max(1e-300)).max((2.0 / n).sqrt())
+        (spread.sqrt() / mean.max(1e-300))
+            .max((2.0 / n).sqrt())
+            .max(ROUGHLY)
     };
     let (mut before, mut after, mut largest) = (0.0, 0.0, 0.0_f64);
     for (k, oddity) in oddities.iter().enumerate() {
@@ -170,6 +178,8 @@ pub fn report(
     json!({
         "machine": machine.name,
         "verdict": verdict.word(),
+        "torque_told_by": sessions[0].told,
+        "cannot_show": cannot_show(selection),
         "effects": effects,
         "alternatives": alternatives,
         "next_experiment": next_experiment,
@@ -178,6 +188,16 @@ pub fn report(
         "machine_out": machine_out,
         "unexplained": if unknown { json!(strangest(&diagnosis.oddities)) } else { Value::Null },
     })
+}
+
+/// The effects of which the recordings show nothing, whether they are there or not.
+pub fn cannot_show(selection: &Selection) -> Vec<&'static str> {
+    LIBRARY
+        .iter()
+        .filter(|e| !e.linear().is_empty())
+        .map(|e| e.name())
+        .filter(|name| !selection.ranking.iter().any(|r| r.effect.name() == *name))
+        .collect()
 }
 
 /// The streams with the most left, the worst first.

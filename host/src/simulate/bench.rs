@@ -3,19 +3,20 @@
 
 use crate::machine::{Drivetrain, Load, Machine, Senses};
 
-use super::plant::{Drive, Plant};
+use super::plant::{Drive, LAG, Plant};
 use super::scenario::{Demand, Profile};
 
 /// Bandwidth of the speed control [rad/s].
 const BANDWIDTH: f64 = 3.0;
 
-/// The same where the only torque is the load itself, which it must not hide.
+/// The same where it must not hide a torque that is given.
 const BANDWIDTH_OF_LOAD: f64 = 0.3;
 
 /// The first load follows the torque of the scenario. The second one holds
 /// the speed; where there is none, the first measured drive does, and where
 /// there is none of these either, the load itself does, as far as drag and
-/// acceleration need it.
+/// acceleration need it. Where the torque that holds the speed was measured it
+/// is done again, and the speed is only kept from drifting away.
 pub(super) struct Bench {
     profile: Profile,
     torque: Actuator,
@@ -107,7 +108,7 @@ impl Bench {
 
     /// Bandwidth of the speed control [rad/s].
     pub(super) fn bandwidth(&self) -> f64 {
-        if self.held_by == HeldBy::FirstLoad {
+        if self.held_by == HeldBy::FirstLoad || self.demand.held.is_some() {
             BANDWIDTH_OF_LOAD
         } else {
             BANDWIDTH
@@ -116,25 +117,30 @@ impl Bench {
 
     /// What acts on the plant now, were the demand to stay as it is.
     pub(super) fn steady(&self, plant: &Plant) -> Drive {
-        self.drive(plant, self.demand, 0.0)
+        self.drive(plant, self.demand, Demand::default())
     }
 
     /// What acts on the plant now and at `t`, `dt` from now; it becomes now.
     pub(super) fn advance(&mut self, plant: &Plant, t: f64, dt: f64) -> (Drive, Drive) {
         let (now, next) = (self.demand, self.profile.at(t));
-        let acceleration = (next.speed - now.speed) * self.nominal_speed / dt;
+        let rate = now.rate_to(&next, dt);
         self.demand = next;
-        (
-            self.drive(plant, now, acceleration),
-            self.drive(plant, next, acceleration),
-        )
+        (self.drive(plant, now, rate), self.drive(plant, next, rate))
     }
 
-    fn drive(&self, plant: &Plant, demand: Demand, acceleration: f64) -> Drive {
+    /// What acts on the plant at `demand`, which changes by `rate` a second.
+    fn drive(&self, plant: &Plant, demand: Demand, rate: Demand) -> Drive {
         let speed = demand.speed * self.nominal_speed;
         let torque = self.torque.factor * self.own_torque(demand);
         let mut drive = Drive::at_speed(speed);
         drive.load(self.torque.inertia, torque);
+        if let Some(held) = demand.held {
+            // The lag of the torque loop is made up for.
+            let ahead = LAG * rate.held.unwrap_or(0.0);
+            drive.feed = self.speed.factor * self.speed.nominal * (held + ahead);
+            return drive;
+        }
+        let acceleration = rate.speed * self.nominal_speed;
         drive.feed = plant.drag(speed) + plant.inertia() * acceleration;
         if self.held_by != HeldBy::FirstLoad {
             drive.feed -= torque;
@@ -144,13 +150,14 @@ impl Bench {
 
     /// What the scenario puts on the first load [N m].
     fn own_torque(&self, demand: Demand) -> f64 {
-        // A load that also holds the speed starts in balance.
-        let from = if self.held_by == HeldBy::FirstLoad {
-            self.first
-        } else {
-            0.0
+        let part = match (self.held_by, demand.held) {
+            // What holds the speed is the whole load.
+            (HeldBy::FirstLoad, Some(_)) => 0.0,
+            // A load that also holds the speed starts in balance.
+            (HeldBy::FirstLoad, None) => demand.torque - self.first,
+            _ => demand.torque,
         };
-        self.torque.nominal * (demand.torque - from)
+        self.torque.nominal * part
     }
 
     /// Load number `i` now [N m].

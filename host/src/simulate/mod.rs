@@ -59,7 +59,7 @@ pub use bearing::{BEARING_EFFECTS, BearingEffect, BearingScenario, BearingSimula
 pub use effect::{Applied, EFFECTS, Effect};
 pub use error::SimulateError;
 pub use rotor::{AppliedUnbalance, ROTOR_SCENARIOS, RotorScenario, RotorSimulation};
-pub use scenario::Scenario;
+pub use scenario::{Course, Demand, Scenario};
 
 /// Longest recording [s]: a day.
 const LONGEST_S: f64 = 86_400.0;
@@ -186,10 +186,8 @@ impl Simulation {
                 least_s: stiff.least_s,
             })?;
         let mut rng = draw("bench").recording;
-        plant.settle(
-            rng.random_range(0.0..std::f64::consts::TAU),
-            &bench.steady(&plant),
-        );
+        let angle = rng.random_range(0.0..std::f64::consts::TAU);
+        plant.settle(scenario.angle().unwrap_or(angle), &bench.steady(&plant));
         let sensed = machine
             .channels
             .iter()

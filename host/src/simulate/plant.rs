@@ -79,7 +79,7 @@ struct Controller {
 }
 
 /// Time constant of the controlled machine's torque [s].
-const LAG: f64 = 0.02;
+pub(super) const LAG: f64 = 0.02;
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Segment {

@@ -24,14 +24,18 @@ enum Kind {
     Turbulent,
     Reversals,
     Steps,
-    Recorded(Arc<Recorded>),
+    Recorded(Arc<Course>),
 }
 
-/// What a recorded machine did, in equal steps.
-#[derive(Debug, PartialEq)]
-struct Recorded {
-    dt: f64,
-    demands: Vec<Demand>,
+/// What a recorded machine did, sample by sample.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Course {
+    /// Sample period [s].
+    pub dt_s: f64,
+    /// Carrier angle of the first sample [rad].
+    pub angle: f64,
+    /// The samples, at least one.
+    pub demands: Vec<Demand>,
 }
 
 /// Name, kind, duration [s], description.
@@ -92,15 +96,19 @@ impl Scenario {
         })
     }
 
-    /// What a recorded machine did: torque of the first load and speed, as
-    /// parts of nominal, every `dt_s`.
-    pub fn recorded(dt_s: f64, demands: impl Iterator<Item = [f64; 2]>) -> Self {
-        let demands: Vec<Demand> = demands
-            .map(|[torque, speed]| Demand { torque, speed })
-            .collect();
+    /// The same again as a recorded machine did.
+    pub fn recorded(course: Course) -> Self {
         Self {
-            duration_s: dt_s * demands.len() as f64,
-            kind: Kind::Recorded(Arc::new(Recorded { dt: dt_s, demands })),
+            duration_s: course.dt_s * course.demands.len() as f64,
+            kind: Kind::Recorded(Arc::new(course)),
+        }
+    }
+
+    /// Carrier angle at which it starts [rad]; any where there is none.
+    pub(super) fn angle(&self) -> Option<f64> {
+        match &self.kind {
+            Kind::Recorded(course) => Some(course.angle),
+            _ => None,
         }
     }
 
@@ -118,26 +126,53 @@ impl Scenario {
     }
 }
 
-impl Recorded {
+impl Course {
     /// Between the steps by straight lines, beyond the ends as at the ends.
     fn at(&self, t: f64) -> Demand {
-        let position = (t / self.dt).max(0.0);
+        let position = (t / self.dt_s).max(0.0);
         let last = self.demands.len() - 1;
         let left = (position as usize).min(last);
         let (a, b) = (self.demands[left], self.demands[(left + 1).min(last)]);
         let part = (position - left as f64).clamp(0.0, 1.0);
+        let between = |a: f64, b: f64| a + part * (b - a);
         Demand {
-            torque: a.torque + part * (b.torque - a.torque),
-            speed: a.speed + part * (b.speed - a.speed),
+            torque: between(a.torque, b.torque),
+            speed: between(a.speed, b.speed),
+            held: a.held.zip(b.held).map(|(a, b)| between(a, b)),
         }
     }
 }
 
 /// What is asked of the bench at one instant, as parts of nominal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Demand {
+pub struct Demand {
+    /// Torque of the first load.
     pub torque: f64,
+    /// Speed.
     pub speed: f64,
+    /// Torque of what holds the speed, where it was measured; elsewhere it
+    /// follows from the speed.
+    pub held: Option<f64>,
+}
+
+impl Demand {
+    fn new(torque: f64, speed: f64) -> Self {
+        Self {
+            torque,
+            speed,
+            held: None,
+        }
+    }
+
+    /// Change a second on the way to `next`, `dt_s` later.
+    pub(super) fn rate_to(&self, next: &Self, dt_s: f64) -> Self {
+        let rate = |from: f64, to: f64| (to - from) / dt_s;
+        Self {
+            torque: rate(self.torque, next.torque),
+            speed: rate(self.speed, next.speed),
+            held: self.held.zip(next.held).map(|(from, to)| rate(from, to)),
+        }
+    }
 }
 
 /// A scenario with its random numbers drawn.
@@ -158,10 +193,7 @@ impl Profile {
             torque: Waves::new(0.02, 10.0, rng),
             speed: Waves::new(0.01, 0.2, rng),
             levels: (0..64)
-                .map(|_| Demand {
-                    torque: rng.random_range(-0.2..1.1),
-                    speed: rng.random_range(0.3..1.0),
-                })
+                .map(|_| Demand::new(rng.random_range(-0.2..1.1), rng.random_range(0.3..1.0)))
                 .collect(),
         }
     }
@@ -171,26 +203,19 @@ impl Profile {
         match &self.kind {
             Kind::Recorded(recorded) => recorded.at(t),
             Kind::StartStop => start_stop(90.0 * t / self.duration),
-            Kind::Constant => Demand {
-                torque: 1.0,
-                speed: 1.0,
-            },
-            Kind::TorqueRamps => Demand {
-                torque: triangle(t / 60.0),
-                speed: 1.0,
-            },
-            Kind::Turbulent => Demand {
-                torque: 0.6 + 0.2 * self.torque.at(t),
-                speed: 0.8 + 0.1 * self.speed.at(t),
-            },
-            Kind::Reversals => Demand {
-                torque: 0.5 * (2.0 * triangle(t / 8.0 + 0.25) - 1.0),
-                speed: 0.6 * ((2.0 * triangle(t / 40.0 + 0.25) - 1.0) * 6.0).clamp(-1.0, 1.0),
-            },
-            Kind::Steps => Demand {
-                torque: self.step(t, 5.0, 0.05, |d| d.torque),
-                speed: self.step(t, 15.0, 1.5, |d| d.speed),
-            },
+            Kind::Constant => Demand::new(1.0, 1.0),
+            Kind::TorqueRamps => Demand::new(triangle(t / 60.0), 1.0),
+            Kind::Turbulent => {
+                Demand::new(0.6 + 0.2 * self.torque.at(t), 0.8 + 0.1 * self.speed.at(t))
+            }
+            Kind::Reversals => Demand::new(
+                0.5 * (2.0 * triangle(t / 8.0 + 0.25) - 1.0),
+                0.6 * ((2.0 * triangle(t / 40.0 + 0.25) - 1.0) * 6.0).clamp(-1.0, 1.0),
+            ),
+            Kind::Steps => Demand::new(
+                self.step(t, 5.0, 0.05, |d| d.torque),
+                self.step(t, 15.0, 1.5, |d| d.speed),
+            ),
         }
     }
 
@@ -208,10 +233,10 @@ impl Profile {
 /// Bosmans et al. 2023, fig. 8: the times of its segments and of the spike.
 fn start_stop(t: f64) -> Demand {
     let spike = rise(t, 70.5, 71.5) * (1.0 - rise(t, 72.0, 73.0));
-    Demand {
-        torque: rise(t, 1.0, 19.0) * (1.0 - rise(t, 61.0, 70.0)) - 0.12 * spike,
-        speed: rise(t, 0.0, 18.0) * (1.0 - rise(t, 61.0, 78.0)),
-    }
+    Demand::new(
+        rise(t, 1.0, 19.0) * (1.0 - rise(t, 61.0, 70.0)) - 0.12 * spike,
+        rise(t, 0.0, 18.0) * (1.0 - rise(t, 61.0, 78.0)),
+    )
 }
 
 /// From 0 at `from` to 1 at `to`, half a cosine.
@@ -274,13 +299,7 @@ mod tests {
         let p = profile("start-stop");
         assert_eq!(p.at(0.0), Demand::default());
         for t in [20.0, 40.0, 60.0] {
-            assert_eq!(
-                p.at(t),
-                Demand {
-                    torque: 1.0,
-                    speed: 1.0
-                }
-            );
+            assert_eq!(p.at(t), Demand::new(1.0, 1.0));
         }
         let lowest = (0..9000)
             .map(|i| f64::from(i) * 0.01)

@@ -4,7 +4,8 @@ use super::order::waves;
 use super::{Coupling, Effect, Linear, Shape};
 use crate::diagnose::stream::{Kind, Session, Term};
 
-/// `a cos(r angle) + b sin(r angle)` on the angle of an inertia with speed ratio `r`.
+/// `a (cos(r angle) - cos(r home)) + b (sin(r angle) - sin(r home))` on the angle
+/// of an inertia with speed ratio `r`; the index pulse takes the error at home.
 pub struct Eccentricity;
 
 impl Effect for Eccentricity {
@@ -50,9 +51,14 @@ impl Effect for Eccentricity {
         bodies.iter().map(|b| vec![*b as f64]).collect()
     }
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
-        let body = shape[0] as usize;
-        waves(session, session.signals.ratios[body])
-            .map(|u| Term::Angle { body, u })
+        let (body, signals) = (shape[0] as usize, &session.signals);
+        let home = signals.ratios[body] * signals.home;
+        let [cosine, sine] = waves(session, signals.ratios[body]);
+        [(cosine, home.cos()), (sine, home.sin())]
+            .map(|(wave, home)| Term::Angle {
+                body,
+                u: wave.iter().map(|u| u - home).collect(),
+            })
             .into()
     }
     fn experiment(&self) -> &'static str {

@@ -6,81 +6,75 @@ use crate::diagnose::stream::{Session, Term};
 /// Moments that are tried first.
 const MOMENTS: usize = 60;
 
-const MOMENT: Shape = Shape {
-    name: "moment",
-    unit: "s",
-    bounds: (0.0, f64::INFINITY),
-    step: 0.5,
-    logarithmic: false,
-};
-
-/// `scale a` after a moment.
-pub struct Step;
-
-impl Effect for Step {
-    fn name(&self) -> &'static str {
-        "gauge-step"
-    }
-    fn about(&self) -> &'static str {
-        "the zero of a channel jumps"
-    }
-    fn linear(&self) -> &'static [Linear] {
-        &[Linear {
-            name: "part of full scale",
-            prior_std: 0.3,
-        }]
-    }
-    fn shape(&self) -> &'static [Shape] {
-        &[MOMENT]
-    }
-    fn grid(&self, session: &Session) -> Vec<Vec<f64>> {
-        moments(session)
-    }
-    fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
-        vec![Term::Zero(after(session, shape[0]))]
-    }
-    /// The zero as it is since then.
-    fn gauge(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
-        gauge.offset += parameters[0] * gauge.full_scale;
-        true
-    }
-    fn experiment(&self) -> &'static str {
-        "zero and shunt calibration of the channel, then the same run again"
-    }
+/// A change of a channel that stays from a moment on.
+pub struct Sudden {
+    name: &'static str,
+    about: &'static str,
+    experiment: &'static str,
+    size: &'static [Linear],
+    /// What changes by 0 before the moment and by 1 after it.
+    term: fn(Vec<f64>) -> Term,
+    /// Takes its size into a gauge, as it is since then.
+    mend: fn(&mut GaugeModel, f64),
 }
 
-/// `reading a` after a moment.
-pub struct Debonding;
+/// `scale a` after a moment.
+pub const STEP: Sudden = Sudden {
+    name: "gauge-step",
+    about: "the zero of a channel jumps",
+    experiment: "zero and shunt calibration of the channel, then the same run again",
+    size: &[Linear {
+        name: "part of full scale",
+        prior_std: 0.3,
+    }],
+    term: Term::Zero,
+    mend: |gauge, size| gauge.offset += size * gauge.full_scale,
+};
 
-impl Effect for Debonding {
+/// `reading a` after a moment.
+pub const DEBONDING: Sudden = Sudden {
+    name: "gauge-debonding",
+    about: "a gauge loses part of its response at a moment",
+    experiment: "the same torque ramp twice",
+    size: &[Linear {
+        name: "part of the reading",
+        prior_std: 0.3,
+    }],
+    term: Term::Gain,
+    mend: |gauge, size| gauge.map.iter_mut().for_each(|m| *m *= 1.0 + size),
+};
+
+impl Effect for Sudden {
     fn name(&self) -> &'static str {
-        "gauge-debonding"
+        self.name
     }
     fn about(&self) -> &'static str {
-        "a gauge loses part of its response at a moment"
+        self.about
     }
     fn linear(&self) -> &'static [Linear] {
-        &[Linear {
-            name: "part of the reading",
-            prior_std: 0.3,
-        }]
+        self.size
     }
     fn shape(&self) -> &'static [Shape] {
-        &[MOMENT]
+        &[Shape {
+            name: "moment",
+            unit: "s",
+            bounds: (0.0, f64::INFINITY),
+            step: 0.5,
+            logarithmic: false,
+        }]
     }
     fn grid(&self, session: &Session) -> Vec<Vec<f64>> {
         moments(session)
     }
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
-        vec![Term::Gain(after(session, shape[0]))]
+        vec![(self.term)(after(session, shape[0]))]
     }
-    /// The response as it is since then.
     fn gauge(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
-        gauge.map.iter_mut().for_each(|m| *m *= 1.0 + parameters[0]);
+        (self.mend)(gauge, parameters[0]);
         true
     }
     fn experiment(&self) -> &'static str {
-        "the same torque ramp twice"
+        self.experiment
     }
 }
 

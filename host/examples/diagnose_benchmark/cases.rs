@@ -1,0 +1,198 @@
+//! What the benchmark draws: machines, effects, profiles, seeds.
+
+use std::error::Error;
+use std::path::Path;
+
+use loadtwin::machine::Machine;
+use loadtwin::recording::Writer;
+use loadtwin::simulate::{Applied, Scenario, Simulation};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::outside::{Change, OUTSIDE};
+
+/// Effects of the simulated plant that the library has a form for; the two
+/// share no code.
+const EFFECTS: [&str; 24] = [
+    "backlash",
+    "torque-ripple",
+    "torsional-resonance",
+    "coulomb-friction",
+    "stribeck-friction",
+    "viscous-friction",
+    "load-friction",
+    "presliding-hysteresis",
+    "gauge-position",
+    "gauge-creep",
+    "thermal-drift",
+    "gain-error",
+    "thermal-gain",
+    "carrier-order",
+    "planet-sharing",
+    "bending-load",
+    "strain-nonlinearity",
+    "channel-delay",
+    "gauge-step",
+    "gauge-debonding",
+    "mains-pick-up",
+    "dropped-bits",
+    "stuck-values",
+    "encoder-eccentricity",
+];
+
+const PROFILES: [&str; 4] = ["start-stop", "reversals", "steps", "turbulent"];
+
+/// Length of each recording [s].
+pub const DURATION_S: f64 = 90.0;
+
+/// Recordings of each machine.
+pub const OF_EACH: usize = 10;
+
+/// What a recording holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    One,
+    Two,
+    Clean,
+    Outside,
+}
+
+/// One recording, and another of the same machine that takes no part in the fit.
+pub struct Case {
+    pub machine: usize,
+    pub kind: Kind,
+    /// Names and strengths.
+    pub effects: Vec<(String, f64)>,
+    pub profile: &'static str,
+    unseen_profile: &'static str,
+    individual: u64,
+    seeds: [u64; 2],
+}
+
+/// Machines and cases of `seed`.
+pub fn drawn(described: &Machine, machines: usize, seed: u64) -> (Vec<Machine>, Vec<Case>) {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let machines: Vec<Machine> = (0..machines)
+        .map(|_| another(described, &mut rng))
+        .collect();
+    let cases = (0..machines.len())
+        .flat_map(|machine| (0..OF_EACH).map(move |number| (machine, number)))
+        .map(|(machine, number)| case(machine, number, &mut rng))
+        .collect();
+    (machines, cases)
+}
+
+/// The description with inertias, stiffness, noise and gauges drawn anew.
+fn another(described: &Machine, rng: &mut ChaCha8Rng) -> Machine {
+    let mut machine = described.clone();
+    let mut factor = |spread: f64| (spread * rng.random_range(-1.0_f64..1.0)).exp();
+    if let Some(drivetrain) = &mut machine.drivetrain {
+        for inertia in &mut drivetrain.inertias {
+            inertia.moment_kg_m2 *= factor(0.3);
+            inertia.drag_nm_s_per_rad *= factor(0.5);
+        }
+        for shaft in &mut drivetrain.shafts {
+            shaft.stiffness_nm_per_rad *= factor(0.3);
+            shaft.damping_nm_s_per_rad *= factor(0.3);
+        }
+        drivetrain.nominal_speed_rad_s *= factor(0.2);
+    }
+    for channel in &mut machine.channels {
+        channel.noise_std *= factor(0.5);
+    }
+    machine.sensor_sets.clear();
+    // Some gauges are not there.
+    for _ in 0..rng.random_range(0..4) {
+        let gone = rng.random_range(0..machine.channels.len());
+        machine.channels.remove(gone);
+    }
+    machine
+}
+
+fn case(machine: usize, number: usize, rng: &mut ChaCha8Rng) -> Case {
+    let mut effect = || {
+        let name = EFFECTS[rng.random_range(0..EFFECTS.len())];
+        (name.to_owned(), rng.random_range(0.1..1.6))
+    };
+    let (kind, effects) = match number {
+        0..4 => (Kind::One, vec![effect()]),
+        4..6 => (Kind::Clean, Vec::new()),
+        6..8 => {
+            let first = effect();
+            let mut second = effect();
+            while second.0 == first.0 {
+                second = effect();
+            }
+            (Kind::Two, vec![first, second])
+        }
+        _ => {
+            let strength = rng.random_range(0.5..1.6);
+            let name = OUTSIDE[rng.random_range(0..OUTSIDE.len())];
+            (Kind::Outside, vec![(name.to_owned(), strength)])
+        }
+    };
+    let mut profile = || PROFILES[rng.random_range(0..PROFILES.len())];
+    Case {
+        machine,
+        kind,
+        effects,
+        profile: profile(),
+        unseen_profile: profile(),
+        individual: rng.random(),
+        seeds: rng.random(),
+    }
+}
+
+impl Case {
+    /// Names and strengths in one word each.
+    pub fn truth(&self) -> String {
+        let words: Vec<String> = self
+            .effects
+            .iter()
+            .map(|(name, strength)| format!("{name}={strength:.3}"))
+            .collect();
+        words.join(" ")
+    }
+
+    /// Writes what is to be diagnosed to `seen` and what is to be judged on to `unseen`.
+    pub fn record(
+        &self,
+        machine: &Machine,
+        seen: &Path,
+        unseen: &Path,
+    ) -> Result<(), Box<dyn Error>> {
+        self.write(machine, self.profile, self.seeds[0], seen)?;
+        self.write(machine, self.unseen_profile, self.seeds[1], unseen)
+    }
+
+    fn write(
+        &self,
+        machine: &Machine,
+        profile: &str,
+        seed: u64,
+        path: &Path,
+    ) -> Result<(), Box<dyn Error>> {
+        let mut scenario = Scenario::by_name(profile)?;
+        scenario.duration_s = DURATION_S;
+        let mut applied = Vec::new();
+        let mut changes = Vec::new();
+        for (name, strength) in &self.effects {
+            match Change::new(machine, name, *strength, self.individual) {
+                Some(change) => changes.push(change),
+                None => applied.push(format!("{name}={strength}").parse::<Applied>()?),
+            }
+        }
+        let simulation =
+            Simulation::new(machine, &scenario, seed, Some(self.individual), &applied)?;
+        let mut writer = Writer::create(path, simulation.columns(), &[])?;
+        for mut block in simulation {
+            for change in &mut changes {
+                change.apply(&mut block);
+            }
+            let columns: Vec<&[f64]> = block.columns.iter().flatten().map(Vec::as_slice).collect();
+            writer.write(&block.t, &columns)?;
+        }
+        Ok(writer.finish()?)
+    }
+}

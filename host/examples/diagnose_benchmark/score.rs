@@ -1,0 +1,207 @@
+//! What the benchmark comes to.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::cases::Kind;
+
+/// One recording, what it held and what was said of it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Row {
+    pub number: usize,
+    pub machine: usize,
+    pub kind: Kind,
+    pub profile: String,
+    /// Effects as `name=strength`, spaces between.
+    pub truth: String,
+    pub verdict: String,
+    /// Effects named, the first found first.
+    pub said: String,
+    /// Error on the unseen recording as described [% of nominal].
+    pub before: Option<f64>,
+    /// The same with what was said.
+    pub after: Option<f64>,
+    /// The same with the true effect, where it is one of the library.
+    pub given: Option<f64>,
+    pub seconds: f64,
+}
+
+impl Row {
+    fn truth(&self) -> Vec<(&str, f64)> {
+        self.truth
+            .split_whitespace()
+            .filter_map(|word| word.split_once('='))
+            .map(|(name, strength)| (name, strength.parse().unwrap_or(f64::NAN)))
+            .collect()
+    }
+
+    fn names(&self) -> Vec<&str> {
+        self.said.split_whitespace().collect()
+    }
+
+    /// What was said first: an effect, or the verdict itself.
+    fn first(&self) -> &str {
+        self.names().first().copied().unwrap_or(&self.verdict)
+    }
+
+    /// Part of the improvement that the true effect brings; none where it
+    /// brings less than a tenth of the error.
+    fn recovered(&self) -> Option<f64> {
+        let (before, after, given) = (self.before?, self.after?, self.given?);
+        (before - given > 0.1 * before).then(|| (before - after) / (before - given))
+    }
+}
+
+/// So many of so many.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Rate {
+    pub right: usize,
+    pub of: usize,
+}
+
+impl Rate {
+    fn count(&mut self, right: bool) {
+        self.right += usize::from(right);
+        self.of += 1;
+    }
+
+    /// 95 % interval of the probability.
+    ///
+    /// Source: Wilson 1927, "Probable inference, the law of succession, and
+    /// statistical inference".
+    pub fn interval(self) -> [f64; 2] {
+        const Z: f64 = 1.96;
+        let n = self.of as f64;
+        let p = self.right as f64 / n;
+        let middle = p + Z * Z / (2.0 * n);
+        let half = Z * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
+        [middle - half, middle + half].map(|v| v / (1.0 + Z * Z / n))
+    }
+}
+
+impl fmt::Display for Rate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.of == 0 {
+            return f.write_str("no recordings");
+        }
+        let [low, high] = self.interval().map(|v| 100.0 * v);
+        let percent = 100.0 * self.right as f64 / self.of as f64;
+        write!(
+            f,
+            "{:>4} of {:>4}  {percent:>3.0} % ({low:.0} to {high:.0})",
+            self.right, self.of
+        )
+    }
+}
+
+/// All rates.
+#[derive(Default)]
+pub struct Score {
+    pub first_strong: Rate,
+    pub first_weak: Rate,
+    pub two_exact: Rate,
+    pub two_first: Rate,
+    pub false_alarms: Rate,
+    pub unknown_outside: Rate,
+    pub unknown_inside: Rate,
+    recovered: Vec<f64>,
+    confusion: BTreeMap<(String, String), usize>,
+    wrong: Vec<String>,
+}
+
+/// Strength from which an effect counts as strong.
+const STRONG: f64 = 0.3;
+
+impl Score {
+    pub fn of(rows: &[Row]) -> Self {
+        let mut score = Self::default();
+        for row in rows {
+            score.add(row);
+        }
+        score.recovered.sort_by(f64::total_cmp);
+        score
+    }
+
+    fn add(&mut self, row: &Row) {
+        let unknown = row.verdict == "unknown";
+        let truth = row.truth();
+        let mut wanted: Vec<&str> = truth.iter().map(|t| t.0).collect();
+        let right = match row.kind {
+            Kind::One => {
+                let right = row.first() == wanted[0];
+                let rate = if truth[0].1 >= STRONG {
+                    &mut self.first_strong
+                } else {
+                    &mut self.first_weak
+                };
+                rate.count(right);
+                self.unknown_inside.count(unknown);
+                self.recovered.extend(row.recovered());
+                let key = (wanted[0].to_owned(), row.first().to_owned());
+                *self.confusion.entry(key).or_default() += 1;
+                right
+            }
+            Kind::Two => {
+                self.two_first.count(wanted.contains(&row.first()));
+                let mut named = row.names();
+                named.sort_unstable();
+                wanted.sort_unstable();
+                let exact = named == wanted;
+                self.two_exact.count(exact);
+                self.unknown_inside.count(unknown);
+                exact
+            }
+            Kind::Clean => {
+                self.false_alarms.count(row.verdict != "none");
+                row.verdict == "none"
+            }
+            Kind::Outside => {
+                self.unknown_outside.count(unknown);
+                unknown
+            }
+        };
+        if !right {
+            let said = format!("{} {}", row.verdict, row.said);
+            self.wrong.push(format!(
+                "{:>4} {:<11} [{}]: {said}",
+                row.number, row.profile, row.truth
+            ));
+        }
+    }
+}
+
+impl fmt::Display for Score {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "not as it was:")?;
+        for line in &self.wrong {
+            writeln!(f, "{line}")?;
+        }
+        writeln!(f, "\none effect -> said first")?;
+        for ((truth, said), n) in &self.confusion {
+            writeln!(f, "{truth:<26}{said:<26}{n:>4}")?;
+        }
+        writeln!(f)?;
+        for (name, rate) in [
+            ("first right, strength 0.3 and more", self.first_strong),
+            ("first right, weaker", self.first_weak),
+            ("two, exact", self.two_exact),
+            ("two, first among them", self.two_first),
+            ("false alarms on clean ones", self.false_alarms),
+            ("unknown outside the library", self.unknown_outside),
+            ("unknown inside the library", self.unknown_inside),
+        ] {
+            writeln!(f, "{name:<36}{rate}")?;
+        }
+        if let Some(median) = self.recovered.get(self.recovered.len() / 2) {
+            writeln!(
+                f,
+                "improvement on unseen data, part of what the true effect brings: median {:.0} % of {}",
+                100.0 * median,
+                self.recovered.len()
+            )?;
+        }
+        Ok(())
+    }
+}

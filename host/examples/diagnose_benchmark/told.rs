@@ -1,0 +1,65 @@
+//! One recording through `diagnose`.
+
+use std::error::Error;
+use std::time::Instant;
+
+use loadtwin::diagnose::{self, Diagnosis, Verdict, effect};
+use loadtwin::machine::Machine;
+
+use crate::cases::Case;
+use crate::score::Row;
+
+/// Simulates the case, diagnoses it without its label, then with the true
+/// effects as the only candidates.
+pub fn told(number: usize, case: &Case, machine: &Machine) -> Result<Row, Box<dyn Error>> {
+    let folder = tempfile::tempdir()?;
+    let (seen, unseen) = (
+        folder.path().join("seen.parquet"),
+        folder.path().join("unseen.parquet"),
+    );
+    case.record(machine, &seen, &unseen)?;
+    let (seen, unseen) = (vec![seen], vec![unseen]);
+    let started = Instant::now();
+    let diagnosis = diagnose::diagnose(machine, &seen, &unseen, effect::LIBRARY, |_| ())?;
+    let seconds = started.elapsed().as_secs_f64();
+    let said = match &diagnosis.verdict {
+        Verdict::Effects(names) | Verdict::Inseparable(names) => names.join(" "),
+        Verdict::None | Verdict::Unknown => String::new(),
+    };
+    let true_effects: Option<Vec<_>> = case
+        .effects
+        .iter()
+        .map(|(name, _)| effect::by_name(name))
+        .collect();
+    let given = match true_effects {
+        Some(effects) if !effects.is_empty() => {
+            let given = diagnose::diagnose(machine, &seen, &unseen, &effects, |_| ())?;
+            after(&given)
+        }
+        _ => None,
+    };
+    Ok(Row {
+        number,
+        machine: case.machine,
+        kind: case.kind,
+        profile: case.profile.to_owned(),
+        truth: case.truth(),
+        verdict: diagnosis.verdict.word().to_owned(),
+        said,
+        before: diagnosis.errors.nominal.before.value_percent,
+        after: after(&diagnosis),
+        given,
+        seconds,
+    })
+}
+
+/// Error on the unseen recording with what was said; nothing is mended of
+/// what is not known.
+fn after(diagnosis: &Diagnosis) -> Option<f64> {
+    let errors = diagnosis.errors.nominal;
+    let error = match diagnosis.verdict {
+        Verdict::Effects(_) | Verdict::Inseparable(_) => errors.after,
+        Verdict::None | Verdict::Unknown => errors.before,
+    };
+    error.value_percent
+}

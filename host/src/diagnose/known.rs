@@ -1,0 +1,154 @@
+//! Which torques a recording tells, and what would have to be done to see the
+//! same again.
+
+use super::recorded::{Recorded, derivatives};
+use super::signals::smooth;
+use super::thin::filled;
+use super::torque::Bodies;
+use crate::gearbox::Torsion;
+use crate::machine::{Drivetrain, Machine, Senses};
+use crate::simulate::{Course, Demand};
+
+/// Width of the moving mean over which the speed is tracked when the same is
+/// done again [s]: short against torsional vibrations.
+const TRACKED_S: f64 = 0.02;
+
+/// Each load as its reference tells it, or a channel that senses the load itself.
+pub(super) fn loads(
+    machine: &Machine,
+    drivetrain: &Drivetrain,
+    recorded: &Recorded,
+) -> Vec<Option<Vec<f64>>> {
+    drivetrain
+        .loads
+        .iter()
+        .enumerate()
+        .map(|(j, load)| {
+            let reference = &recorded.loads[j];
+            if reference.iter().any(|v| v.is_finite()) {
+                return Some(filled(reference));
+            }
+            let k = machine
+                .channels
+                .iter()
+                .position(|c| c.senses == Senses::Load(load.name.clone()))?;
+            let channel = &machine.channels[k];
+            let sensitivity = channel.to_si(channel.sensitivity?);
+            let offset = channel.to_si(channel.offset);
+            let load: Vec<f64> = recorded.channels[k]
+                .iter()
+                .map(|y| (y - offset) / sensitivity)
+                .collect();
+            Some(filled(&load))
+        })
+        .collect()
+}
+
+/// Measured drive torque on each inertia, at its own speed [N m].
+pub(super) fn drives(
+    machine: &Machine,
+    drivetrain: &Drivetrain,
+    recorded: &Recorded,
+) -> Vec<Option<Vec<f64>>> {
+    drivetrain
+        .inertias
+        .iter()
+        .map(|inertia| {
+            let k = machine
+                .channels
+                .iter()
+                .position(|c| c.senses == Senses::Drive(inertia.name.clone()))?;
+            let channel = &machine.channels[k];
+            let sensitivity = channel.to_si(channel.sensitivity.unwrap_or(1.0));
+            let offset = channel.to_si(channel.offset);
+            let torque: Vec<f64> = recorded.channels[k]
+                .iter()
+                .map(|y| (y - offset) / sensitivity)
+                .collect();
+            Some(filled(&torque))
+        })
+        .collect()
+}
+
+/// What would have to be done to see the same again; none where the first
+/// load is not known.
+pub(super) fn course(
+    drivetrain: &Drivetrain,
+    torsion: &Torsion,
+    recorded: &Recorded,
+    motion: &Bodies,
+    known: &[Option<Vec<f64>>],
+    drives: &[Option<Vec<f64>>],
+) -> Option<Course> {
+    let first = known[0].as_ref()?;
+    let nominal = drivetrain.loads[0].nominal_nm;
+    // As the bench has it: the second load, else a drive, else the first load.
+    let second = drivetrain.loads.get(1).zip(known.get(1));
+    let driven = drives.iter().position(Option::is_some);
+    let (body, held) = match (second, driven) {
+        (Some((load, values)), _) => (
+            torsion.inertia(&load.inertia),
+            values.as_ref().map(|v| (v, load.nominal_nm)),
+        ),
+        (None, Some(body)) => (body, drives[body].as_ref().map(|v| (v, nominal))),
+        (None, None) => (
+            torsion.inertia(&drivetrain.loads[0].inertia),
+            Some((first, nominal)),
+        ),
+    };
+    let speed = tracked(recorded, motion, body);
+    let demands = (0..recorded.len())
+        .map(|i| Demand {
+            torque: first[i] / nominal,
+            speed: speed[i] / drivetrain.nominal_speed_rad_s,
+            held: held.map(|(values, nominal)| values[i] / nominal),
+        })
+        .collect();
+    Some(doing(recorded, demands))
+}
+
+/// The same, roughly, by the torque that the first shaft carries.
+pub(super) fn course_by_shaft(
+    drivetrain: &Drivetrain,
+    torsion: &Torsion,
+    recorded: &Recorded,
+    motion: &Bodies,
+    carried: &[f64],
+) -> Course {
+    let load = &drivetrain.loads[0];
+    let body = torsion.inertia(&load.inertia);
+    // What the shaft carries comes from a load before it, or goes to one behind.
+    let sign = if body == 0 { 1.0 } else { -1.0 };
+    let own = sign * load.direction.sign() / (torsion.ratio(&load.inertia) * load.nominal_nm);
+    let width = (TRACKED_S / recorded.dt_s) as usize | 1;
+    let speed = tracked(recorded, motion, body);
+    let demands = smooth(carried, width)
+        .iter()
+        .zip(speed)
+        .map(|(torque, speed)| Demand {
+            torque: own * torque,
+            speed: speed / drivetrain.nominal_speed_rad_s,
+            held: None,
+        })
+        .collect();
+    doing(recorded, demands)
+}
+
+/// Speed of inertia `body`, referred. Vibrations are in it: what keeps the
+/// speed is not to damp them.
+fn tracked(recorded: &Recorded, motion: &Bodies, body: usize) -> Vec<f64> {
+    let width = (TRACKED_S / recorded.dt_s) as usize | 1;
+    let angle = &recorded.encoders[motion.encoder[body]];
+    derivatives(angle, width.max(3), recorded.dt_s).0
+}
+
+fn doing(recorded: &Recorded, demands: Vec<Demand>) -> Course {
+    // From where it is first known back to the start.
+    let known_at = recorded.angle.iter().position(|a| a.is_finite());
+    let turned = |i: usize| recorded.encoders[0][i] - recorded.encoders[0][0];
+    Course {
+        dt_s: recorded.dt_s,
+        angle: known_at.map_or(0.0, |i| recorded.angle[i] - turned(i)),
+        demands,
+    }
+}

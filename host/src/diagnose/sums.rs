@@ -1,0 +1,115 @@
+//! Sums of products, and least squares by them.
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+
+use super::fit::FOLDS;
+
+/// Sums of products of one stream, a set for each fold.
+#[derive(Clone)]
+pub(super) struct Sums {
+    pub gram: Vec<Mat<f64>>,
+    pub right: Vec<Mat<f64>>,
+    pub square: Vec<Vec<f64>>,
+}
+
+/// Squared errors on left-out folds, for each right-hand side.
+pub(super) fn left_out(sums: &Sums, ridge: &[f64]) -> Vec<f64> {
+    let sides = sums.square[0].len();
+    let mut errors = vec![0.0; sides];
+    let (gram, right) = totals(sums);
+    for fold in 0..FOLDS {
+        let solution = solved(
+            &gram - &sums.gram[fold],
+            &(&right - &sums.right[fold]),
+            ridge,
+        );
+        add(&mut errors, &test_error(sums, fold, &solution));
+    }
+    errors
+}
+
+pub(super) fn totals(sums: &Sums) -> (Mat<f64>, Mat<f64>) {
+    let mut gram = sums.gram[0].clone();
+    let mut right = sums.right[0].clone();
+    for fold in 1..FOLDS {
+        gram += &sums.gram[fold];
+        right += &sums.right[fold];
+    }
+    (gram, right)
+}
+
+pub(super) fn add(sum: &mut [f64], more: &[f64]) {
+    for (sum, more) in sum.iter_mut().zip(more) {
+        *sum += more;
+    }
+}
+
+/// Copies the lower triangle into the upper one.
+pub(super) fn mirror(gram: &mut Mat<f64>) {
+    for i in 0..gram.nrows() {
+        for j in 0..i {
+            gram[(j, i)] = gram[(i, j)];
+        }
+    }
+}
+
+/// `rr - 2 b'x + b'X b` of one fold, for each right-hand side.
+pub(super) fn test_error(sums: &Sums, fold: usize, solution: &Mat<f64>) -> Vec<f64> {
+    let predicted = &sums.gram[fold] * solution;
+    (0..solution.ncols())
+        .map(|r| {
+            let fitted: f64 = (0..solution.nrows())
+                .map(|i| solution[(i, r)] * (predicted[(i, r)] - 2.0 * sums.right[fold][(i, r)]))
+                .sum();
+            sums.square[fold][r] + fitted
+        })
+        .collect()
+}
+
+/// Solves `(gram + ridge) b = right`; columns are scaled to one size first.
+/// All zero where the columns do not determine it.
+pub(super) fn solved(mut gram: Mat<f64>, right: &Mat<f64>, ridge: &[f64]) -> Mat<f64> {
+    let (p, sides) = (gram.nrows(), right.ncols());
+    for (i, r) in ridge.iter().enumerate() {
+        gram[(i, i)] += r;
+    }
+    let scale: Vec<f64> = (0..p)
+        .map(|i| {
+            if gram[(i, i)] > 0.0 {
+                gram[(i, i)].sqrt()
+            } else {
+                1.0
+            }
+        })
+        .collect();
+    let scaled = Mat::from_fn(p, p, |i, j| {
+        gram[(i, j)] / (scale[i] * scale[j]) + if i == j { 1e-10 } else { 0.0 }
+    });
+    let rhs = Mat::from_fn(p, sides, |i, r| right[(i, r)] / scale[i]);
+    match scaled.llt(Side::Lower) {
+        Ok(factor) => {
+            let solution = factor.solve(&rhs);
+            Mat::from_fn(p, sides, |i, r| solution[(i, r)] / scale[i])
+        }
+        Err(_) => Mat::zeros(p, sides),
+    }
+}
+
+/// `x y` in four sums, so that it runs in the width of the processor.
+pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let (xs, ys) = (x.chunks_exact(4), y.chunks_exact(4));
+    let rest: f64 = xs
+        .remainder()
+        .iter()
+        .zip(ys.remainder())
+        .map(|(x, y)| x * y)
+        .sum();
+    for (x, y) in xs.zip(ys) {
+        for i in 0..4 {
+            sums[i] += x[i] * y[i];
+        }
+    }
+    sums.iter().sum::<f64>() + rest
+}

@@ -1,0 +1,50 @@
+//! A fixed part of the benchmark of `diagnose`, with the rates that it must reach.
+
+#[path = "../examples/diagnose_benchmark/cases.rs"]
+mod cases;
+#[path = "../examples/diagnose_benchmark/outside.rs"]
+mod outside;
+#[path = "../examples/diagnose_benchmark/score.rs"]
+mod score;
+#[path = "../examples/diagnose_benchmark/told.rs"]
+mod told;
+
+use std::path::Path;
+
+use loadtwin::machine::Machine;
+
+use score::{Rate, Score};
+
+/// Seed of the machines and cases.
+const SEED: u64 = 2026;
+
+/// Of the first machine: two with one effect, two clean ones, one outside the library.
+const NUMBERS: [usize; 5] = [0, 1, 4, 5, 8];
+
+#[test]
+fn what_is_not_told_is_found() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/gearbox/machine.toml");
+    let (machines, cases) = cases::drawn(&Machine::load(&path).unwrap(), 1, SEED);
+    let rows: Vec<_> = NUMBERS
+        .iter()
+        .map(|number| {
+            let case = &cases[*number];
+            told::told(*number, case, &machines[case.machine]).unwrap()
+        })
+        .collect();
+    let score = Score::of(&rows);
+    assert_eq!(score.first_strong.of + score.first_weak.of, 2);
+    assert_eq!(score.first_strong.right, score.first_strong.of, "{score}");
+    assert_eq!(score.false_alarms.right, 0, "{score}");
+    assert_eq!(score.false_alarms.of, 2);
+    assert_eq!(score.unknown_inside.right, 0, "{score}");
+    assert_eq!(score.unknown_outside.right, 1, "{score}");
+}
+
+/// Newcombe 1998, "Two-sided confidence intervals for the single proportion",
+/// table I, method 3: 15 of 148.
+#[test]
+fn the_interval_is_that_of_the_literature() {
+    let [low, high] = Rate { right: 15, of: 148 }.interval();
+    assert!((low - 0.0624).abs() < 5e-5 && (high - 0.1605).abs() < 5e-5);
+}
