@@ -280,8 +280,8 @@ impl Plant {
             let ring: f64 = (0..SHAPES)
                 .map(|k| place.shapes[k] * z[5 + row * SHAPES + k])
                 .sum();
-            let d = ind.groove * ind.angle.cos() + z[0] * cos + z[2] * sin + side * lever * tilt
-                - ring;
+            let d =
+                ind.groove * ind.angle.cos() + z[0] * cos + z[2] * sin + side * lever * tilt - ring;
             let w = ind.groove * ind.angle.sin() + ind.preload + side * (z[1] + tilt);
             let distance = d.hypot(w);
             let delta = distance - ind.groove + place.excess;
