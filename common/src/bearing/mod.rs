@@ -435,7 +435,7 @@ impl Bearing {
             *used &= health.fault.is_none();
         }
         let prior = state.champion.prior(&self.model.tuning);
-        (state.trust).take(&state.told, &used, &self.model.gauges, prior);
+        (state.trust).take(&state.told, used, &self.model.gauges, prior);
     }
 
     /// Follows what one gauge says over half a second.
@@ -512,7 +512,7 @@ impl Bearing {
         state.challenger = state.champion.clone();
         let next = &mut state.challenger;
         let moved = duel.candidate / 2 + 1;
-        let mirrored = duel.candidate % 4 == 0;
+        let mirrored = duel.candidate.is_multiple_of(4);
         match duel.candidate % 4 {
             0 => next.swap_rows(),
             2 => next.forget_loads(tuning),

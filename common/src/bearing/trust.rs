@@ -40,12 +40,12 @@ impl Trust {
     pub fn take(
         &mut self,
         told: &[Told; GAUGES],
-        used: &[bool; GAUGES],
+        used: [bool; GAUGES],
         gauges: &[GaugeModel; GAUGES],
         prior: f32,
     ) {
         let (mut left, mut read, mut surprise) = (0.0, 0.0, 0.0_f32);
-        for ((told, gauge), _) in told.iter().zip(gauges).zip(used).filter(|(_, used)| **used) {
+        for ((told, gauge), _) in told.iter().zip(gauges).zip(used).filter(|(_, used)| *used) {
             let noise = NOISE_SHARE * gauge.noise_std * gauge.noise_std;
             left += (told.left - noise).max(0.0);
             read += told.local.0 * told.local.0;
