@@ -28,6 +28,9 @@ pub const INPUTS: usize = LOADS + 1;
 /// Longest step of Newton's method [um].
 const LONGEST_STEP: f32 = 15.0;
 
+/// Load of a row at which its cage follows the loaded contact angle [kN].
+const IDLE: f32 = 0.01;
+
 /// Over which approach a contact begins to carry [um].
 const ROUNDING: f32 = 1.0;
 
@@ -42,6 +45,8 @@ pub struct Geometry {
     pub row_offset: f32,
     /// `A`: unloaded distance of the groove centres [um], > 0.
     pub groove_um: f32,
+    /// Diameter of a ball over that of the circle of their centres, 0 to 1.
+    pub ball_over_pitch: f32,
     /// Cosine and sine of the unloaded contact angle.
     pub contact_angle: (f32, f32),
     /// `K_n` of eq. (4) [kN/um^1.5], > 0.
@@ -110,6 +115,8 @@ pub struct Equilibrium {
     pub slope: [[f32; DOF]; INPUTS],
     /// Force that is out of balance, largest entry [kN].
     pub residual: f32,
+    /// Rate of ball passing of each row over that at the unloaded contact angle.
+    pub pace: [f32; ROWS],
 }
 
 /// What the gauges answer to: for each gauge and row `Q`, `Q sin(alpha -
@@ -134,6 +141,7 @@ impl Contacts {
         for (name, value) in [
             ("radius_mm", geometry.radius_mm),
             ("groove_um", geometry.groove_um),
+            ("ball_over_pitch", geometry.ball_over_pitch),
             ("stiffness", geometry.stiffness),
         ] {
             if !(value > 0.0 && value.is_finite()) {
@@ -256,13 +264,17 @@ impl Contacts {
             rhs[i][i] = 1.0;
             rhs[INPUTS][i] = loads[i];
         }
+        let mut pace = [1.0; ROWS];
         for row in 0..ROWS {
+            let (mut carried, mut along) = (IDLE, IDLE * self.geometry.contact_angle.0);
             let shapes = shapes_before(row);
             let place = |i: usize| if i < LOADS { i } else { i + shapes };
             for node in &self.nodes {
                 let touch = self.touch(position, preload, row, node);
                 let (q, slope) = (touch.load * share, touch.slope * share);
                 let by_preload = slope * touch.sin;
+                carried += q;
+                along += q * touch.cos;
                 for j in 0..LOADS + SHAPES {
                     let n = touch.normal[j];
                     let stiff = slope * n;
@@ -273,6 +285,9 @@ impl Contacts {
                     }
                 }
             }
+            let ratio = self.geometry.ball_over_pitch;
+            pace[row] =
+                (1.0 - ratio * along / carried) / (1.0 - ratio * self.geometry.contact_angle.0);
         }
         let mut residual: f32 = 0.0;
         for value in &rhs[INPUTS] {
@@ -294,6 +309,7 @@ impl Contacts {
             position: next,
             slope,
             residual,
+            pace,
         }
     }
 

@@ -1,10 +1,10 @@
 //! The joint filter: one belief over all gauges, 100 times a second.
 //!
 //! States: phases of ball passing `theta_r` [rad] and slips `s_r` of both rows,
-//! loads [kN], preload [um], biases of the bulk strains [um/m].
+//! loads [kN], preload [um], biases of the bulk strains [um/m], gains of the local strains.
 //!
-//! `theta+ = theta + Phi (1 + s)`, `s+ = (1 - dt/tau) s + w`; loads, preload and
-//! biases walk. The local strain of gauge g is
+//! `theta+ = theta + Phi (pace + s)`, `pace` by the loaded contact angle; slips, loads, biases
+//! and gains return to what is expected of them, the preload walks. The local strain of gauge g is
 //! `sum_n Re(C_n e^(i n Phi))`, `C_n = sum_r e^(i n (theta_r - N psi_g)) S_nr f_r`,
 //! with the features `f_r` of the load ([`super::contact::Features`]); its bulk
 //! strain is linear in loads and features.
@@ -23,16 +23,21 @@ use crate::kalman;
 use crate::phase::wrap_rad;
 
 /// States.
-pub const NX: usize = 2 * ROWS + INPUTS + GAUGES;
+pub const NX: usize = 2 * ROWS + INPUTS + GAUGES + ROWS * GAUGES;
 /// Place of the first load.
 pub const LOAD: usize = 2 * ROWS;
 /// Place of the preload.
 pub const PRELOAD: usize = LOAD + LOADS;
 /// Place of the first bias.
 pub const BIAS: usize = PRELOAD + 1;
+/// Place of the first gain: gauge by gauge, row by row.
+pub const GAIN: usize = BIAS + GAUGES;
 
 /// Phases further apart than this are not the same [rad].
 const APART: f32 = 0.6;
+
+/// Variance below which a phase is known [rad^2].
+const KNOWN_PHASE: f32 = 0.1;
 
 /// Variance of a load that is known [kN^2].
 const KNOWN_VARIANCE: f32 = 1e-8;
@@ -46,6 +51,8 @@ pub struct Told {
     pub mean: (f32, f32),
     /// Root mean square of the local strain, read and predicted [um/m].
     pub local: (f32, f32),
+    /// Mean square of the local strain that was not expected.
+    pub left: f32,
     /// Minus twice the logarithm of its likelihood.
     pub cost: f32,
 }
@@ -138,15 +145,21 @@ impl Belief {
         }
     }
 
-    /// Starts with the biases anew: what they have taken up belongs to another belief.
-    pub fn forget_biases(&mut self, tuning: &Tuning) {
+    /// Starts with the gauges' biases and gains anew: what they have taken up belongs
+    /// to another belief.
+    pub fn forget_gauges(&mut self, tuning: &Tuning) {
         let p = &mut self.gaussian.upper;
-        for b in BIAS..NX {
-            self.gaussian.state[b] = 0.0;
+        for i in BIAS..NX {
+            self.gaussian.state[i] = 0.0;
             for j in 0..NX {
-                p[b.max(j)][b.min(j)] = 0.0;
+                p[i.max(j)][i.min(j)] = 0.0;
             }
-            p[b][b] = tuning.bias_std * tuning.bias_std;
+            let std = if i < GAIN {
+                tuning.bias_std
+            } else {
+                tuning.gain_std
+            };
+            p[i][i] = std * std;
         }
     }
 
@@ -159,24 +172,40 @@ impl Belief {
             for j in 0..NX {
                 p[l.max(j)][l.min(j)] = 0.0;
             }
-            p[l][l] = tuning.load_std[i] * tuning.load_std[i];
+            p[l][l] = 0.0;
+        }
+        self.widen_loads(tuning, 1.0);
+    }
+
+    /// Adds a share of the covariance of the expected loads.
+    pub fn widen_loads(&mut self, tuning: &Tuning, share: f32) {
+        let l = &tuning.load_factor;
+        for j in 0..LOADS {
+            for i in 0..=j {
+                let mut sum = 0.0;
+                for k in 0..=i {
+                    sum += l[i][k] * l[j][k];
+                }
+                self.gaussian.upper[LOAD + j][LOAD + i] += share * sum;
+            }
         }
     }
 
-    /// Whether the phases of two beliefs are not the same.
+    /// Whether the phases of two beliefs, where the first knows its own, are not the same.
     pub fn is_apart(&self, other: &Self) -> bool {
         (0..ROWS)
+            .filter(|row| self.gaussian.upper[*row][*row] < KNOWN_PHASE)
             .any(|row| wrap_rad(self.gaussian.state[row] - other.gaussian.state[row]).abs() > APART)
     }
 
     /// Minus twice the logarithm of the prior of what a belief holds: biases,
-    /// slips, preload and loads in units of their standard deviations, squared.
+    /// gains, slips, preload and loads in units of their standard deviations, squared.
     ///
     /// Two beliefs that explain the readings equally well may differ in what they had to assume for it.
     pub fn prior(&self, tuning: &Tuning) -> f32 {
         let x = &self.gaussian.state;
         let mut sum = 0.0;
-        for b in BIAS..NX {
+        for b in BIAS..GAIN {
             let part = x[b] / tuning.bias_std;
             sum += part * part;
         }
@@ -184,9 +213,18 @@ impl Belief {
             let part = x[ROWS + row] / tuning.slip_std;
             sum += part * part;
         }
-        for i in 0..LOADS {
-            let part = (x[LOAD + i] - tuning.load_mean[i]) / tuning.load_std[i];
+        for gain in GAIN..NX {
+            let part = x[gain] / tuning.gain_std;
             sum += part * part;
+        }
+        let mut whitened = [0.0; LOADS];
+        for i in 0..LOADS {
+            let mut part = x[LOAD + i] - tuning.load_mean[i];
+            for (l, w) in tuning.load_factor[i][..i].iter().zip(&whitened) {
+                part -= l * w;
+            }
+            whitened[i] = part / tuning.load_factor[i][i];
+            sum += whitened[i] * whitened[i];
         }
         let part = x[PRELOAD] / tuning.preload_std;
         sum + part * part
@@ -203,12 +241,14 @@ impl Belief {
             }
             p[i][i] = KNOWN_VARIANCE;
         }
-        // Neither may the preload take up what the gauges' model lacks.
-        self.gaussian.state[PRELOAD] = 0.0;
-        for j in 0..NX {
-            p[PRELOAD.max(j)][PRELOAD.min(j)] = 0.0;
+        // Neither may preload and gains take up what the gauges' model lacks.
+        for i in (GAIN..NX).chain([PRELOAD]) {
+            self.gaussian.state[i] = 0.0;
+            for j in 0..NX {
+                p[i.max(j)][i.min(j)] = 0.0;
+            }
+            p[i][i] = KNOWN_VARIANCE;
         }
-        p[PRELOAD][PRELOAD] = KNOWN_VARIANCE;
         self.linearised_at = self.gaussian.state;
     }
 
@@ -225,7 +265,7 @@ impl Belief {
         let keep = 1.0 - (dt_s / tuning.slip_time_s).min(1.0);
         for row in 0..ROWS {
             let (theta, slip) = (row, ROWS + row);
-            x[theta] = wrap_rad(x[theta] + phase * (1.0 + x[slip]));
+            x[theta] = wrap_rad(x[theta] + phase * (self.equilibrium.pace[row] + x[slip]));
             // theta += phase s, then s *= keep: rows and columns of P.
             let cross = p[slip][theta];
             let mut column = [0.0; NX];
@@ -248,22 +288,23 @@ impl Belief {
             p[theta][theta] += tuning.phase_walk * tuning.phase_walk * phase.abs();
             x[slip] *= keep;
         }
+        let keep = 1.0 - (dt_s / tuning.load_time_s).min(1.0);
         for i in 0..LOADS {
-            p[LOAD + i][LOAD + i] += tuning.load_walk[i] * tuning.load_walk[i] * dt_s;
-        }
-        p[PRELOAD][PRELOAD] += tuning.preload_walk * tuning.preload_walk * dt_s;
-        let keep = 1.0 - (dt_s / tuning.bias_time_s).min(1.0);
-        for b in BIAS..NX {
-            x[b] *= keep;
+            let l = LOAD + i;
+            x[l] = tuning.load_mean[i] + keep * (x[l] - tuning.load_mean[i]);
             for j in 0..NX {
-                if j != b {
-                    p[b.max(j)][b.min(j)] *= keep;
+                if j != l {
+                    p[l.max(j)][l.min(j)] *= keep;
                 }
             }
-            p[b][b] =
-                keep * keep * p[b][b] + (1.0 - keep * keep) * tuning.bias_std * tuning.bias_std;
+            p[l][l] *= keep * keep;
         }
+        let share = 1.0 - keep * keep;
+        forget(x, p, GAIN, NX, dt_s / tuning.gain_time_s, tuning.gain_std);
+        forget(x, p, BIAS, GAIN, dt_s / tuning.bias_time_s, tuning.bias_std);
+        p[PRELOAD][PRELOAD] += tuning.preload_walk * tuning.preload_walk * dt_s;
         self.linearised_at = *x;
+        self.widen_loads(tuning, share);
     }
 
     /// Brings the equilibrium to the believed loads, one step of Newton's method.
@@ -305,7 +346,8 @@ impl Belief {
         for row in 0..ROWS {
             let slip = ROWS + row;
             // At the start of the block, turned by what slips in half of it.
-            let theta = x[row] - phase * (1.0 + 0.5 * x[slip]) - passing;
+            let theta =
+                x[row] - phase * (0.5 + 0.5 * (self.equilibrium.pace[row] + x[slip])) - passing;
             let (sin1, cos1) = libm::sincosf(theta);
             let (mut sin, mut cos) = (0.0, 1.0);
             let f = &self.features.value[g][row];
@@ -319,12 +361,13 @@ impl Belief {
             for n in 0..HARMONICS {
                 (sin, cos) = (sin * cos1 + cos * sin1, cos * cos1 - sin * sin1);
                 let (re, im) = (2 * n + 1, 2 * n + 2);
+                let gain = 1.0 + x[GAIN + g * ROWS + row];
                 let (mut real, mut imaginary) = (0.0, 0.0);
                 for k in 0..FEATURES {
                     let s = model.local[row][n][k];
                     // y carries Re(C e^(i n Phi)): the sine's coefficient is -Im C.
-                    let a = cos * s[0] - sin * s[1];
-                    let b = -(sin * s[0] + cos * s[1]);
+                    let a = gain * (cos * s[0] - sin * s[1]);
+                    let b = -gain * (sin * s[0] + cos * s[1]);
                     real += a * f[k];
                     imaginary += b * f[k];
                     for i in 0..INPUTS {
@@ -334,6 +377,8 @@ impl Belief {
                 }
                 c[re] += real;
                 c[im] += imaginary;
+                by[re][GAIN + g * ROWS + row] += real / gain;
+                by[im][GAIN + g * ROWS + row] += imaginary / gain;
                 let order = (n + 1) as f32;
                 by[re][row] += order * imaginary;
                 by[im][row] -= order * real;
@@ -390,6 +435,9 @@ impl Belief {
             }
             let r = if k == 0 { bulk } else { local };
             let nu = block.reading[g][k] - predicted;
+            if k > 0 {
+                told.left += nu * nu;
+            }
             let mut gate = if used { Gate::open() } else { Gate::shut() };
             let told_row = kalman::update(&mut self.gaussian, &row, nu, r, &mut gate);
             told.nis += told_row.nis;
@@ -403,10 +451,32 @@ impl Belief {
         let count = f32::from(block.count.max(1));
         told.cost = told.nis + libm::logf(product.max(1e-30));
         told.nis /= f32::max(rows, 1.0);
+        told.left /= count;
         told.local = (
             libm::sqrtf(told.local.0 / count),
             libm::sqrtf(told.local.1 / count),
         );
         told
+    }
+}
+
+/// States that forget: `x+ = k x`, `P+ = k P k + (1 - k^2) std^2`, `k = 1 - share`.
+fn forget(
+    x: &mut SVector<f32, NX>,
+    p: &mut [[f32; NX]; NX],
+    from: usize,
+    to: usize,
+    share: f32,
+    std: f32,
+) {
+    let keep = 1.0 - share.min(1.0);
+    for i in from..to {
+        x[i] *= keep;
+        for j in 0..NX {
+            if j != i {
+                p[i.max(j)][i.min(j)] *= keep;
+            }
+        }
+        p[i][i] = keep * keep * p[i][i] + (1.0 - keep * keep) * std * std;
     }
 }

@@ -13,6 +13,7 @@
 pub mod block;
 pub mod contact;
 pub mod joint;
+mod trust;
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -26,7 +27,8 @@ use crate::phase::{Phase, wrap_rad};
 use crate::raw::{MAX_CHANNELS, RawSample};
 use block::{Block, Sums};
 use contact::{Contacts, Geometry};
-use joint::{BIAS, Belief, LOAD, NX, PRELOAD, Told};
+use joint::{BIAS, Belief, GAIN, LOAD, NX, PRELOAD, Told};
+use trust::Trust;
 
 /// Rows of balls.
 pub const ROWS: usize = 2;
@@ -51,14 +53,19 @@ const BELIEF_JOBS: u16 = 8;
 /// Starting points of challengers: eight moves of the phases, and between them
 /// swapped labels and loads anew.
 const CANDIDATES: u8 = 16;
+/// The one that swapped labels follow.
+const BEFORE_MIRROR: u8 = CANDIDATES - 1;
 
 /// Blocks of a duel, and those at its start that do not count.
-const DUEL: u16 = 36;
-const BURN_IN: u16 = 16;
+const DUEL: u16 = 24;
+const BURN_IN: u16 = 10;
+/// The same before the champion has met its first challenge.
+const FIRST_DUEL: u16 = 14;
+const FIRST_BURN_IN: u16 = 6;
 
 /// By how much the challenger's cost must be lower, and by how much it may be
 /// higher before the duel is over.
-const MARGIN: f32 = 15.0;
+const MARGIN: f32 = 30.0;
 const HOPELESS: f32 = 400.0;
 
 /// Natural frequency of the loop that follows the wheel [rad/s].
@@ -116,12 +123,12 @@ pub struct Tuning {
     pub slip_limit: f32,
     /// Scatter of the phase [rad/sqrt(rad)].
     pub phase_walk: f32,
-    /// Expected loads at a start [kN] and their standard deviation.
+    /// Mean of the loads that are expected [kN].
     pub load_mean: [f32; LOADS],
-    /// See `load_mean`.
-    pub load_std: [f32; LOADS],
-    /// Random walk of the loads [kN/sqrt(s)].
-    pub load_walk: [f32; LOADS],
+    /// Lower factor of their covariance [kN]: those on the rig.
+    pub load_factor: [[f32; LOADS]; LOADS],
+    /// Time in which loads return to them [s], > 0.
+    pub load_time_s: f32,
     /// Standard deviation of the preload [um] and its random walk [um/sqrt(s)].
     pub preload_std: f32,
     /// See `preload_std`.
@@ -130,6 +137,10 @@ pub struct Tuning {
     pub bias_std: f32,
     /// See `bias_std`.
     pub bias_time_s: f32,
+    /// Standard deviation of the local strains' gains and the time in which they forget [s].
+    pub gain_std: f32,
+    /// See `gain_std`.
+    pub gain_time_s: f32,
     /// Error of the bulk strain's model from block to block [um/m].
     pub bulk_std: f32,
     /// Frequency of ball passing below which bulk and local strain cannot be told apart [Hz], > 0.
@@ -164,6 +175,7 @@ pub struct BearingState {
     told: [Told; GAUGES],
     health: [Health; GAUGES],
     cost: (f32, f32),
+    trust: Trust,
     duel: Duel,
     running: bool,
     /// Loads that are known, on a rig [kN].
@@ -205,11 +217,14 @@ impl Bearing {
         let positive = [
             ("slip_time_s", t.slip_time_s),
             ("slip_std", t.slip_std),
+            ("load_time_s", t.load_time_s),
             ("slip_limit", t.slip_limit),
             ("preload_std", t.preload_std),
             ("bias_std", t.bias_std),
             ("bias_time_s", t.bias_time_s),
             ("bulk_std", t.bulk_std),
+            ("gain_std", t.gain_std),
+            ("gain_time_s", t.gain_time_s),
             ("lowest_hz", t.lowest_hz),
             ("noise_std", model.gauges[0].noise_std),
             ("noise_std", model.gauges[1].noise_std),
@@ -221,9 +236,9 @@ impl Bearing {
                 return Err(Error::NotPositive(name));
             }
         }
-        for value in t.load_std.iter().chain(&t.load_walk) {
-            if !(*value > 0.0 && value.is_finite()) {
-                return Err(Error::NotPositive("load_walk"));
+        for (i, row) in t.load_factor.iter().enumerate() {
+            if !(row[i] > 0.0 && row.iter().all(|value| value.is_finite())) {
+                return Err(Error::NotPositive("load_factor"));
             }
         }
         if !(model.passes_per_turn != 0.0 && model.passes_per_turn.is_finite()) {
@@ -238,12 +253,11 @@ impl Bearing {
             std[ROWS + row] = t.slip_std;
         }
         state[LOAD..PRELOAD].copy_from_slice(&t.load_mean);
-        std[LOAD..PRELOAD].copy_from_slice(&t.load_std);
         std[PRELOAD] = t.preload_std;
-        for b in BIAS..NX {
-            std[b] = t.bias_std;
-        }
+        std[BIAS..GAIN].fill(t.bias_std);
+        std[GAIN..NX].fill(t.gain_std);
         let mut start = Belief::new(&contacts, state, &std);
+        start.forget_loads(t);
         for g in 0..GAUGES {
             start.refresh(&contacts, g);
         }
@@ -274,6 +288,7 @@ impl Bearing {
             health: [Health::default(); GAUGES],
             cost: (0.0, 0.0),
             duel: Duel::default(),
+            trust: Trust::default(),
             running: false,
             known: None,
             published: [UNKNOWN; LOADS],
@@ -347,6 +362,7 @@ impl Bearing {
             state.running = true;
             state.champion = self.start.clone();
             state.duel = Duel::default();
+            state.trust = Trust::default();
             self.challenge(state);
         }
         if state.running {
@@ -398,6 +414,7 @@ impl Bearing {
                     state.told[g % GAUGES] = told;
                     self.watch(state, g);
                     if part == 4 {
+                        self.scrutinise(state);
                         self.publish(state);
                     }
                 }
@@ -409,6 +426,16 @@ impl Bearing {
                 belief.refresh(&self.contacts, first + 1);
             }
         }
+    }
+
+    /// Judges the champion by what the gauges said of the block.
+    fn scrutinise(&self, state: &mut BearingState) {
+        let mut used = state.block.whole;
+        for (used, health) in used.iter_mut().zip(&state.health) {
+            *used &= health.fault.is_none();
+        }
+        let prior = state.champion.prior(&self.model.tuning);
+        (state.trust).take(&state.told, used, &self.model.gauges, prior);
     }
 
     /// Follows what one gauge says over half a second.
@@ -435,19 +462,35 @@ impl Bearing {
     fn judge(&self, state: &mut BearingState) {
         let (champion, challenger) = state.cost;
         state.cost = (0.0, 0.0);
+        if state.known.is_none() && state.trust.is_lost() {
+            state.running = false;
+            return;
+        }
         let duel = &mut state.duel;
+        if state.known.is_none() && state.trust.begins_to_doubt() && duel.won > 0 {
+            duel.candidate = BEFORE_MIRROR;
+            self.challenge(state);
+            return;
+        }
         duel.blocks = duel.blocks.saturating_add(1);
-        if duel.blocks > BURN_IN {
+        let (length, burn_in) = if duel.won > 0 {
+            (DUEL, BURN_IN)
+        } else {
+            (FIRST_DUEL, FIRST_BURN_IN)
+        };
+        if duel.blocks > burn_in {
             duel.lead += challenger - champion;
         }
         let broken = !state.champion.is_finite();
-        if duel.blocks >= DUEL || duel.lead > HOPELESS || broken {
+        if duel.blocks >= length || duel.lead > HOPELESS || broken {
             let prior = state.challenger.prior(&self.model.tuning)
                 - state.champion.prior(&self.model.tuning);
             if broken || duel.lead + prior < -MARGIN {
                 core::mem::swap(&mut state.champion, &mut state.challenger);
                 if broken || state.champion.is_apart(&state.challenger) {
                     state.duel.won = 0;
+                    state.duel.candidate = BEFORE_MIRROR;
+                    state.trust = Trust::default();
                 }
                 if !state.champion.is_finite() {
                     state.champion = self.start.clone();
@@ -462,7 +505,6 @@ impl Bearing {
     /// Sends the next challenger out.
     fn challenge(&self, state: &mut BearingState) {
         let tuning = &self.model.tuning;
-        let locked = state.is_locked();
         let duel = &mut state.duel;
         duel.candidate = (duel.candidate + 1) % CANDIDATES;
         duel.blocks = 0;
@@ -470,6 +512,7 @@ impl Bearing {
         state.challenger = state.champion.clone();
         let next = &mut state.challenger;
         let moved = duel.candidate / 2 + 1;
+        let mirrored = duel.candidate.is_multiple_of(4);
         match duel.candidate % 4 {
             0 => next.swap_rows(),
             2 => next.forget_loads(tuning),
@@ -484,12 +527,10 @@ impl Bearing {
             next.widen(row, 0.5);
             next.widen(ROWS + row, tuning.slip_std * tuning.slip_std);
         }
-        for i in 0..LOADS {
-            next.widen(LOAD + i, 0.25 * tuning.load_std[i] * tuning.load_std[i]);
-        }
-        if !locked {
+        next.widen_loads(tuning, 0.25);
+        if duel.won == 0 || mirrored && state.trust.is_doubted() {
             // Later they are what is known best, and tell the labels apart.
-            next.forget_biases(tuning);
+            next.forget_gauges(tuning);
         }
         next.balance(&self.contacts);
         next.balance(&self.contacts);
@@ -589,8 +630,14 @@ impl BearingState {
         (self.running && self.job == JOBS - 1).then_some((&self.block, &self.champion))
     }
 
-    /// Whether the champion has met every challenge since it became one.
+    /// Whether the champion can be believed: it has met a challenge, explains the
+    /// readings and is plausible; with known loads, that it has met every challenge.
     pub fn is_locked(&self) -> bool {
-        self.running && self.duel.won >= CANDIDATES
+        let met = if self.known.is_some() {
+            self.duel.won >= CANDIDATES
+        } else {
+            self.duel.won > 0 && self.trust.is_earned()
+        };
+        self.running && met
     }
 }

@@ -22,6 +22,9 @@ const FULL_SCALE: f64 = 4.0;
 /// Standard deviation at which an estimate is no longer valid, in ranges.
 const VALID_STD: f64 = 0.2;
 
+/// Smallest standard deviation of a load about what is expected, in ranges.
+const LEAST_LOAD_STD: f64 = 0.01;
+
 /// The estimator of `machine` with the calibration that its description names.
 ///
 /// # Errors
@@ -107,7 +110,7 @@ pub fn model(
             bits: encoder.bits as u8,
         },
         passes_per_turn: (f64::from(bearing.balls) * ratio) as f32,
-        tuning: tuning(bearing, f64::from(geometry.radius_mm)),
+        tuning: tuning(bearing, calibration, f64::from(geometry.radius_mm))?,
         geometry,
     })
 }
@@ -167,6 +170,7 @@ fn geometry(bearing: &Bearing, calibration: &Calibration) -> Result<Geometry, Bu
         radius_mm: radius as f32,
         row_offset: (0.5 * bearing.rows_mm / radius) as f32,
         groove_um: ((2.0 * bearing.conformity - 1.0) * bearing.ball_mm * 1e3) as f32,
+        ball_over_pitch: (bearing.ball_mm / bearing.pitch_mm) as f32,
         contact_angle: (angle.cos() as f32, angle.sin() as f32),
         // N / mm^1.5 to kN / um^1.5.
         stiffness: (bearing.stiffness_n_per_mm_1_5 * calibration.stiffness[0] * 1e-3
@@ -177,28 +181,41 @@ fn geometry(bearing: &Bearing, calibration: &Calibration) -> Result<Geometry, Bu
     })
 }
 
-fn tuning(bearing: &Bearing, radius_mm: f64) -> Tuning {
+fn tuning(
+    bearing: &Bearing,
+    calibration: &Calibration,
+    radius_mm: f64,
+) -> Result<Tuning, BuildError> {
     let f = &bearing.filter;
-    // Ranges in N and N m; the filter has kN, moments over the radius.
-    let ranges = bearing.range.all();
+    // Loads in N and N m; the filter has kN, moments over the radius.
     let unit = |i: usize| if i < 3 { 1e-3 } else { 1.0 / radius_mm };
-    let by = |of: &dyn Fn(usize) -> f64| -> [f32; LOADS] {
-        std::array::from_fn(|i| (of(i) * unit(i)) as f32)
-    };
-    let width = |i: usize| ranges[i][1] - ranges[i][0];
-    Tuning {
+    let ranges = bearing.range.all();
+    let covariance = Mat::from_fn(LOADS, LOADS, |i, j| {
+        let least = LEAST_LOAD_STD * (ranges[i][1] - ranges[i][0]);
+        let least = if i == j { least * least } else { 0.0 };
+        (calibration.load_covariance[i][j] + least) * unit(i) * unit(j)
+    });
+    let factor = covariance.llt(Side::Lower).map_err(|_| {
+        BuildError::Model(loadtwin_common::Error::NotPositive(
+            "load_covariance of the calibration",
+        ))
+    })?;
+    let below = |i: usize, j: usize| if j <= i { factor.L()[(i, j)] } else { 0.0 };
+    Ok(Tuning {
         slip_time_s: f.slip_time_s as f32,
         slip_std: f.slip_std as f32,
         slip_limit: f.slip_limit as f32,
         phase_walk: f.phase_walk as f32,
-        load_mean: by(&|i| 0.5 * (ranges[i][0] + ranges[i][1])),
-        load_std: by(&|i| 0.35 * width(i)),
-        load_walk: by(&|i| f.load_walk * width(i)),
+        load_mean: std::array::from_fn(|i| (calibration.load_mean[i] * unit(i)) as f32),
+        load_factor: std::array::from_fn(|i| std::array::from_fn(|j| below(i, j) as f32)),
+        load_time_s: f.load_time_s as f32,
         preload_std: f.preload_std_um as f32,
         preload_walk: f.preload_walk_um as f32,
         bias_std: f.bias_std as f32,
         bias_time_s: f.bias_time_s as f32,
+        gain_std: f.gain_std as f32,
+        gain_time_s: f.gain_time_s as f32,
         bulk_std: f.bulk_std as f32,
         lowest_hz: f.lowest_hz as f32,
-    }
+    })
 }

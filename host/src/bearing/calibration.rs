@@ -21,6 +21,10 @@ pub struct Calibration {
     pub preload: [f64; 2],
     /// Factor on the described compliance, and its standard deviation.
     pub compliance: [f64; 2],
+    /// Mean of the loads on the rig: forces [N], moments [N m].
+    pub load_mean: [f64; LOADS],
+    /// Their covariance.
+    pub load_covariance: [[f64; LOADS]; LOADS],
     /// Each gauge, in the order of the description.
     pub gauge: Vec<Answer>,
 }
@@ -65,6 +69,8 @@ impl Calibration {
             stiffness: [1.0, 0.0],
             preload: [1.0, 0.0],
             compliance: [1.0, 0.0],
+            load_mean: [0.0; LOADS],
+            load_covariance: [[0.0; LOADS]; LOADS],
             gauge: vec![
                 Answer {
                     noise_std: 5.0,

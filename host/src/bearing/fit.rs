@@ -36,7 +36,7 @@ const THINNED: usize = 4;
 const LEAST_FOLLOWED: f64 = 0.5;
 /// Errors of the model stay for many blocks, where the filter takes them for new ones
 /// in each: how much larger they are told to it.
-const TOGETHER: f64 = 3.0;
+const TOGETHER: f64 = 6.0;
 /// Smallest noise of a gauge that is believed [um/m].
 const LEAST_NOISE: f64 = 0.5;
 /// Weight of the mean strain: its error from block to block [um/m].
@@ -71,6 +71,7 @@ struct Known {
 /// When the description does not make a model, or the phases cannot be followed.
 pub fn calibrate(rig: &Rig<'_>, samples: &[RigSample]) -> Result<Calibration, BuildError> {
     let mut calibration = Calibration::guess(GAUGES);
+    expect(samples, &mut calibration);
     let mut known = Vec::new();
     for pass in 0..PASSES {
         known = follow(rig, samples, &calibration, pass == 0)?;
@@ -81,6 +82,31 @@ pub fn calibrate(rig: &Rig<'_>, samples: &[RigSample]) -> Result<Calibration, Bu
     }
     uncertainty(rig, &known, &mut calibration)?;
     Ok(calibration)
+}
+
+/// Mean and covariance of the loads: what is expected of them where readings say little.
+fn expect(samples: &[RigSample], calibration: &mut Calibration) {
+    let known = || {
+        (samples.iter().map(|sample| &sample.1))
+            .filter(|loads| loads.iter().all(|load| load.is_finite()))
+    };
+    let count = known().count().max(1) as f64;
+    let mut mean = [0.0; LOADS];
+    for loads in known() {
+        for (sum, load) in mean.iter_mut().zip(loads) {
+            *sum += load / count;
+        }
+    }
+    let mut covariance = [[0.0; LOADS]; LOADS];
+    for loads in known() {
+        for (i, row) in covariance.iter_mut().enumerate() {
+            for (j, sum) in row.iter_mut().enumerate() {
+                *sum += (loads[i] - mean[i]) * (loads[j] - mean[j]) / count;
+            }
+        }
+    }
+    calibration.load_mean = mean;
+    calibration.load_covariance = covariance;
 }
 
 /// Follows the phases with known loads.
@@ -127,8 +153,11 @@ fn follow(
             known.push(Known {
                 block: *taken,
                 loads: mean.map(|load| load as f32),
-                phase: [0, 1]
-                    .map(|row| f64::from(x[row]) - phase * (1.0 + 0.5 * f64::from(x[ROWS + row]))),
+                phase: [0, 1].map(|row| {
+                    f64::from(x[row])
+                        - phase
+                            * (0.5 + 0.5 * f64::from(belief.equilibrium.pace[row] + x[ROWS + row]))
+                }),
                 time: 2.0 * i as f64 / samples.len() as f64 - 1.0,
             });
         }

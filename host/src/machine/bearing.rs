@@ -105,8 +105,8 @@ pub struct BearingFilter {
     pub slip_limit: f64,
     /// Random walk of the phase of ball passing [rad/sqrt(rad)], > 0.
     pub phase_walk: f64,
-    /// Random walk of each load [ranges/sqrt(s)], > 0.
-    pub load_walk: f64,
+    /// Time in which loads return to those on the rig [s], > 0.
+    pub load_time_s: f64,
     /// Standard deviation of the preload's approach [um], > 0.
     pub preload_std_um: f64,
     /// Its random walk [um/sqrt(s)], > 0.
@@ -115,6 +115,10 @@ pub struct BearingFilter {
     pub bias_std: f64,
     /// Time in which an offset forgets [s], > 0.
     pub bias_time_s: f64,
+    /// Standard deviation of the local strains' gains, relative, > 0.
+    pub gain_std: f64,
+    /// Time in which a gain forgets [s], > 0.
+    pub gain_time_s: f64,
     /// Error of the bulk strain's model [um/m], > 0.
     pub bulk_std: f64,
     /// Frequency of ball passing below which estimates are not valid [Hz], > 0.
@@ -124,16 +128,18 @@ pub struct BearingFilter {
 impl Default for BearingFilter {
     fn default() -> Self {
         Self {
-            slip_std: 0.008,
+            slip_std: 0.004,
             slip_time_s: 1.0,
             slip_limit: 0.06,
             phase_walk: 0.01,
-            load_walk: 0.5,
+            load_time_s: 0.7,
             preload_std_um: 0.2,
             preload_walk_um: 0.003,
             bias_std: 15.0,
-            bias_time_s: 4000.0,
-            bulk_std: 2.0,
+            bias_time_s: 20_000.0,
+            gain_std: 0.015,
+            gain_time_s: 3000.0,
+            bulk_std: 4.0,
             lowest_hz: 10.0,
         }
     }
@@ -206,7 +212,9 @@ impl Bearing {
             ("slip_time_s", f.slip_time_s),
             ("slip_limit", f.slip_limit),
             ("phase_walk", f.phase_walk),
-            ("load_walk", f.load_walk),
+            ("load_time_s", f.load_time_s),
+            ("gain_std", f.gain_std),
+            ("gain_time_s", f.gain_time_s),
             ("preload_std_um", f.preload_std_um),
             ("preload_walk_um", f.preload_walk_um),
             ("bias_std", f.bias_std),
