@@ -3,4 +3,5 @@
 pub mod emulator;
 pub mod firmware;
 pub mod gearbox;
+pub mod rotor;
 pub mod simulated;
