@@ -108,7 +108,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
 
     /// The state before the first sample, which fills it: empty, it is made where
     /// it stays, and not on the stack.
-    #[inline(always)]
+    #[inline]
     pub fn start(&self) -> RotorState<NZ, NX> {
         RotorState {
             unwrap: Unwrap::default(),
