@@ -5,4 +5,5 @@ pub mod descriptions;
 pub mod emulator;
 pub mod firmware;
 pub mod gearbox;
+pub mod rotor;
 pub mod simulated;

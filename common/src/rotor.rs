@@ -108,11 +108,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
 
     /// The state before the first sample, which fills it: empty, it is made where
     /// it stays, and not on the stack.
-    #[inline(always)]
-    #[allow(
-        clippy::inline_always,
-        reason = "called, it would pass through the caller's stack"
-    )]
+    #[inline]
     pub fn start(&self) -> RotorState<NZ, NX> {
         RotorState {
             unwrap: Unwrap::default(),

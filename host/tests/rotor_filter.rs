@@ -3,13 +3,17 @@
 
 use std::f64::consts::PI;
 use std::path::Path;
+use std::time::Instant;
 
 use faer::Mat;
-use loadtwin::build::Sensors;
+use loadtwin::build::{self, Sensors};
 use loadtwin::machine::{LoadKind, Machine};
 use loadtwin::replay::{Displacements, Figures, run_line};
 use loadtwin::rotor::discrete;
 use loadtwin::simulate::{AppliedUnbalance, RotorScenario, RotorSimulation};
+use loadtwin_common::image::{Image, Model};
+use loadtwin_common::line::Line;
+use loadtwin_common::raw::RawSample;
 use loadtwin_common::rotor::filter::{
     Belief, Real, Turn, predict_covariance, predict_state, update,
 };
@@ -333,4 +337,36 @@ fn a_run_up_through_the_first_critical_speed() {
     );
     assert!(outcome.peak_um > 3000.0 && part <= 0.01, "{part}");
     assert!(outcome.force_percent <= 2.5, "{}", outcome.force_percent);
+}
+
+/// From the description to the image, and the full recursion of 20 states and 4 sensors.
+#[test]
+fn the_image_takes_a_second_and_a_full_step_three_microseconds() {
+    let started = Instant::now();
+    let machine = machine();
+    let sensors = Sensors::choose(&machine, None).unwrap();
+    let payload = build::image(&machine, &sensors).unwrap();
+    let image_s = started.elapsed().as_secs_f64();
+    let mut image = Image::from_bytes(&payload).unwrap();
+    let Model::Rotor(model) = &mut image.model else {
+        panic!("not a rotor");
+    };
+    model.full_samples = u32::MAX;
+    let mut line = Line::try_build(image).unwrap();
+    let count = 100_000;
+    let started = Instant::now();
+    for tick in 0..count {
+        let mut raw = RawSample {
+            tick,
+            ..RawSample::default()
+        };
+        for i in 0..4 {
+            raw.set_word(i, (tick as usize * 37 + i * 101) as i32 % 64 - 32);
+        }
+        assert!(!line.step(&raw).steady);
+    }
+    let rate = f64::from(count) / started.elapsed().as_secs_f64();
+    println!("image {image_s:.2} s, {rate:.0} full steps a second");
+    // Five times what it takes, for a machine that is busy with other things.
+    assert!(image_s < 5.0 && rate > 60_000.0, "{image_s} {rate}");
 }

@@ -3,26 +3,40 @@
 use std::time::Duration;
 
 use loadtwin_common::frame::Frame;
+use loadtwin_common::raw::RawSample;
 use loadtwin_tests::emulator::Emulator;
-use loadtwin_tests::gearbox::{image, is_estimate, on_host, samples};
+use loadtwin_tests::gearbox::{self, is_estimate, on_host};
+use loadtwin_tests::rotor;
 
-#[test]
-fn a_minute_of_samples_gives_the_same_payloads_on_the_board_and_on_the_host() {
-    let (image, samples) = (image(), samples(60_000));
-    let board = Emulator::start(&image);
+/// The board's frames are those of the host.
+fn compare(image: &[u8], samples: &[RawSample]) {
+    let board = Emulator::start(image);
     let bus = board.bus();
-    let sent = board.sensors().send_all(samples.clone());
+    let sent = board.sensors().send_all(samples.to_vec());
     let frames: Vec<Frame> = bus.filter(is_estimate).collect();
     let end = board.end(Duration::from_secs(10));
     assert!(end.status.success(), "{}\n{}", end.status, end.log);
     sent.join().unwrap();
 
-    let mut expected = on_host(&image, &samples, false);
+    let mut expected = on_host(image, samples, false);
     expected.retain(is_estimate);
     let differ = frames
         .iter()
         .zip(&expected)
         .position(|(board, host)| board != host);
     assert_eq!(differ, None, "first frame that differs");
+    assert!(!frames.is_empty());
     assert_eq!(frames.len(), expected.len());
+}
+
+#[test]
+fn a_minute_of_samples_gives_the_same_payloads_on_the_board_and_on_the_host() {
+    compare(&gearbox::image(), &gearbox::samples(60_000));
+}
+
+#[test]
+fn a_rotor_through_its_critical_speed_gives_the_same_payloads_too() {
+    let machine = rotor::machine();
+    let samples = rotor::samples(&machine, 2.0);
+    compare(&rotor::image(&machine), &samples);
 }

@@ -10,7 +10,7 @@ use loadtwin_tests::firmware::root;
 /// Kernel, instructions when last looked at, bound that is promised.
 ///
 /// Counts are exact; a change of more than 5 % is to be looked at and stored anew.
-const STORED: [(&str, u32, u32); 8] = [
+const STORED: [(&str, u32, u32); 12] = [
     ("kalman_6_4", 1437, 1450),
     ("kalman_6_1", 792, 820),
     ("kalman_12_4", 8536, 8700),
@@ -19,21 +19,30 @@ const STORED: [(&str, u32, u32); 8] = [
     ("butterworth", 34, 40),
     ("gearbox_line", 4754, 5000),
     ("gearbox_steady_line", 3414, 3500),
+    ("rotor_20_4", 29_228, 30_000),
+    ("rotor_scheduled_gain_20_4", 901, 1500),
+    ("rotor_line", 30_206, 31_000),
+    ("rotor_steady_line", 2771, 2900),
 ];
 
 #[test]
 fn steps_stay_within_their_bounds() {
     let folder = tempfile::tempdir().unwrap();
+    let sealed = |machine: &Machine, sensors: &Sensors, name: &str| {
+        let payload = build::image(machine, sensors).unwrap();
+        let path = folder.path().join(name);
+        std::fs::write(&path, seal(&payload, 1, None, None).unwrap()).unwrap();
+        path
+    };
     let mut machine = Machine::load(&root().join("examples/gearbox/calibrated.toml")).unwrap();
     // Four gauges of one encoder: 6 states.
     machine.sensor_sets[0].channels = ["ta1", "ta2", "rg1", "rg2"].map(str::to_owned).to_vec();
     let image = |filter: Filter| {
         let sensors = Sensors::choose(&machine, None).unwrap().filtered_by(filter);
-        let payload = build::image(&machine, &sensors).unwrap();
-        let path = folder.path().join(filter.name());
-        std::fs::write(&path, seal(&payload, 1, None, None).unwrap()).unwrap();
-        path
+        sealed(&machine, &sensors, filter.name())
     };
+    let rotor = Machine::load(&root().join("examples/rotor/machine.toml")).unwrap();
+    let rotor = sealed(&rotor, &Sensors::choose(&rotor, None).unwrap(), "rotor");
 
     let target = std::env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| root().join("target"), std::path::PathBuf::from);
@@ -57,6 +66,7 @@ fn steps_stay_within_their_bounds() {
         ])
         .env("LOADTWIN_IMAGE", image(Filter::Aekf))
         .env("LOADTWIN_STEADY_IMAGE", image(Filter::Steady))
+        .env("LOADTWIN_ROTOR_IMAGE", rotor)
         // In pieces the code is inlined otherwise, and the counts are others.
         .env("CARGO_INCREMENTAL", "0")
         .status()
@@ -87,25 +97,29 @@ fn steps_stay_within_their_bounds() {
         + &String::from_utf8_lossy(&output.stderr);
     println!("{text}");
     assert!(output.status.success(), "{text}");
-    // Of 4000 samples, those after the first index pulse.
-    let steady = text.lines().find_map(|line| {
-        line.strip_prefix("gearbox_steady_line_by_steady_gains ")?
-            .trim()
-            .parse::<u32>()
-            .ok()
-    });
-    assert!(steady.is_some_and(|steady| steady > 3500), "{text}");
-    for (kernel, stored, bound) in STORED {
-        let count: u32 = text
-            .lines()
+    let number = |name: &str| -> u32 {
+        (text.lines())
             .find_map(|line| {
-                line.strip_prefix(kernel)?
+                line.strip_prefix(name)?
                     .strip_prefix(' ')?
                     .trim()
                     .parse()
                     .ok()
             })
-            .unwrap_or_else(|| panic!("no {kernel} in {text}"));
+            .unwrap_or_else(|| panic!("no {name} in {text}"))
+    };
+    // Of 4000 samples, those after the first index pulse.
+    assert!(
+        number("gearbox_steady_line_by_steady_gains") > 3500,
+        "{text}"
+    );
+    assert_eq!(number("rotor_line_by_steady_gains"), 0, "{text}");
+    assert!(
+        number("rotor_steady_line_by_steady_gains") >= 1000,
+        "{text}"
+    );
+    for (kernel, stored, bound) in STORED {
+        let count: u32 = number(kernel);
         assert!(
             count <= bound,
             "{kernel}: {count} instructions, promised {bound}"

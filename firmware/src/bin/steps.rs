@@ -8,7 +8,9 @@
 //! ```sh
 //! loadtwin build examples/gearbox/calibrated.toml -o line.image
 //! loadtwin build examples/gearbox/calibrated.toml --filter steady -o steady.image
-//! LOADTWIN_IMAGE=$PWD/line.image LOADTWIN_STEADY_IMAGE=$PWD/steady.image cargo build --profile firmware --target thumbv7em-none-eabihf -p loadtwin-firmware \
+//! loadtwin build examples/rotor/machine.toml -o rotor.image
+//! LOADTWIN_IMAGE=$PWD/line.image LOADTWIN_STEADY_IMAGE=$PWD/steady.image \
+//!     LOADTWIN_ROTOR_IMAGE=$PWD/rotor.image cargo build --profile firmware --target thumbv7em-none-eabihf -p loadtwin-firmware \
 //!     --features emulated,peers --bin steps
 //! qemu-system-arm -M mps2-an386 -cpu cortex-m4 -display none -monitor none -icount shift=10 \
 //!     -semihosting-config enable=on,target=native \
@@ -42,6 +44,7 @@ use loadtwin_common::kalman::{predict, predict_constant, update};
 use loadtwin_common::line::Line;
 use loadtwin_common::phase::Phase;
 use loadtwin_common::raw::RawSample;
+use loadtwin_common::rotor::filter::{self, Belief, Turn, predict_covariance, predict_state};
 use loadtwin_common::scheduled_gain::{GainBin, GainSchedule};
 use loadtwin_common::sealed;
 use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
@@ -281,6 +284,86 @@ fn line(name: &str, sealed: &[u8]) {
     hprintln!("{}_by_steady_gains {}", name, steady);
 }
 
+/// The filter of a rotor alone: 8 modal displacements that everything couples with, two
+/// loads that turn, 4 sensors; by the full recursion, and by a gain.
+#[inline(never)]
+fn rotor_filter() {
+    const NZ: usize = 8;
+    const NX: usize = 20;
+    let dense: [[f32; NX]; NZ] = core::array::from_fn(|i| {
+        core::array::from_fn(|j| match j {
+            _ if j == i => -0.05,
+            _ if j == NZ + i => 0.9,
+            _ => 1e-3,
+        })
+    });
+    let rows: [[f32; NZ]; 4] =
+        core::array::from_fn(|i| core::array::from_fn(|j| 1.0 / (1.0 + (i + 2 * j) as f32)));
+    let gain: [[f32; NX]; 4] = [[1e-3; NX]; 4];
+    let turn = Turn {
+        turning: 3,
+        pairs: 2,
+        cosine: 0.999,
+        sine: 0.044,
+    };
+    let noise = [1e-6_f32; NX * (NX + 1) / 2];
+    let (dense, rows, gain, turn, samples) = black_box((dense, rows, gain, turn, samples::<4>()));
+    let mut belief = Belief {
+        state: [0.0; NX],
+        covariance: core::array::from_fn(|i| core::array::from_fn(|j| f32::from(u8::from(i == j)))),
+    };
+    report("rotor_20_4", |k| {
+        predict_state(&mut belief.state, &dense, &turn);
+        predict_covariance(&mut belief.covariance, &dense, &turn, |i| noise[i]);
+        for (row, y) in rows.iter().zip(&samples[k as usize % 16]) {
+            black_box(filter::update(&mut belief, row, *y, 0.01, |nis| nis < 1e6));
+        }
+    });
+    report("rotor_scheduled_gain_20_4", |k| {
+        predict_state(&mut belief.state, &dense, &turn);
+        let y = &samples[k as usize % 16];
+        let nu: [f32; 4] =
+            core::array::from_fn(|i| y[i] - filter::predicted(&belief.state, &rows[i]));
+        for (gain, nu) in gain.iter().zip(nu) {
+            for j in 0..NX {
+                belief.state[j] += gain[j] * nu;
+            }
+        }
+    });
+    black_box(belief);
+}
+
+/// The rotor line, raw words to estimate: 20 states, 4 sensors at rest but for noise; by
+/// the full recursion throughout, or after it has converged.
+#[inline(never)]
+fn rotor_line(name: &str, sealed: &[u8], full: bool) {
+    let (_, payload) = sealed::open(sealed).unwrap();
+    let mut image = Image::from_bytes(payload).unwrap();
+    let Model::Rotor(model) = &mut image.model else {
+        panic!("not the image of a rotor");
+    };
+    let settled = if full { 100 } else { model.full_samples };
+    if full {
+        model.full_samples = u32::MAX;
+    }
+    let sensors = model.channels.len();
+    let mut line = Line::try_build(image).unwrap();
+    let mut steady = 0;
+    let mut sample = |tick: u32| {
+        let mut raw = RawSample {
+            tick,
+            ..RawSample::default()
+        };
+        for i in 0..sensors {
+            raw.set_word(i, (tick as usize * 37 + i * 101) as i32 % 64 - 32);
+        }
+        steady += u32::from(black_box(line.step(black_box(&raw))).steady);
+    };
+    (0..=settled).for_each(&mut sample);
+    report(name, |k| sample(settled + 1 + k));
+    hprintln!("{}_by_steady_gains {}", name, steady);
+}
+
 /// The same step by minikalman; its builder needs a heap.
 fn minikalman<const NX: usize, const NY: usize>(name: &str) {
     let f = system::<NX>();
@@ -340,6 +423,10 @@ fn main() -> ! {
         "gearbox_steady_line",
         include_bytes!(env!("LOADTWIN_STEADY_IMAGE")),
     );
+    rotor_filter();
+    let rotor = include_bytes!(env!("LOADTWIN_ROTOR_IMAGE"));
+    rotor_line("rotor_line", rotor, true);
+    rotor_line("rotor_steady_line", rotor, false);
     minikalman::<6, 4>("minikalman_6_4");
     minikalman::<6, 1>("minikalman_6_1");
     minikalman::<12, 4>("minikalman_12_4");

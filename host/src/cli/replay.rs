@@ -11,7 +11,7 @@ use super::output::say;
 use super::progress::Progress;
 use crate::build::{Filter, Sensors};
 use crate::machine::Machine;
-use crate::replay::{self, Displacements, EstimateWriter, Figures, ReportPage, Sample};
+use crate::replay::{self, Displacements, EstimateWriter, Figures, Phasor, ReportPage, Sample};
 
 /// Run the estimator on a recording and report its error.
 #[derive(Debug, Args)]
@@ -43,6 +43,7 @@ pub(super) struct Outcome {
     pub(super) filter: Filter,
     pub(super) figures: Figures,
     pub(super) displacements: Displacements,
+    pub(super) phasor: Phasor,
     pub(super) seconds: f64,
 }
 
@@ -74,6 +75,7 @@ impl Replay {
                 say!("by steady gains: {:.1} % of the samples", 100.0 * share);
             }
             print_displacements(&outcome.displacements);
+            print_phasor(&machine, &outcome.phasor);
         }
         Ok(())
     }
@@ -134,12 +136,14 @@ fn one_set(
     let progress = Progress::new("replay");
     let mut figures = Figures::new(machine);
     let mut displacements = Displacements::new(machine)?;
+    let mut phasor = Phasor::new(machine, sensors);
     replay::run_line(
         machine,
         sensors,
         recording,
         |sample, estimate, line, part| {
             figures.push(sample, estimate);
+            phasor.push(sample, estimate);
             if let Some(line) = line {
                 displacements.push(sample, line);
             }
@@ -154,6 +158,7 @@ fn one_set(
         filter: sensors.filter,
         figures,
         displacements,
+        phasor,
         seconds: started.elapsed().as_secs_f64(),
     })
 }
@@ -206,6 +211,7 @@ pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> 
         "nis_mean": figures.nis_mean(),
         "flags": figures.flags(),
         "virtual": outcome.displacements.nodes(),
+        "phasor_inversion": outcome.phasor.figures(),
     })
 }
 
@@ -253,6 +259,22 @@ fn print_displacements(displacements: &Displacements) {
         say!(
             "displacement, any node, {segment}: error up to {:.3} µm",
             1e6 * worst
+        );
+    }
+}
+
+/// What the 1x phasor inversion comes to, by segment.
+fn print_phasor(machine: &Machine, phasor: &Phasor) {
+    let segments = machine.segments.iter().map(|s| s.name.as_str());
+    let names: Vec<&str> = std::iter::once("full").chain(segments).collect();
+    for (load, figures) in phasor.figures() {
+        let by_segment: Vec<String> = (names.iter())
+            .filter_map(|name| Some((name, (*figures.nmae_percent.get(*name)?)?)))
+            .map(|(name, percent)| format!("{name} {percent:.2} %"))
+            .collect();
+        say!(
+            "1x phasor inversion, NMAE {load}: {}",
+            by_segment.join(", ")
         );
     }
 }

@@ -4,6 +4,7 @@ mod displacements;
 mod estimates;
 mod figures;
 mod page;
+mod phasor;
 mod samples;
 
 use std::path::Path;
@@ -17,6 +18,7 @@ pub use displacements::{Displacements, NodeFigures, displacement_columns};
 pub use estimates::EstimateWriter;
 pub use figures::{Figures, LoadFigures};
 pub use page::ReportPage;
+pub use phasor::{Phasor, PhasorFigures};
 pub use samples::{Sample, Samples};
 
 use crate::build::{self, BuildError, Sensors};

@@ -1,0 +1,74 @@
+//! A rotor through its first critical speed, its sensors, and the faults they have.
+
+use std::path::Path;
+
+use loadtwin::build::{self, Sensors};
+use loadtwin::machine::Machine;
+use loadtwin::replay::Samples;
+use loadtwin::simulate::{RotorScenario, RotorSimulation};
+use loadtwin_common::raw::RawSample;
+
+/// `examples/rotor/machine.toml` with an encoder, for speeds around its first critical one.
+///
+/// # Panics
+/// Where the description is not valid.
+pub fn machine() -> Machine {
+    let path = Path::new(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../examples/rotor/machine.toml"
+    ));
+    let mut machine = Machine::load(path).expect("the description is valid");
+    let encoder = "name = \"shaft\"\ncounts_per_turn = 4096\nbits = 16";
+    let encoder = toml::from_str(encoder).expect("an encoder");
+    machine.encoders.push(encoder);
+    if let Some(rotor) = &mut machine.rotor {
+        rotor.schedule_rad_s = Some([80.0, 200.0]);
+    }
+    machine
+}
+
+/// The model image of `machine`.
+///
+/// # Panics
+/// Where it cannot be built.
+pub fn image(machine: &Machine) -> Vec<u8> {
+    let sensors = Sensors::choose(machine, None).expect("few enough sensors");
+    build::image(machine, &sensors).expect("the machine fits an image")
+}
+
+/// A run-up of `seconds`; samples, words and an encoder's count are missing now and
+/// then, and a word is at the end of its range.
+///
+/// # Panics
+/// Where the machine cannot be simulated.
+pub fn samples(machine: &Machine, seconds: f64) -> Vec<RawSample> {
+    let rotor = machine.rotor.as_ref().expect("a rotor");
+    let scenario =
+        RotorScenario::by_name("run-up", rotor, 7, Some(seconds)).expect("a scenario of rotors");
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let path = folder.path().join("recording.parquet");
+    RotorSimulation::new(machine, rotor, scenario)
+        .expect("a rotor that can be simulated")
+        .write(&path, |_| ())
+        .expect("it is written");
+    let sensors = Sensors::choose(machine, None).expect("few enough sensors");
+    let mut samples = Samples::open(machine, &sensors, &path).expect("its own recording");
+    let mut all = Vec::new();
+    while samples
+        .next_block(|sample| all.push(sample.raw))
+        .expect("a whole recording")
+    {}
+    all.retain(|raw| raw.tick % 977 != 976);
+    for raw in &mut all {
+        if raw.tick % 1511 == 1510 {
+            raw.valid &= !1;
+        }
+        if raw.tick % 2003 == 2002 {
+            raw.set_word(1, 0x7F_FFFF);
+        }
+        if raw.tick % 1201 == 1200 {
+            raw.valid &= !(1 << loadtwin_common::raw::MAX_CHANNELS);
+        }
+    }
+    all
+}
