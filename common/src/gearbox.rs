@@ -437,6 +437,7 @@ fn turn<const NX: usize>(belief: &mut Gaussian<NX>, by: Phase) {
 ///
 /// and so takes the jump in the update that follows; of the twists, and with them
 /// the loads, less than a hundredth of what the same innovation would do.
+#[cold]
 fn shift<const NX: usize>(
     belief: &mut Gaussian<NX>,
     encoder: &Encoder,
