@@ -348,18 +348,7 @@ impl RotorPlan {
         };
         let full_samples = recursion.converged_after(self.size);
         let (tables, q, p) = (bytes(tables), bytes(triangle(&q)), bytes(triangle(&p)));
-        let encoder = sensors.encoders.first().map(|encoder| {
-            let bandwidth = (TRACKING * machine.rate_hz).min(TRACKING_HZ);
-            let rest = (-std::f64::consts::TAU * bandwidth * self.dt_s).exp();
-            ShaftEncoder {
-                counter: Counter {
-                    step: phase_step(1.0 / encoder.counts_per_turn),
-                    bits: encoder.bits as u8,
-                },
-                angle_gain: (1.0 - rest * rest) as f32,
-                speed_gain: ((1.0 - rest).powi(2) / self.dt_s) as f32,
-            }
-        });
+        let encoder = self.encoder(machine, sensors);
         let index = machine.index.as_ref().filter(|_| encoder.is_some());
         let step = match self.speeds.as_slice() {
             [a, b, ..] => b - a,
@@ -414,6 +403,21 @@ impl RotorPlan {
                 })
             })
             .collect()
+    }
+
+    fn encoder(&self, machine: &Machine, sensors: &Sensors) -> Option<ShaftEncoder> {
+        sensors.encoders.first().map(|encoder| {
+            let bandwidth = (TRACKING * machine.rate_hz).min(TRACKING_HZ);
+            let rest = (-std::f64::consts::TAU * bandwidth * self.dt_s).exp();
+            ShaftEncoder {
+                counter: Counter {
+                    step: phase_step(1.0 / encoder.counts_per_turn),
+                    bits: encoder.bits as u8,
+                },
+                angle_gain: (1.0 - rest * rest) as f32,
+                speed_gain: ((1.0 - rest).powi(2) / self.dt_s) as f32,
+            }
+        })
     }
 
     fn channel(
