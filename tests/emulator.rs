@@ -1,13 +1,13 @@
 //! The application on an emulated Cortex-M4F, and its two serial lines.
 
-use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
-use std::os::unix::net::UnixStream;
+use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::OnceLock;
+use std::sync::{OnceLock, mpsc};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
+use std::{fs, io};
 
 use defmt_decoder::{DecodeError, Table};
 use loadtwin::key::SigningKey;
@@ -182,6 +182,37 @@ impl Emulator {
     /// Path of the socket on which one other program finds the board's bus.
     pub fn bus_socket(&self) -> PathBuf {
         self.place.path().join("bus")
+    }
+
+    /// Puts the board's bus through to who connects to `listener` first.
+    ///
+    /// Whatever that one is too slow to take is kept, so that the board finds the
+    /// line as free as a bus: where it had to wait, its queue would run over.
+    ///
+    /// # Panics
+    /// In a thread of its own, where the board does not offer its bus.
+    pub fn relay(&self, listener: UnixListener) {
+        let bus = self.bus_socket();
+        thread::spawn(move || {
+            let (mut peer, _) = listener.accept().expect("a socket of ours");
+            let mut board = connect(&bus);
+            let (kept, taken) = mpsc::channel::<Vec<u8>>();
+            let mut to_peer = peer.try_clone().expect("a socket");
+            thread::spawn(move || {
+                for bytes in taken {
+                    if to_peer.write_all(&bytes).is_err() {
+                        return;
+                    }
+                }
+            });
+            let mut to_board = board.try_clone().expect("a socket");
+            thread::spawn(move || io::copy(&mut peer, &mut to_board));
+            let mut buffer = [0; 4096];
+            while let Ok(n @ 1..) = board.read(&mut buffer) {
+                // A peer that has gone makes the board wait no more than one that is slow.
+                let _ = kept.send(buffer[..n].to_vec());
+            }
+        });
     }
 
     /// The board's bus.

@@ -1,5 +1,6 @@
 //! Firmware in the loop: emulated board, slcan, `SocketCAN`, twin.
 
+use std::os::unix::net::UnixListener;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread;
@@ -44,14 +45,16 @@ fn a_minute_of_the_emulated_board_is_recomputed_bit_for_bit_on_a_real_socket() {
         sample.tick = tick;
     }
 
-    // In step with real time, so that it leaves the processor to the guest.
     let key = SigningKey::generate().unwrap();
     let image = seal(&model, 1, None, Some(&key)).unwrap();
-    let board = Emulator::start_paced(&flash(&key, &[image.clone()]));
+    let board = Emulator::start_flash(&flash(&key, &[image.clone()]));
     std::fs::write(&path, &image).unwrap();
+    let line = tempfile::tempdir().unwrap();
+    let line = line.path().join("line");
+    board.relay(UnixListener::bind(&line).unwrap());
     let guest = Command::new(format!("{rig}/can-guest"))
         .arg("--mcu")
-        .arg(board.bus_socket())
+        .arg(&line)
         .arg(format!("{rig}/can-mcu"))
         .args([out, &path])
         .arg(SAMPLES.to_string())
@@ -72,12 +75,13 @@ fn a_minute_of_the_emulated_board_is_recomputed_bit_for_bit_on_a_real_socket() {
         for sample in samples {
             sensors.send(&Stimulus::Sample(sample));
         }
-        sensors.send(&Stimulus::End);
+        sensors
     });
     let run = guest.wait_with_output().expect("the guest is ours");
     let said = String::from_utf8_lossy(&run.stdout).into_owned();
     assert!(run.status.success(), "{}\n{said}", run.status);
-    sent.join().unwrap();
+    // Not before: the end of the board takes slcan0 away.
+    sent.join().unwrap().send(&Stimulus::End);
     let end = board.end(Duration::from_secs(20));
     assert!(end.status.success(), "{}\n{}", end.status, end.log);
 
