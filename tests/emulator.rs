@@ -41,7 +41,7 @@ pub struct End {
 }
 
 /// What every emulated board is.
-const MACHINE: [&str; 10] = [
+pub const MACHINE: [&str; 10] = [
     "-M",
     "mps2-an386",
     "-cpu",

@@ -5,6 +5,7 @@ use std::process::Command;
 use loadtwin::build::{self, Filter, Sensors};
 use loadtwin::machine::Machine;
 use loadtwin::seal::seal;
+use loadtwin_tests::emulator::MACHINE;
 use loadtwin_tests::firmware::root;
 
 /// Kernel, instructions when last looked at, bound that is promised.
@@ -73,22 +74,8 @@ fn steps_stay_within_their_bounds() {
         .unwrap();
     assert!(built.success());
     let output = Command::new("qemu-system-arm")
-        .args([
-            "-M",
-            "mps2-an386",
-            "-cpu",
-            "cortex-m4",
-            "-display",
-            "none",
-            "-monitor",
-            "none",
-        ])
-        .args([
-            "-icount",
-            "shift=10",
-            "-semihosting-config",
-            "enable=on,target=native",
-        ])
+        .args(MACHINE)
+        .args(["-icount", "shift=10"])
         .arg("-kernel")
         .arg(target.join("thumbv7em-none-eabihf/firmware/steps"))
         .output()

@@ -28,18 +28,7 @@ pub(super) fn loads(
             if reference.iter().any(|v| v.is_finite()) {
                 return Some(filled(reference));
             }
-            let k = machine
-                .channels
-                .iter()
-                .position(|c| c.senses == Senses::Load(load.name.clone()))?;
-            let channel = &machine.channels[k];
-            let sensitivity = channel.to_si(channel.sensitivity?);
-            let offset = channel.to_si(channel.offset);
-            let load: Vec<f64> = recorded.channels[k]
-                .iter()
-                .map(|y| (y - offset) / sensitivity)
-                .collect();
-            Some(filled(&load))
+            sensed(machine, recorded, &Senses::Load(load.name.clone()), None)
         })
         .collect()
 }
@@ -54,20 +43,27 @@ pub(super) fn drives(
         .inertias
         .iter()
         .map(|inertia| {
-            let k = machine
-                .channels
-                .iter()
-                .position(|c| c.senses == Senses::Drive(inertia.name.clone()))?;
-            let channel = &machine.channels[k];
-            let sensitivity = channel.to_si(channel.sensitivity.unwrap_or(1.0));
-            let offset = channel.to_si(channel.offset);
-            let torque: Vec<f64> = recorded.channels[k]
-                .iter()
-                .map(|y| (y - offset) / sensitivity)
-                .collect();
-            Some(filled(&torque))
+            let senses = Senses::Drive(inertia.name.clone());
+            sensed(machine, recorded, &senses, Some(1.0))
         })
         .collect()
+}
+
+/// What the first channel of that kind says; none without one, or where neither it nor
+/// `usual` has a sensitivity.
+fn sensed(
+    machine: &Machine,
+    recorded: &Recorded,
+    senses: &Senses,
+    usual: Option<f64>,
+) -> Option<Vec<f64>> {
+    let k = machine.channels.iter().position(|c| c.senses == *senses)?;
+    let channel = &machine.channels[k];
+    let sensitivity = channel.to_si(channel.sensitivity.or(usual)?);
+    let offset = channel.to_si(channel.offset);
+    let readings = recorded.channels[k].iter();
+    let values: Vec<f64> = readings.map(|y| (y - offset) / sensitivity).collect();
+    Some(filled(&values))
 }
 
 /// What would have to be done to see the same again; none where the first

@@ -63,11 +63,7 @@ impl Displacements {
             from_s: f64::NEG_INFINITY,
             to_s: f64::INFINITY,
         }];
-        segments.extend(machine.segments.iter().map(|s| Segment {
-            name: s.name.clone(),
-            from_s: s.from_s,
-            to_s: s.to_s.unwrap_or(f64::INFINITY),
-        }));
+        segments.extend(super::figures::segments(machine));
         Ok(Self {
             errors: vec![vec![Error::default(); nodes]; segments.len()],
             estimate: vec![0.0; 2 * nodes],

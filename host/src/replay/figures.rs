@@ -34,15 +34,7 @@ pub struct LoadFigures {
 impl Figures {
     /// Nothing gathered yet.
     pub fn new(machine: &Machine) -> Self {
-        let segments: Vec<Segment> = machine
-            .segments
-            .iter()
-            .map(|s| Segment {
-                name: s.name.clone(),
-                from_s: s.from_s,
-                to_s: s.to_s.unwrap_or(f64::INFINITY),
-            })
-            .collect();
+        let segments = segments(machine);
         let loads: Vec<_> = (machine.loads().iter())
             .map(|load| {
                 let error = LoadError::new(segments.clone());
@@ -141,4 +133,17 @@ impl Figures {
                 (name.as_str(), figures)
             })
     }
+}
+
+/// The parts of a recording that figures are told for.
+pub(super) fn segments(machine: &Machine) -> Vec<Segment> {
+    machine
+        .segments
+        .iter()
+        .map(|s| Segment {
+            name: s.name.clone(),
+            from_s: s.from_s,
+            to_s: s.to_s.unwrap_or(f64::INFINITY),
+        })
+        .collect()
 }

@@ -8,9 +8,10 @@ use loadtwin_common::estimate::Estimate;
 use serde::Serialize;
 
 use super::Sample;
+use super::figures::segments;
 use crate::build::Sensors;
 use crate::machine::{Kind, Machine};
-use crate::metrics::{LoadError, Segment};
+use crate::metrics::LoadError;
 use crate::rotor::PhasorInversion;
 
 /// Turns that are averaged.
@@ -45,13 +46,7 @@ impl Phasor {
             Some(Kind::Rotor(rotor)) => Some(rotor),
             _ => None,
         };
-        let segments: Vec<Segment> = (machine.segments.iter())
-            .map(|s| Segment {
-                name: s.name.clone(),
-                from_s: s.from_s,
-                to_s: s.to_s.unwrap_or(f64::INFINITY),
-            })
-            .collect();
+        let segments = segments(machine);
         let all = machine.loads();
         let loads = (machine.references.iter())
             .filter_map(|reference| {
