@@ -1,7 +1,8 @@
 //! The application on an emulated Cortex-M4F, and its two serial lines.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
-use std::os::unix::net::{UnixListener, UnixStream};
+use std::net::TcpListener;
+use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{OnceLock, mpsc};
@@ -191,7 +192,7 @@ impl Emulator {
     ///
     /// # Panics
     /// In a thread of its own, where the board does not offer its bus.
-    pub fn relay(&self, listener: UnixListener) {
+    pub fn relay(&self, listener: TcpListener) {
         let bus = self.bus_socket();
         thread::spawn(move || {
             let (mut peer, _) = listener.accept().expect("a socket of ours");

@@ -1,6 +1,6 @@
 //! Firmware in the loop: emulated board, slcan, `SocketCAN`, twin.
 
-use std::os::unix::net::UnixListener;
+use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread;
@@ -49,12 +49,12 @@ fn a_minute_of_the_emulated_board_is_recomputed_bit_for_bit_on_a_real_socket() {
     let image = seal(&model, 1, None, Some(&key)).unwrap();
     let board = Emulator::start_flash(&flash(&key, &[image.clone()]));
     std::fs::write(&path, &image).unwrap();
-    let line = tempfile::tempdir().unwrap();
-    let line = line.path().join("line");
-    board.relay(UnixListener::bind(&line).unwrap());
+    let bus = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    let port = bus.local_addr().unwrap().port();
+    board.relay(bus);
     let guest = Command::new(format!("{rig}/can-guest"))
         .arg("--mcu")
-        .arg(&line)
+        .arg(port.to_string())
         .arg(format!("{rig}/can-mcu"))
         .args([out, &path])
         .arg(SAMPLES.to_string())
