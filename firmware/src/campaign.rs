@@ -368,11 +368,16 @@ fn one(
 ) {
     outcome.runs += 1;
     let mut flagged = false;
+    let mut spoilt_since = None;
     let mut quiet = 0;
     let (mut most, mut most_std) = (0.0_f32, 0.0_f32);
     let (mut last, mut last_std) = (0.0, 0.0);
-    for (i, clean) in said.iter().enumerate() {
-        for sample in fault.spoil(i, window) {
+    for (i, (clean, sent)) in said.iter().zip(window).enumerate() {
+        let received = fault.spoil(i, window);
+        if spoilt_since.is_none() && received != [*sent] {
+            spoilt_since = Some(i);
+        }
+        for sample in received {
             let estimate = line.step(&sample);
             let now = told(&estimate);
             absorb(digest, now.flags);
@@ -392,10 +397,13 @@ fn one(
             most = libm::fmaxf(most, last);
             most_std = libm::fmaxf(most_std, last_std);
             let news = now.flags & !clean.flags;
-            if i >= fault.begin && news != 0 && !flagged {
+            if let Some(since) = spoilt_since
+                && news != 0
+                && !flagged
+            {
                 flagged = true;
                 outcome.flagged += 1;
-                let latency = (i - fault.begin) as u32;
+                let latency = (i - since) as u32;
                 outcome.latency_sum += latency;
                 outcome.latency_most = outcome.latency_most.max(latency);
                 outcome.grown += u32::from(grown);

@@ -47,7 +47,7 @@ fn a_minute_of_the_emulated_board_is_recomputed_bit_for_bit_on_a_real_socket() {
 
     let key = SigningKey::generate().unwrap();
     let image = seal(&model, 1, None, Some(&key)).unwrap();
-    let board = Emulator::start_flash(&flash(&key, &[image.clone()]));
+    let board = Emulator::start_flash(&flash(&key, std::slice::from_ref(&image)));
     std::fs::write(&path, &image).unwrap();
     let bus = TcpListener::bind("127.0.0.1:0").expect("a free port");
     let port = bus.local_addr().unwrap().port();

@@ -9,6 +9,7 @@ use loadtwin::can::log::LogBus;
 use loadtwin_common::frame::{self, DEFAULT_BASE, Encoder, RawAssembler};
 use loadtwin_common::raw::RawSample;
 use proptest::prelude::*;
+use proptest::test_runner::{RngSeed, TestRunner};
 
 use crate::machine::{image, samples, traffic};
 
@@ -19,13 +20,14 @@ fn config(cases: u32) -> ProptestConfig {
     ProptestConfig {
         cases,
         failure_persistence: None,
+        rng_seed: RngSeed::Fixed(1),
         ..ProptestConfig::default()
     }
 }
 
 #[test]
 fn a_frame_of_any_bytes_is_taken_whole_or_not_at_all() {
-    let mut runner = proptest::test_runner::TestRunner::new(config(CASES));
+    let mut runner = TestRunner::new(config(CASES));
     let bytes = prop_oneof![
         8 => any::<[u8; 8]>().prop_map(|b| b.to_vec()),
         1 => prop::collection::vec(any::<u8>(), 0..65),
@@ -54,7 +56,7 @@ fn a_frame_of_any_bytes_is_taken_whole_or_not_at_all() {
 
 #[test]
 fn raw_samples_survive_and_damage_to_them_does_not() {
-    let mut runner = proptest::test_runner::TestRunner::new(config(CASES));
+    let mut runner = TestRunner::new(config(CASES));
     let encoder = Encoder::try_new(DEFAULT_BASE, 1000.0, [1.0], 0).expect("good");
     let strategy = (
         any::<(u32, [i32; 8], [u32; 2], Option<u32>)>(),
@@ -130,7 +132,7 @@ fn a_log_of_any_bytes_ends_and_a_spoilt_log_never_makes_a_difference_of_nothing(
         })
         .collect();
     let log = lines.join("\n").into_bytes();
-    let mut runner = proptest::test_runner::TestRunner::new(config(3000));
+    let mut runner = TestRunner::new(config(3000));
     let edits = prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..20);
     let strategy = (prop::collection::vec(any::<u8>(), 0..300), edits);
     runner
