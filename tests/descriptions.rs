@@ -1,24 +1,26 @@
-//! Every drivetrain that the project describes, with every set of sensors and every
+//! Every machine that the project describes, with every set of sensors and every
 //! filter that they allow, and everything that can go wrong with its samples.
 
 use std::path::PathBuf;
 
 use loadtwin::build::{self, BuildError, Filter, Sensors};
-use loadtwin::machine::Machine;
+use loadtwin::machine::{Kind, Machine};
 use loadtwin_common::raw::{MAX_CHANNELS, RawSample};
 
 use crate::firmware::root;
 use crate::simulated;
 
 /// Folders of descriptions, from the root of the project.
-const FOLDERS: [&str; 4] = [
+const FOLDERS: [&str; 6] = [
+    "examples/bearing",
     "examples/gearbox",
     "examples/gearbox/housing",
+    "examples/rotor",
     "examples/tool-drive",
     "tests/machines",
 ];
 
-/// One drivetrain with one set of sensors and one filter.
+/// One machine with one set of sensors and one filter.
 pub struct Variant {
     /// Description, set and filter, for messages.
     pub name: String,
@@ -38,8 +40,11 @@ pub fn variants() -> Vec<Variant> {
     let mut variants = Vec::new();
     for path in descriptions() {
         let machine = Machine::load(&path).expect("the description is valid");
-        if machine.drivetrain.is_none() {
-            continue;
+        match machine.kind() {
+            // Before it was calibrated, a bearing has no image.
+            Some(Kind::Bearing(bearing)) if bearing.calibration.is_none() => continue,
+            None => continue,
+            _ => {}
         }
         let sets: Vec<Option<&str>> = if machine.sensor_sets.is_empty() {
             vec![None]
@@ -61,7 +66,7 @@ pub fn variants() -> Vec<Variant> {
                         machine: machine.clone(),
                         sensors,
                     }),
-                    Err(BuildError::NotSteady(_)) => {}
+                    Err(BuildError::NotSteady(_) | BuildError::OnlyDrivetrains) => {}
                     Err(error) => panic!("{name}: {error}"),
                 }
             }
@@ -76,6 +81,7 @@ fn descriptions() -> Vec<PathBuf> {
         .flat_map(|folder| std::fs::read_dir(root().join(folder)).expect("a folder"))
         .map(|entry| entry.expect("an entry").path())
         .filter(|path| path.extension().is_some_and(|end| end == "toml"))
+        .filter(|path| !path.ends_with("calibration.toml"))
         .collect();
     paths.sort();
     paths
@@ -89,7 +95,7 @@ impl Variant {
     /// # Panics
     /// Where the machine cannot be simulated.
     pub fn samples(&self, seconds: f64) -> Vec<RawSample> {
-        let samples = simulated::samples(&self.machine, &self.sensors, "constant", seconds);
+        let samples = simulated::samples(&self.machine, &self.sensors, self.scenario(), seconds);
         let mut spoilt: Vec<RawSample> = Vec::with_capacity(samples.len());
         for sample in samples {
             let raw = self.spoil(sample, spoilt.last());
@@ -104,6 +110,13 @@ impl Variant {
             }
         }
         spoilt
+    }
+
+    fn scenario(&self) -> &'static str {
+        match self.machine.kind() {
+            Some(Kind::Bearing(_)) => "lc1",
+            _ => "constant",
+        }
     }
 
     fn spoil(&self, sample: RawSample, before: Option<&RawSample>) -> RawSample {

@@ -4,9 +4,9 @@ use std::path::Path;
 
 use loadtwin::build::{self, Sensors};
 use loadtwin::machine::Machine;
-use loadtwin::replay::Samples;
-use loadtwin::simulate::{RotorScenario, RotorSimulation};
 use loadtwin_common::raw::RawSample;
+
+use crate::simulated;
 
 /// `examples/rotor/machine.toml` with an encoder, for speeds around its first critical one.
 ///
@@ -42,22 +42,8 @@ pub fn image(machine: &Machine) -> Vec<u8> {
 /// # Panics
 /// Where the machine cannot be simulated.
 pub fn samples(machine: &Machine, seconds: f64) -> Vec<RawSample> {
-    let rotor = machine.rotor.as_ref().expect("a rotor");
-    let scenario =
-        RotorScenario::by_name("run-up", rotor, 7, Some(seconds)).expect("a scenario of rotors");
-    let folder = tempfile::tempdir().expect("a temporary directory");
-    let path = folder.path().join("recording.parquet");
-    RotorSimulation::new(machine, rotor, scenario)
-        .expect("a rotor that can be simulated")
-        .write(&path, |_| ())
-        .expect("it is written");
     let sensors = Sensors::choose(machine, None).expect("few enough sensors");
-    let mut samples = Samples::open(machine, &sensors, &path).expect("its own recording");
-    let mut all = Vec::new();
-    while samples
-        .next_block(|sample| all.push(sample.raw))
-        .expect("a whole recording")
-    {}
+    let mut all = simulated::samples(machine, &sensors, "run-up", seconds);
     all.retain(|raw| raw.tick % 977 != 976);
     for raw in &mut all {
         if raw.tick % 1511 == 1510 {

@@ -1,10 +1,18 @@
 //! What the sensors of a described machine see.
 
 use loadtwin::build::Sensors;
-use loadtwin::machine::Machine;
+use loadtwin::machine::{Kind, Machine};
 use loadtwin::replay::Samples;
-use loadtwin::simulate::{Scenario, Simulation};
+use loadtwin::simulate::{
+    BearingScenario, BearingSimulation, RotorScenario, RotorSimulation, Scenario, Simulation,
+};
 use loadtwin_common::raw::RawSample;
+
+/// Draws every recording.
+const SEED: u64 = 7;
+
+/// The bearing that `examples/bearing/calibration.toml` belongs to.
+const CALIBRATED: u64 = 101;
 
 /// `seconds` of what the board of a machine would see in a scenario of the simulation.
 ///
@@ -16,14 +24,32 @@ pub fn samples(
     scenario: &str,
     seconds: f64,
 ) -> Vec<RawSample> {
-    let mut scenario = Scenario::by_name(scenario).expect("a scenario of the simulation");
-    scenario.duration_s = seconds;
     let folder = tempfile::tempdir().expect("a temporary directory");
     let path = folder.path().join("recording.parquet");
-    Simulation::new(machine, &scenario, 7, None, &[])
-        .expect("a machine that can be simulated")
-        .write(&path, |_| ())
-        .expect("it is written");
+    match machine.kind() {
+        Some(Kind::Rotor(rotor)) => {
+            let scenario = RotorScenario::by_name(scenario, rotor, SEED, Some(seconds))
+                .expect("a scenario of rotors");
+            RotorSimulation::new(machine, rotor, scenario)
+                .expect("a rotor that can be simulated")
+                .write(&path, |_| ())
+        }
+        Some(Kind::Bearing(bearing)) => {
+            let (scenario, _) = BearingScenario::by_name(scenario).expect("a scenario of bearings");
+            let individual = Some(CALIBRATED);
+            BearingSimulation::new(machine, bearing, scenario, seconds, SEED, individual, &[])
+                .expect("a bearing that can be simulated")
+                .write(&path, |_| ())
+        }
+        _ => {
+            let mut scenario = Scenario::by_name(scenario).expect("a scenario of drivetrains");
+            scenario.duration_s = seconds;
+            Simulation::new(machine, &scenario, SEED, None, &[])
+                .expect("a machine that can be simulated")
+                .write(&path, |_| ())
+        }
+    }
+    .expect("it is written");
     let mut samples = Samples::open(machine, sensors, &path).expect("its own recording");
     let mut raw = Vec::new();
     while samples

@@ -269,7 +269,7 @@ impl Encoder {
     }
 
     /// The encoder of a board without a usable image: it has only a status to tell.
-    pub fn without_image() -> Self {
+    pub const fn without_image() -> Self {
         Self {
             base: DEFAULT_BASE,
             scales: Vec::new(),
@@ -277,7 +277,7 @@ impl Encoder {
             sensors_every: Every { log2: 0 },
             status_every: 1,
             since_status: 0,
-            status: status::Pages::default(),
+            status: status::Pages::new(),
         }
     }
 

@@ -43,7 +43,7 @@ impl<const NX: usize> Gaussian<NX> {
         if !state.iter().all(|x| x.is_finite()) {
             return Err(Error::NotFinite("state"));
         }
-        check_symmetric(covariance, "covariance")?;
+        check_symmetric(covariance.as_slice(), NX, "covariance")?;
         let p = &covariance.data.0;
         if (0..NX).any(|j| p[j][j] <= 0.0) {
             return Err(Error::NotPositive("covariance"));
@@ -62,7 +62,21 @@ impl<const NX: usize> Gaussian<NX> {
         state: SVector<f32, NX>,
         variances: &SVector<f32, NX>,
     ) -> Result<Self, Error> {
-        Self::try_new(state, &SMatrix::from_diagonal(variances))
+        let finite = |values: &SVector<f32, NX>| values.iter().all(|value| value.is_finite());
+        if !finite(&state) {
+            return Err(Error::NotFinite("state"));
+        }
+        if !finite(variances) {
+            return Err(Error::NotFinite("covariance"));
+        }
+        if variances.iter().any(|variance| *variance <= 0.0) {
+            return Err(Error::NotPositive("covariance"));
+        }
+        let mut upper = [[0.0; NX]; NX];
+        for (i, variance) in variances.iter().enumerate() {
+            upper[i][i] = *variance;
+        }
+        Ok(Self { state, upper })
     }
 
     /// Covariance `P`, `NX` x `NX`, equal to its transpose bit for bit.
@@ -142,19 +156,24 @@ pub(crate) fn symmetric_product<const NX: usize>(
     (w, diagonal)
 }
 
-/// Checks that a covariance is finite and equal to its transpose.
-pub(crate) fn check_symmetric<const NX: usize>(
-    covariance: &SMatrix<f32, NX, NX>,
+/// Checks that a covariance, `n` columns of `n` entries, is finite and equal to its
+/// transpose.
+///
+/// One copy for all numbers of states: it runs once, and flash is short.
+#[inline(never)]
+pub(crate) fn check_symmetric(
+    columns: &[f32],
+    n: usize,
     name: &'static str,
 ) -> Result<(), Error> {
-    if !covariance.iter().all(|p| p.is_finite()) {
+    if !columns.iter().all(|p| p.is_finite()) {
         return Err(Error::NotFinite(name));
     }
-    let p = &covariance.data.0;
-    for j in 0..NX {
+    let p = |i: usize, j: usize| columns.get(j * n + i).copied().unwrap_or(f32::NAN);
+    for j in 0..n {
         for i in 0..j {
-            let scale = libm::sqrtf(p[i][i].abs()) * libm::sqrtf(p[j][j].abs());
-            if (p[j][i] - p[i][j]).abs() > 1e-5 * scale {
+            let scale = libm::sqrtf(p(i, i).abs()) * libm::sqrtf(p(j, j).abs());
+            if (p(i, j) - p(j, i)).abs() > 1e-5 * scale {
                 return Err(Error::NotSymmetric(name));
             }
         }

@@ -106,7 +106,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         let (directions, direction_of) = model.directions();
         let initial_std = SVector::<f32, NX>::from_row_slice(&model.initial_std);
         Ok(Self {
-            transition: Transition::try_new(&augmented(&model.transition), RandomWalk)?,
+            transition: Transition::from_rows(&model.transition, RandomWalk)?,
             process_noise: ProcessNoise::try_new(&noise(&model.process_noise, model.load_noise))?,
             initial: Gaussian::independent(
                 SVector::from_row_slice(&model.initial_state),
@@ -139,6 +139,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
     }
 
     /// One sample: convert, predict, update with each usable reading.
+    #[inline(never)]
     pub fn step(&self, state: &mut GearboxState<NX>, raw: &RawSample) -> Estimate {
         let index = self.model.index.as_ref();
         let lead = self.lead(state);
@@ -477,33 +478,30 @@ fn judged(measured: f32, update: &Innovation, unit: f32, refused: Fault) -> Sens
     }
 }
 
-/// `[A B; 0 0]` from its upper rows.
-fn augmented<const NX: usize>(rows: &[f32]) -> SMatrix<f32, NX, NX> {
-    let mut matrix = SMatrix::zeros();
-    for (i, row) in rows.chunks_exact(NX).take(NX - LOADS).enumerate() {
-        for (j, value) in row.iter().enumerate() {
-            matrix[(i, j)] = *value;
-        }
-    }
-    for d in NX - LOADS..NX {
-        matrix[(d, d)] = 1.0;
-    }
+/// `[Q 0; 0 Qd]` from the lower triangle of Q and the diagonal of Qd.
+fn noise<const NX: usize>(triangle: &[f32], loads: [f32; LOADS]) -> SMatrix<f32, NX, NX> {
+    let mut matrix = SMatrix::<f32, NX, NX>::zeros();
+    fill_noise(matrix.as_mut_slice(), NX, triangle, loads);
     matrix
 }
 
-/// `[Q 0; 0 Qd]` from the lower triangle of Q and the diagonal of Qd.
-fn noise<const NX: usize>(triangle: &[f32], loads: [f32; LOADS]) -> SMatrix<f32, NX, NX> {
-    let mut matrix = SMatrix::zeros();
+/// One copy for all numbers of states: it runs once, and flash is short.
+#[inline(never)]
+fn fill_noise(columns: &mut [f32], n: usize, triangle: &[f32], loads: [f32; LOADS]) {
+    let mut put = |i: usize, j: usize, value: f32| {
+        if let Some(slot) = columns.get_mut(j * n + i) {
+            *slot = value;
+        }
+    };
     let mut entries = triangle.iter();
-    for i in 0..NX - LOADS {
+    for i in 0..n - LOADS {
         for j in 0..=i {
             let value = entries.next().copied().unwrap_or(0.0);
-            matrix[(i, j)] = value;
-            matrix[(j, i)] = value;
+            put(i, j, value);
+            put(j, i, value);
         }
     }
-    for (d, value) in (NX - LOADS..NX).zip(loads) {
-        matrix[(d, d)] = value;
+    for (d, value) in (n - LOADS..n).zip(loads) {
+        put(d, d, value);
     }
-    matrix
 }

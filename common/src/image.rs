@@ -7,6 +7,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
+use crate::bearing::BearingModel;
 use crate::gearbox::GearboxModel;
 use crate::rotor::RotorModel;
 
@@ -46,6 +47,8 @@ pub enum Model<'a> {
     /// A flexible rotor with displacement sensors.
     #[serde(borrow)]
     Rotor(RotorModel<'a>),
+    /// A wheel bearing with strain gauges on its outer ring.
+    Bearing(BearingModel),
 }
 
 impl<'a> Model<'a> {
@@ -53,7 +56,7 @@ impl<'a> Model<'a> {
     pub fn gearbox(&self) -> Option<&GearboxModel<'a>> {
         match self {
             Self::Gearbox(model) => Some(model),
-            Self::Rotor(_) => None,
+            Self::Rotor(_) | Self::Bearing(_) => None,
         }
     }
 }
@@ -75,6 +78,8 @@ impl<'a> Image<'a> {
     /// # Errors
     /// `Error::Malformed` when the bytes are not a whole image of this version.
     /// The ranges of its numbers are checked where the estimator is built.
+    // Inlined, its temporaries would stay on the stack while the estimator is built.
+    #[inline(never)]
     pub fn from_bytes(bytes: &'a [u8]) -> Result<Self, Error> {
         let (version, _) =
             postcard::take_from_bytes::<u16>(bytes).map_err(|_| Error::Malformed("image"))?;
@@ -92,6 +97,7 @@ impl<'a> Image<'a> {
         match &self.model {
             Model::Gearbox(model) => &model.loads,
             Model::Rotor(model) => &model.loads,
+            Model::Bearing(model) => &model.loads,
         }
     }
 }

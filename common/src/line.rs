@@ -1,6 +1,7 @@
 //! The straight line: raw sample in, estimate out, for any machine.
 
 use crate::Error;
+use crate::bearing::{Bearing, BearingModel, BearingState};
 use crate::estimate::Estimate;
 use crate::gearbox::{Gearbox, GearboxModel, GearboxState};
 use crate::image::{Image, Model};
@@ -39,6 +40,7 @@ enum Kind<'a> {
     Gearbox12(Gearbox<'a, 12>, GearboxState<12>),
     Gearbox16(Gearbox<'a, 16>, GearboxState<16>),
     Rotor20(Rotor<'a, 8, 20>, RotorState<8, 20>),
+    Bearing(Bearing, BearingState),
 }
 
 // Inlined, the stack would hold the temporaries of all instances at once.
@@ -66,6 +68,20 @@ fn start_rotor<'a, const NZ: usize, const NX: usize>(
     let state = rotor.start();
     *place = Some(Line {
         kind: kind(rotor, state),
+    });
+    Ok(())
+}
+
+#[inline(never)]
+fn start_bearing(
+    model: BearingModel,
+    rate_hz: f32,
+    place: &mut Option<Line<'_>>,
+) -> Result<(), Error> {
+    let bearing = Bearing::try_build(model, rate_hz)?;
+    let state = bearing.start();
+    *place = Some(Line {
+        kind: Kind::Bearing(bearing, state),
     });
     Ok(())
 }
@@ -103,6 +119,7 @@ impl<'a> Line<'a> {
                 (8, 20) => start_rotor(model, Kind::Rotor20, place),
                 _ => Err(Error::OutOfRange("number of states")),
             },
+            Model::Bearing(model) => start_bearing(model, image.rate_hz, place),
         }
     }
 
@@ -114,6 +131,7 @@ impl<'a> Line<'a> {
             Kind::Gearbox12(g, s) => g.step(s, raw),
             Kind::Gearbox16(g, s) => g.step(s, raw),
             Kind::Rotor20(r, s) => r.step(s, raw),
+            Kind::Bearing(b, s) => b.step(s, raw),
         }
     }
 

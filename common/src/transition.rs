@@ -146,6 +146,24 @@ impl<const NX: usize, const ND: usize, L: LoadModel<ND>> Transition<NX, ND, L> {
         Ok(Self::new(matrix, load_model))
     }
 
+    /// As [`Transition::try_new`], from the `NX - ND` rows of `[A B]`, one after the other.
+    ///
+    /// # Errors
+    /// `NotFinite("transition")`; `OutOfRange("transition")` where there are fewer or more.
+    pub fn from_rows(entries: &[f32], load_model: L) -> Result<Self, Error> {
+        if entries.len() != NX * Self::NA {
+            return Err(Error::OutOfRange("transition"));
+        }
+        if !entries.iter().all(|f| f.is_finite()) {
+            return Err(Error::NotFinite("transition"));
+        }
+        let mut rows = [[0.0; NX]; NX];
+        for (slot, entry) in rows.as_flattened_mut().iter_mut().zip(entries) {
+            *slot = *entry;
+        }
+        Ok(Self { rows, load_model })
+    }
+
     /// As [`Transition::try_new`] without its checks, for Jacobians made in a
     /// step; the lower `ND` rows are ignored.
     #[inline]
@@ -272,17 +290,10 @@ impl<const NX: usize> ProcessNoise<NX> {
     /// `NotPositive("process_noise")` when a variance is negative or a
     /// correlation is above 1.
     pub fn try_new(covariance: &SMatrix<f32, NX, NX>) -> Result<Self, Error> {
-        check_symmetric(covariance, "process_noise")?;
-        let columns = covariance.data.0;
-        for j in 0..NX {
-            for i in 0..j + 1 {
-                let bound = columns[i][i] * columns[j][j] * 1.000_01;
-                if columns[j][j] < 0.0 || columns[j][i] * columns[j][i] > bound {
-                    return Err(Error::NotPositive("process_noise"));
-                }
-            }
-        }
-        Ok(Self { columns })
+        check_noise(covariance.as_slice(), NX)?;
+        Ok(Self {
+            columns: covariance.data.0,
+        })
     }
 
     /// Independent noise on each state, variances per sample, [state unit]^2.
@@ -292,4 +303,20 @@ impl<const NX: usize> ProcessNoise<NX> {
     pub fn independent(variances: &SVector<f32, NX>) -> Result<Self, Error> {
         Self::try_new(&SMatrix::from_diagonal(variances))
     }
+}
+
+/// One copy for all numbers of states, as [`check_symmetric`].
+#[inline(never)]
+fn check_noise(columns: &[f32], n: usize) -> Result<(), Error> {
+    check_symmetric(columns, n, "process_noise")?;
+    let q = |i: usize, j: usize| columns.get(j * n + i).copied().unwrap_or(f32::NAN);
+    for j in 0..n {
+        for i in 0..j + 1 {
+            let bound = q(i, i) * q(j, j) * 1.000_01;
+            if q(j, j) < 0.0 || q(i, j) * q(i, j) > bound {
+                return Err(Error::NotPositive("process_noise"));
+            }
+        }
+    }
+    Ok(())
 }

@@ -43,11 +43,11 @@ impl<'a> App<'a> {
     }
 
     /// The application of a board without a usable image: it says so.
-    pub fn without_image() -> Self {
+    pub const fn without_image() -> Self {
         Self {
             line: None,
             encoder: Encoder::without_image(),
-            status: Status::default(),
+            status: Status::new(),
             rate_hz: 1000.0,
             sends_raw: false,
         }

@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 
 use clap::ValueEnum;
+use loadtwin_common::image::{Image, Model, VERSION};
 use thiserror::Error;
 
-use crate::gearbox;
 use crate::machine::{Channel, Encoder, Kind, Machine, MachineError, SensorSet};
 use crate::rotor::{RotorError, RotorPlan};
+use crate::{bearing, gearbox};
 
 /// The channels and encoders of a machine that an estimator uses, in the
 /// order of the raw words and counters.
@@ -66,11 +67,6 @@ pub enum BuildError {
     /// More than an image holds.
     #[error("{0} is larger than an image can hold")]
     TooLarge(&'static str),
-    /// A kind of machine that boards do not run.
-    #[error(
-        "no image of {0} can be made: it runs on the host only; allowed: [drivetrain] or [rotor]"
-    )]
-    NoImage(&'static str),
     /// A bearing's phases were lost on the rig.
     #[error(
         "the phases of ball passing were followed in {part:.0} % of the recording; at least {least:.0} % is needed: check gauges, wheel encoder and number of balls"
@@ -92,12 +88,12 @@ pub enum BuildError {
     /// A rotor that cannot be computed.
     #[error("rotor: {0}")]
     Rotor(#[from] RotorError),
-    /// A filter that rotors do not have.
+    /// A filter that only drivetrains have.
     #[error(
-        "--filter: found steady, allowed on a rotor: aekf, which takes the steady gains of the \
-         speed by itself once it has converged"
+        "--filter: found steady, allowed on a rotor or a bearing: aekf (a rotor takes the steady \
+         gains of its speed by itself)"
     )]
-    RotorFilter,
+    OnlyDrivetrains,
     /// More modes than any filter of a rotor has.
     #[error(
         "rotor.reduction.modes: found {found}, allowed: at most {most} beside the {loads} loads"
@@ -225,9 +221,21 @@ impl Sensors {
 pub fn image(machine: &Machine, sensors: &Sensors) -> Result<Vec<u8>, BuildError> {
     match machine.kind() {
         Some(Kind::Drivetrain(drivetrain)) => gearbox::image(machine, drivetrain, sensors),
-        Some(Kind::Rotor(_)) if sensors.filter == Filter::Steady => Err(BuildError::RotorFilter),
+        Some(_) if sensors.filter == Filter::Steady => Err(BuildError::OnlyDrivetrains),
         Some(Kind::Rotor(rotor)) => RotorPlan::new(machine, rotor)?.image(machine, rotor, sensors),
-        Some(Kind::Bearing(_)) => Err(BuildError::NoImage("a bearing")),
+        Some(Kind::Bearing(bearing)) => bearing::image(machine, bearing, sensors),
         None => Err(BuildError::NoEstimator(machine.path.clone())),
     }
+}
+
+/// The image's payload for `machine` with its `model`.
+pub(crate) fn packed(machine: &Machine, model: Model<'_>) -> Result<Vec<u8>, BuildError> {
+    let image = Image {
+        version: VERSION,
+        machine: &machine.name,
+        rate_hz: machine.rate_hz as f32,
+        can_base: machine.can_base,
+        model,
+    };
+    postcard::to_stdvec(&image).map_err(|_| BuildError::TooLarge("the image"))
 }

@@ -18,7 +18,7 @@ fn overruns_a_full_queue_and_bus_off_are_told_and_stop_nothing() {
     let mut app = App::try_new(&image, 0).unwrap();
     let mut board = Bench::with_room_for(OUTBOX);
     let mut bus = BusState::default();
-    let mut status = Status::default();
+    let mut status = Status::new();
     let mut sent: Vec<(u32, Frame)> = Vec::new();
     let mut overruns = 0;
     for sample in &samples {

@@ -1,4 +1,4 @@
-//! For every drivetrain, set of sensors and filter the emulated board sends what the
+//! For every machine, set of sensors and filter the emulated board sends what the
 //! host sends, to the last bit, through everything that can go wrong with a sample.
 
 use std::thread;
@@ -33,11 +33,12 @@ fn compare(variant: &Variant, seconds: f64) {
     let differ = frames.iter().zip(&expected).position(|(b, h)| b != h);
     assert_eq!(differ, None, "{name}: first frame that differs");
     assert_eq!(frames.len(), expected.len(), "{name}");
-    assert!(frames.len() >= samples.len(), "{name}: {}", frames.len());
+    // Loads come every few samples, sensors less often.
+    assert!(2 * frames.len() >= samples.len(), "{name}: {}", frames.len());
 
     let mut line = Line::try_build(Image::from_bytes(&variant.image).unwrap()).unwrap();
     let steady = samples.iter().filter(|raw| line.step(raw).steady).count();
-    assert_eq!(steady > 0, variant.filter == Filter::Steady, "{name}");
+    assert!(steady > 0 || variant.filter != Filter::Steady, "{name}");
     println!(
         "{name}: {} samples, {steady} by steady gains, {} frames equal",
         samples.len(),
@@ -46,11 +47,11 @@ fn compare(variant: &Variant, seconds: f64) {
 }
 
 #[test]
-fn every_drivetrain_with_every_set_and_filter_gives_the_bits_of_the_host() {
+fn every_machine_with_every_set_and_filter_gives_the_bits_of_the_host() {
     let seconds =
         std::env::var("LOADTWIN_SECONDS").map_or(SECONDS, |text| text.parse().expect("seconds"));
     let variants = variants();
-    assert!(variants.len() >= 40, "{} variants", variants.len());
+    assert!(variants.len() >= 42, "{} variants", variants.len());
     // One emulator for each of two cores.
     for pair in variants.chunks(2) {
         thread::scope(|scope| {

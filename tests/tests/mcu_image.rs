@@ -17,7 +17,7 @@ use loadtwin_tests::gearbox::{image, samples};
 
 /// What the status frames said: everything, and the model's name.
 fn status(frames: &[Frame]) -> (Status, Option<u32>) {
-    let mut told = Status::default();
+    let mut told = Status::new();
     let mut name = None;
     for frame in frames {
         let base = frame.id / BLOCK * BLOCK;

@@ -107,7 +107,7 @@ pub struct Contacts {
 }
 
 /// State of equilibrium and its derivative.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Equilibrium {
     /// `z` [um].
     pub position: [f32; DOF],

@@ -70,22 +70,42 @@ pub struct Belief {
 }
 
 impl Belief {
-    /// A belief at `state` with standard deviations `std`.
-    pub fn new(contacts: &Contacts, state: [f32; NX], std: &[f32; NX]) -> Self {
-        let mut gaussian = Gaussian {
-            state: SVector::from(state),
-            upper: [[0.0; NX]; NX],
-        };
-        for (i, std) in std.iter().enumerate() {
-            gaussian.upper[i][i] = std * std;
-        }
-        let mut loads = [0.0; LOADS];
-        loads.copy_from_slice(&state[LOAD..PRELOAD]);
+    /// A belief that [`Self::begin`] fills, so that it is made where it stays and not on
+    /// the stack.
+    pub fn blank() -> Self {
         Self {
-            gaussian,
-            equilibrium: contacts.settle(&loads, state[PRELOAD]),
+            gaussian: Gaussian {
+                state: SVector::zeros(),
+                upper: [[0.0; NX]; NX],
+            },
+            equilibrium: Equilibrium::default(),
             features: Features::default(),
-            linearised_at: SVector::from(state),
+            linearised_at: SVector::zeros(),
+        }
+    }
+
+    /// Begins with what is expected; `rest`: the equilibrium at the expected loads.
+    pub fn begin(&mut self, tuning: &Tuning, contacts: &Contacts, rest: &Equilibrium) {
+        let x = &mut self.gaussian.state;
+        let p = &mut self.gaussian.upper;
+        x.fill(0.0);
+        p.as_flattened_mut().fill(0.0);
+        let mut spread = |i: usize, std: f32| p[i][i] = std * std;
+        for row in 0..ROWS {
+            spread(row, 1.0);
+            spread(ROWS + row, tuning.slip_std);
+        }
+        spread(PRELOAD, tuning.preload_std);
+        (BIAS..GAIN).for_each(|i| spread(i, tuning.bias_std));
+        (GAIN..NX).for_each(|i| spread(i, tuning.gain_std));
+        for (i, mean) in tuning.load_mean.iter().enumerate() {
+            x[LOAD + i] = *mean;
+        }
+        self.linearised_at = *x;
+        self.widen_loads(tuning, 1.0);
+        self.equilibrium = *rest;
+        for g in 0..GAUGES {
+            self.refresh(contacts, g);
         }
     }
 

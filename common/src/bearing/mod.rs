@@ -26,8 +26,8 @@ use crate::measurement::{Converter, Counter, Measurement, Unwrap};
 use crate::phase::{Phase, wrap_rad};
 use crate::raw::{MAX_CHANNELS, RawSample};
 use block::{Block, Sums};
-use contact::{Contacts, Geometry};
-use joint::{BIAS, Belief, GAIN, LOAD, NX, PRELOAD, Told};
+use contact::{Contacts, Equilibrium, Geometry};
+use joint::{Belief, LOAD, Told};
 use trust::Trust;
 
 /// Rows of balls.
@@ -157,7 +157,8 @@ pub struct Bearing {
     dt_s: f32,
     block_samples: u16,
     jobs_per_sample: u16,
-    start: Belief,
+    /// Equilibrium at the expected loads.
+    rest: Equilibrium,
 }
 
 /// What changes from sample to sample.
@@ -246,21 +247,7 @@ impl Bearing {
         }
         let block = libm::roundf(rate_hz / BLOCK_HZ).clamp(1.0, 1000.0) as u16;
         let contacts = Contacts::try_new(model.geometry.clone())?;
-        let mut state = [0.0; NX];
-        let mut std = [0.0; NX];
-        for row in 0..ROWS {
-            std[row] = 1.0;
-            std[ROWS + row] = t.slip_std;
-        }
-        state[LOAD..PRELOAD].copy_from_slice(&t.load_mean);
-        std[PRELOAD] = t.preload_std;
-        std[BIAS..GAIN].fill(t.bias_std);
-        std[GAIN..NX].fill(t.gain_std);
-        let mut start = Belief::new(&contacts, state, &std);
-        start.forget_loads(t);
-        for g in 0..GAUGES {
-            start.refresh(&contacts, g);
-        }
+        let rest = contacts.settle(&t.load_mean, 0.0);
         Ok(Self {
             converters: [0, 1, 2, 3].map(|g| model.gauges[g].converter),
             counters: [model.counter],
@@ -269,11 +256,12 @@ impl Bearing {
             jobs_per_sample: JOBS.div_ceil(block),
             contacts,
             model,
-            start,
+            rest,
         })
     }
 
-    /// The state before the first sample.
+    /// The state before the first sample; the first block fills its beliefs.
+    #[inline]
     pub fn start(&self) -> BearingState {
         BearingState {
             unwrap: Unwrap::default(),
@@ -282,8 +270,8 @@ impl Bearing {
             sums: Sums::default(),
             block: Block::default(),
             job: JOBS,
-            champion: self.start.clone(),
-            challenger: self.start.clone(),
+            champion: Belief::blank(),
+            challenger: Belief::blank(),
             told: [Told::default(); GAUGES],
             health: [Health::default(); GAUGES],
             cost: (0.0, 0.0),
@@ -297,6 +285,7 @@ impl Bearing {
     }
 
     /// One sample: gather it, and do the jobs of the block before that are due.
+    #[inline(never)]
     pub fn step(&self, state: &mut BearingState, raw: &RawSample) -> Estimate {
         let m = (state.unwrap).convert(
             raw,
@@ -360,7 +349,7 @@ impl Bearing {
             state.published = [UNKNOWN; LOADS];
         } else if !state.running {
             state.running = true;
-            state.champion = self.start.clone();
+            self.begin(&mut state.champion);
             state.duel = Duel::default();
             state.trust = Trust::default();
             self.challenge(state);
@@ -370,6 +359,10 @@ impl Bearing {
             state.job = 0;
         }
         state.sums = Sums::default();
+    }
+
+    fn begin(&self, belief: &mut Belief) {
+        belief.begin(&self.model.tuning, &self.contacts, &self.rest);
     }
 
     /// The next job of the current block.
@@ -493,7 +486,7 @@ impl Bearing {
                     state.trust = Trust::default();
                 }
                 if !state.champion.is_finite() {
-                    state.champion = self.start.clone();
+                    self.begin(&mut state.champion);
                 }
             } else {
                 state.duel.won = duel.won.saturating_add(1);

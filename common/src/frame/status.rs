@@ -56,6 +56,22 @@ pub struct Status {
     pub sensors: u8,
 }
 
+impl Status {
+    /// What a board says before its first sample; the default, as a constant.
+    pub const fn new() -> Self {
+        Self {
+            state: State::NoImage,
+            tick: 0,
+            overruns: 0,
+            missed: 0,
+            bus_off: 0,
+            queue_overflow: 0,
+            refused: 0,
+            sensors: 0,
+        }
+    }
+}
+
 /// What one status frame told, besides the state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StatusPage {
@@ -83,7 +99,7 @@ pub enum StatusPage {
 }
 
 /// Pages, one after the other.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Pages {
     pub(super) counter: u8,
     pub(super) page: u32,
@@ -96,6 +112,19 @@ pub(super) struct Pages {
 
 impl Pages {
     const COUNT: u32 = 6;
+
+    /// Those of a board without image.
+    pub(super) const fn new() -> Self {
+        Self {
+            counter: 0,
+            page: 0,
+            image_hash: 0,
+            loads: 0,
+            load_every: 0,
+            sensor_every: 0,
+            rate_mhz: 0,
+        }
+    }
 
     /// Counter and payload of the next page.
     pub(super) fn next(&mut self, status: &Status) -> (u8, u64) {
@@ -141,7 +170,7 @@ impl Status {
         let state = State::ALL.into_iter().find(|state| *state as u32 == code)?;
         let mut status = Self {
             state,
-            ..Self::default()
+            ..Self::new()
         };
         let page = match field::PAGE.get(payload) {
             0 => StatusPage::Image(field::IMAGE_HASH.get(payload)),
@@ -219,9 +248,9 @@ mod tests {
             load_every: 1,
             sensor_every: 3,
             rate_mhz: 1_000_000,
-            ..Pages::default()
+            ..Pages::new()
         };
-        let mut told = Status::default();
+        let mut told = Status::new();
         let mut seen = [None; 6];
         for (i, seen) in seen.iter_mut().enumerate() {
             let (counter, payload) = pages.next(&status);
@@ -249,11 +278,11 @@ mod tests {
     fn counts_saturate() {
         let mut pages = Pages {
             page: 1,
-            ..Pages::default()
+            ..Pages::new()
         };
         let (_, payload) = pages.next(&Status {
             missed: 65_536,
-            ..Status::default()
+            ..Status::new()
         });
         assert_eq!(Status::decode(payload).expect("a page").0.missed, 65_535);
     }

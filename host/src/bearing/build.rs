@@ -5,15 +5,13 @@ use std::f64::consts::PI;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use loadtwin_common::bearing::contact::{Geometry, RING};
-use loadtwin_common::bearing::{
-    Bearing as Filter, BearingModel, GAUGES, GaugeModel, LOADS, Tuning,
-};
-use loadtwin_common::image::LoadSignal;
+use loadtwin_common::bearing::{BearingModel, GAUGES, GaugeModel, LOADS, Tuning};
+use loadtwin_common::image::{LoadSignal, Model};
 use loadtwin_common::measurement::{Converter, Counter};
 use loadtwin_common::phase::PhaseStep;
 
 use super::calibration::Calibration;
-use crate::build::{BuildError, Sensors};
+use crate::build::{self, BuildError, Sensors};
 use crate::machine::{Bearing, Channel, Machine, MachineError, SHAPES, Senses, Violation};
 
 /// Load at the end of the scale on the bus, in ranges.
@@ -25,16 +23,16 @@ const VALID_STD: f64 = 0.2;
 /// Smallest standard deviation of a load about what is expected, in ranges.
 const LEAST_LOAD_STD: f64 = 0.01;
 
-/// The estimator of `machine` with the calibration that its description names.
+/// The image's payload with the calibration that the description names.
 ///
 /// # Errors
 /// When the bearing is not calibrated, its calibration cannot be read or the
 /// description does not fit the model.
-pub fn estimator(
+pub fn image(
     machine: &Machine,
     bearing: &Bearing,
     sensors: &Sensors,
-) -> Result<Filter, BuildError> {
+) -> Result<Vec<u8>, BuildError> {
     let Some(file) = &bearing.calibration else {
         let text = std::fs::read_to_string(&machine.path).unwrap_or_default();
         return Err(BuildError::Machine(MachineError::violation(
@@ -49,7 +47,7 @@ pub fn estimator(
     };
     let calibration = Calibration::read(&machine.resolve(file), bearing.gauges.len())?;
     let model = model(machine, bearing, sensors, &calibration)?;
-    Filter::try_build(model, machine.rate_hz as f32).map_err(BuildError::Model)
+    build::packed(machine, Model::Bearing(model))
 }
 
 /// The model of the bearing with `calibration`.

@@ -4,6 +4,6 @@ mod build;
 mod calibration;
 mod fit;
 
-pub use build::{estimator, model};
+pub use build::{image, model};
 pub use calibration::{Answer, Calibration};
 pub use fit::{Rig, RigSample, calibrate};

@@ -98,7 +98,7 @@ pub fn run<B: Bus>(
         encoder,
         status: Status {
             state: State::Waiting,
-            ..Status::default()
+            ..Status::new()
         },
     };
     let mut assembler = RawAssembler::new(node.encoder.base());

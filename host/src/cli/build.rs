@@ -54,7 +54,7 @@ impl Build {
             Model::Gearbox(model) => model
                 .steady
                 .map(|gains| gains.turn().map(|turn| f64::from(turn) * machine.rate_hz)),
-            Model::Rotor(_) => None,
+            Model::Rotor(_) | Model::Bearing(_) => None,
         };
         Line::try_build(image)?;
         let issue = self.issue.map_or_else(seconds_since_1970, Ok)?;

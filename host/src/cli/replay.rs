@@ -144,9 +144,7 @@ fn one_set(
         |sample, estimate, line, part| {
             figures.push(sample, estimate);
             phasor.push(sample, estimate);
-            if let Some(line) = line {
-                displacements.push(sample, line);
-            }
+            displacements.push(sample, line);
             each(sample, estimate);
             if figures.samples().is_multiple_of(8192) {
                 progress.show(part);

@@ -3,7 +3,7 @@
 use faer::Mat;
 use heapless::Vec as FixedVec;
 use loadtwin_common::gearbox::{Channel, Encoder, GearboxModel, LOADS, Role};
-use loadtwin_common::image::{Image, LoadSignal, Model, VERSION};
+use loadtwin_common::image::{LoadSignal, Model};
 use loadtwin_common::line::STATES;
 use loadtwin_common::measurement::{Converter, Counter, IndexPulse};
 use loadtwin_common::phase::{Phase, PhaseStep};
@@ -12,7 +12,7 @@ use loadtwin_common::table::PeriodicTable;
 use super::process_noise::process_noise;
 use super::steady::{SteadyTable, steady_gains};
 use super::torsion::Torsion;
-use crate::build::{BuildError, Filter, Sensors};
+use crate::build::{self, BuildError, Filter, Sensors};
 use crate::machine::{self, Drift, Drivetrain, MAP_ENTRIES, Machine, Senses, resampled};
 
 /// Load at the end of the scale on the bus, in nominal loads.
@@ -62,15 +62,7 @@ pub fn image(
         steady: table.as_ref().map(SteadyTable::gains),
         ..full
     };
-    let rate_hz = machine.rate_hz;
-    let image = Image {
-        version: VERSION,
-        machine: &machine.name,
-        rate_hz: rate_hz as f32,
-        can_base: machine.can_base,
-        model: Model::Gearbox(model),
-    };
-    postcard::to_stdvec(&image).map_err(|_| BuildError::TooLarge("the image"))
+    build::packed(machine, Model::Gearbox(model))
 }
 
 /// Where each state stands and how large it is.

@@ -22,7 +22,7 @@ pub use phasor::{Phasor, PhasorFigures};
 pub use samples::{Sample, Samples};
 
 use crate::build::{self, BuildError, Sensors};
-use crate::machine::{Kind, Machine};
+use crate::machine::Machine;
 use crate::recording::RecordingError;
 
 /// Why a recording cannot be replayed.
@@ -55,7 +55,7 @@ pub fn run(
     })
 }
 
-/// As [`run`], with the line after its step; a bearing's estimator has none.
+/// As [`run`], with the line after its step.
 ///
 /// # Errors
 /// As [`run`].
@@ -63,31 +63,19 @@ pub fn run_line(
     machine: &Machine,
     sensors: &Sensors,
     path: &Path,
-    mut each: impl FnMut(&Sample<'_>, &Estimate, Option<&Line<'_>>, f64),
+    mut each: impl FnMut(&Sample<'_>, &Estimate, &Line<'_>, f64),
 ) -> Result<(), ReplayError> {
-    if let Some(Kind::Bearing(bearing)) = machine.kind() {
-        let filter = crate::bearing::estimator(machine, bearing, sensors)?;
-        let mut state = filter.start();
-        let samples = Samples::open(machine, sensors, path)?;
-        return every(samples, |sample, part| {
-            each(sample, &filter.step(&mut state, &sample.raw), None, part);
-        });
-    }
     let payload = build::image(machine, sensors)?;
     let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
     let mut line = Line::try_build(image).map_err(ReplayError::Image)?;
-    let samples = Samples::open(machine, sensors, path)?;
-    every(samples, |sample, part| {
-        let estimate = line.step(&sample.raw);
-        each(sample, &estimate, Some(&line), part);
-    })
-}
-
-/// Shows every sample to `each`, with the part done.
-fn every(mut samples: Samples, mut each: impl FnMut(&Sample<'_>, f64)) -> Result<(), ReplayError> {
+    let mut samples = Samples::open(machine, sensors, path)?;
     loop {
         let progress = samples.progress();
-        if !samples.next_block(|sample| each(sample, progress))? {
+        let more = samples.next_block(|sample| {
+            let estimate = line.step(&sample.raw);
+            each(sample, &estimate, &line, progress);
+        })?;
+        if !more {
             return Ok(());
         }
     }

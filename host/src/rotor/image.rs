@@ -2,7 +2,7 @@
 
 use faer::{Mat, c64};
 use heapless::Vec as FixedVec;
-use loadtwin_common::image::{Image, LoadSignal, Model, VERSION};
+use loadtwin_common::image::{LoadSignal, Model};
 use loadtwin_common::line::ROTOR_SIZES;
 use loadtwin_common::measurement::{Converter, Counter, IndexPulse};
 use loadtwin_common::phase::{Phase, PhaseStep};
@@ -17,7 +17,7 @@ use super::discrete::{Discrete, discrete, held, moved, turned};
 use super::model::{BAND, RotorModel};
 use super::reduction::{Reduced, ReductionError};
 use super::unbalance::{Unbalance, unbalance_response};
-use crate::build::{BuildError, Sensors};
+use crate::build::{self, BuildError, Sensors};
 use crate::machine::{Channel, Encoder, LoadKind, Machine, Rotor, Senses};
 use crate::riccati::{gain, steady_covariance};
 
@@ -356,14 +356,7 @@ impl RotorPlan {
                 tolerance_rad: index.tolerance_rad as f32,
             }),
         };
-        let image = Image {
-            version: VERSION,
-            machine: &machine.name,
-            rate_hz: machine.rate_hz as f32,
-            can_base: machine.can_base,
-            model: Model::Rotor(model),
-        };
-        postcard::to_stdvec(&image).map_err(|_| BuildError::TooLarge("the image"))
+        build::packed(machine, Model::Rotor(model))
     }
 
     /// For each speed of the schedule: the part of `F` that varies, the steady gain, the

@@ -48,7 +48,7 @@ pub fn traffic(model: &Model<'_>, samples: &[RawSample], fd: bool) -> Vec<Receiv
     let mut frames = Vec::new();
     let mut status = Status {
         state: State::Waiting,
-        ..Status::default()
+        ..Status::new()
     };
     let hello = encoder.status(&status);
     let mut send = |frame, tick: u32| {

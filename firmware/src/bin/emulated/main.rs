@@ -157,7 +157,7 @@ fn main() -> ! {
     static RUNNING: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
     static JUDGED: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
     static MODELS: StaticCell<BoardModels> = StaticCell::new();
-    static APP: StaticCell<App> = StaticCell::new();
+    static APP: ConstStaticCell<App> = ConstStaticCell::new(App::without_image());
     static CONVERTER_CELL: StaticCell<Converter> = StaticCell::new();
     static SENSORS_CELL: StaticCell<Sensors> = StaticCell::new();
     static BUS_CELL: StaticCell<Bus> = StaticCell::new();
@@ -169,7 +169,7 @@ fn main() -> ! {
         BoardModels::boot(flash, LAYOUT, key, JUDGED.take())
             .expect("the layout is constant and fits the flash")
     });
-    let app = APP.init_with(App::without_image);
+    let app = APP.take();
     models.start(app, RUNNING.take());
     if app.refused() != 0 {
         defmt::error!("the newest model is refused: {=u8:#x}", app.refused());

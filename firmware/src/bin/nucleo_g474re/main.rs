@@ -91,7 +91,7 @@ type BoardModels = Models<flash::Checked, { flash::PAGE + BLOCK_OVERHEAD }>;
 
 /// What the interrupt of data-ready owns.
 struct Sampler {
-    app: App<'static>,
+    app: &'static mut App<'static>,
     board: Nucleo,
 }
 
@@ -190,6 +190,7 @@ async fn main(spawner: Spawner) {
     static REPLIES_QUEUE: StaticCell<Queue<Frame, INBOX>> = StaticCell::new();
     static RUNNING: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
     static JUDGED: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
+    static APP: ConstStaticCell<App> = ConstStaticCell::new(App::without_image());
     static SAMPLER_CELL: StaticCell<Sampler> = StaticCell::new();
     static MODELS: StaticCell<BoardModels> = StaticCell::new();
 
@@ -241,14 +242,11 @@ async fn main(spawner: Spawner) {
         outbox: outbox_in,
         tick: 0,
     };
-    let sampler = SAMPLER_CELL.init_with(|| Sampler {
-        app: App::without_image(),
-        board,
-    });
-    models.start(&mut sampler.app, RUNNING.take());
-    REFUSED.store(sampler.app.refused(), Relaxed);
+    let app = APP.take();
+    models.start(app, RUNNING.take());
+    REFUSED.store(app.refused(), Relaxed);
     watchdog.pet();
-    SAMPLER.give(sampler);
+    SAMPLER.give(SAMPLER_CELL.init(Sampler { app, board }));
     start_interrupts();
     spawner.spawn(send(tx, outbox, replies).expect("spawned once"));
     spawner.spawn(receive(rx, inbox_in).expect("spawned once"));
