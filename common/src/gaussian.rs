@@ -161,11 +161,7 @@ pub(crate) fn symmetric_product<const NX: usize>(
 ///
 /// One copy for all numbers of states: it runs once, and flash is short.
 #[inline(never)]
-pub(crate) fn check_symmetric(
-    columns: &[f32],
-    n: usize,
-    name: &'static str,
-) -> Result<(), Error> {
+pub(crate) fn check_symmetric(columns: &[f32], n: usize, name: &'static str) -> Result<(), Error> {
     if !columns.iter().all(|p| p.is_finite()) {
         return Err(Error::NotFinite(name));
     }

@@ -34,7 +34,11 @@ fn compare(variant: &Variant, seconds: f64) {
     assert_eq!(differ, None, "{name}: first frame that differs");
     assert_eq!(frames.len(), expected.len(), "{name}");
     // Loads come every few samples, sensors less often.
-    assert!(2 * frames.len() >= samples.len(), "{name}: {}", frames.len());
+    assert!(
+        2 * frames.len() >= samples.len(),
+        "{name}: {}",
+        frames.len()
+    );
 
     let mut line = Line::try_build(Image::from_bytes(&variant.image).unwrap()).unwrap();
     let steady = samples.iter().filter(|raw| line.step(raw).steady).count();

@@ -196,11 +196,10 @@ impl Contacts {
         let g = &self.geometry;
         let c = if row == 0 { 1.0 } else { -1.0 };
         let lever = c * g.row_offset;
-        let shapes = LOADS + shapes_before(row);
         let tilt = z[4] * at.cos - z[3] * at.sin;
         let mut d = g.groove_um * g.contact_angle.0 + z[0] * at.cos + z[2] * at.sin + lever * tilt;
-        for (k, shape) in at.shapes.iter().enumerate() {
-            d -= shape * z[shapes + k];
+        for (k, amplitude) in at.shapes.iter().enumerate() {
+            d -= amplitude * z[place(row, LOADS + k)];
         }
         let w = g.groove_um * g.contact_angle.1 + preload + c * (z[1] + tilt);
         let distance = libm::sqrtf(d * d + w * w);
@@ -267,8 +266,7 @@ impl Contacts {
         let mut pace = [1.0; ROWS];
         for row in 0..ROWS {
             let (mut carried, mut along) = (IDLE, IDLE * self.geometry.contact_angle.0);
-            let shapes = shapes_before(row);
-            let place = |i: usize| if i < LOADS { i } else { i + shapes };
+            let place = |i: usize| place(row, i);
             for node in &self.nodes {
                 let touch = self.touch(position, preload, row, node);
                 let (q, slope) = (touch.load * share, touch.slope * share);
@@ -338,8 +336,9 @@ impl Contacts {
         let (cos0, sin0) = self.geometry.contact_angle;
         let azimuths = &self.gauges[gauge % GAUGES];
         for row in 0..ROWS {
-            let [here, before, after] =
-                [0, 1, 2].map(|i| self.touch(&at.position, preload, row, &azimuths[i]));
+            let [here, before, after] = azimuths
+                .each_ref()
+                .map(|azimuth| self.touch(&at.position, preload, row, azimuth));
             let turned = here.sin * cos0 - here.cos * sin0;
             let turning = (here.cos * cos0 + here.sin * sin0) / here.distance;
             value[row] = [
@@ -355,7 +354,7 @@ impl Contacts {
                         sum += direction[i] * column[i];
                     }
                     for i in 0..SHAPES {
-                        sum += direction[LOADS + i] * column[LOADS + shapes_before(row) + i];
+                        sum += direction[LOADS + i] * column[place(row, LOADS + i)];
                     }
                     // The preload also moves the contact itself.
                     (sum, if input == LOADS { touch.sin } else { 0.0 })
@@ -376,9 +375,11 @@ impl Contacts {
     }
 }
 
-/// Shapes of the rows before `row`; bounded, so that no index can be out of range.
-fn shapes_before(row: usize) -> usize {
-    if row == 0 { 0 } else { SHAPES }
+/// Place among the degrees of freedom of those that a contact of a row moves with: inner
+/// ring, then shapes of the row. Bounded, so that no index can be out of range.
+fn place(row: usize, i: usize) -> usize {
+    let before = if row > 0 && i >= LOADS { SHAPES } else { 0 };
+    (i + before).min(DOF - 1)
 }
 
 /// Solves `k x = rhs` for each right side; `k` symmetric positive, its lower
