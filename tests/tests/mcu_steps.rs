@@ -7,24 +7,30 @@ use loadtwin::machine::Machine;
 use loadtwin::seal::seal;
 use loadtwin_tests::emulator::MACHINE;
 use loadtwin_tests::firmware::root;
+use loadtwin_tests::simulated;
 
 /// Kernel, instructions when last looked at, bound that is promised.
 ///
 /// Counts are exact; a change of more than 5 % is to be looked at and stored anew.
-const STORED: [(&str, u32, u32); 12] = [
+const STORED: [(&str, u32, u32); 14] = [
     ("kalman_6_4", 1437, 1450),
     ("kalman_6_1", 792, 820),
     ("kalman_12_4", 8536, 8700),
-    ("unscented_5_8", 6180, 7200),
+    ("unscented_5_8", 6105, 7200),
     ("scheduled_gain_6_4", 389, 400),
     ("butterworth", 34, 40),
-    ("gearbox_line", 4754, 5000),
-    ("gearbox_steady_line", 3414, 3500),
+    ("gearbox_line", 4590, 5000),
+    ("gearbox_steady_line", 3286, 3500),
     ("rotor_20_4", 29_228, 30_000),
     ("rotor_scheduled_gain_20_4", 901, 1500),
-    ("rotor_line", 30_206, 31_000),
-    ("rotor_steady_line", 2771, 2900),
+    ("rotor_line", 30_184, 31_000),
+    ("rotor_steady_line", 2749, 2900),
+    ("bearing_line", 29_601, 31_000),
+    ("bearing_line_most", 152_800, 160_000),
 ];
+
+/// Of the bearing's samples at 2 kHz; the last 1000 are counted.
+const BEARING_S: f64 = 2.5;
 
 #[test]
 fn steps_stay_within_their_bounds() {
@@ -44,6 +50,16 @@ fn steps_stay_within_their_bounds() {
     };
     let rotor = Machine::load(&root().join("examples/rotor/machine.toml")).unwrap();
     let rotor = sealed(&rotor, &Sensors::choose(&rotor, None).unwrap(), "rotor");
+
+    let bearing = Machine::load(&root().join("examples/bearing/calibrated.toml")).unwrap();
+    let sensors = Sensors::choose(&bearing, None).unwrap();
+    let samples: Vec<u8> = simulated::samples(&bearing, &sensors, "lc1", BEARING_S)
+        .iter()
+        .flat_map(|sample| postcard::to_allocvec(sample).unwrap())
+        .collect();
+    let bearing = sealed(&bearing, &sensors, "bearing");
+    let bearing_samples = folder.path().join("bearing.samples");
+    std::fs::write(&bearing_samples, samples).unwrap();
 
     let target = std::env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| root().join("target"), std::path::PathBuf::from);
@@ -68,6 +84,8 @@ fn steps_stay_within_their_bounds() {
         .env("LOADTWIN_IMAGE", image(Filter::Aekf))
         .env("LOADTWIN_STEADY_IMAGE", image(Filter::Steady))
         .env("LOADTWIN_ROTOR_IMAGE", rotor)
+        .env("LOADTWIN_BEARING_IMAGE", bearing)
+        .env("LOADTWIN_BEARING_SAMPLES", bearing_samples)
         // In pieces the code is inlined otherwise, and the counts are others.
         .env("CARGO_INCREMENTAL", "0")
         .status()
@@ -105,6 +123,7 @@ fn steps_stay_within_their_bounds() {
         number("rotor_steady_line_by_steady_gains") >= 1000,
         "{text}"
     );
+    assert!(number("bearing_line_valid") > 500, "{text}");
     for (kernel, stored, bound) in STORED {
         let count: u32 = number(kernel);
         assert!(

@@ -9,13 +9,17 @@
 //! loadtwin build examples/gearbox/calibrated.toml -o line.image
 //! loadtwin build examples/gearbox/calibrated.toml --filter steady -o steady.image
 //! loadtwin build examples/rotor/machine.toml -o rotor.image
+//! loadtwin build examples/bearing/calibrated.toml -o bearing.image
 //! LOADTWIN_IMAGE=$PWD/line.image LOADTWIN_STEADY_IMAGE=$PWD/steady.image \
-//!     LOADTWIN_ROTOR_IMAGE=$PWD/rotor.image cargo build --profile firmware --target thumbv7em-none-eabihf -p loadtwin-firmware \
-//!     --features emulated,peers --bin steps
+//!     LOADTWIN_ROTOR_IMAGE=$PWD/rotor.image LOADTWIN_BEARING_IMAGE=$PWD/bearing.image \
+//!     LOADTWIN_BEARING_SAMPLES=$PWD/samples cargo build --profile firmware \
+//!     --target thumbv7em-none-eabihf -p loadtwin-firmware --features emulated,peers --bin steps
 //! qemu-system-arm -M mps2-an386 -cpu cortex-m4 -display none -monitor none -icount shift=10 \
 //!     -semihosting-config enable=on,target=native \
 //!     -kernel target/thumbv7em-none-eabihf/firmware/steps
 //! ```
+//!
+//! `samples`: 3000 samples of the bearing, postcard, one after the other.
 //!
 //! The innovations are computed within the step; `unscented` contains eleven
 //! times `unscented_observation`.
@@ -55,6 +59,9 @@ use nalgebra::{RowSVector, SMatrix, SVector};
 
 #[global_allocator]
 static HEAP: Heap = Heap::empty();
+
+/// For a peer's builder and the bearing's samples [bytes].
+const HEAP_LEN: usize = 1024 * 1024;
 
 const STEPS: u32 = 1000;
 
@@ -364,6 +371,38 @@ fn rotor_line(name: &str, sealed: &[u8], full: bool) {
     hprintln!("{}_by_steady_gains {}", name, steady);
 }
 
+/// The bearing line, raw words to estimate: the mean, and the most that one sample takes,
+/// for the work on a block is spread over the samples of the next one.
+#[inline(never)]
+fn bearing_line(sealed: &[u8], mut recorded: &[u8]) {
+    let mut samples: Vec<RawSample> = Vec::new();
+    while let Ok((sample, rest)) = postcard::take_from_bytes(recorded) {
+        samples.push(sample);
+        recorded = rest;
+    }
+    let (settled, measured) = samples.split_at(samples.len() - STEPS as usize);
+    let (_, payload) = sealed::open(sealed).unwrap();
+    let mut line = Line::try_build(Image::from_bytes(payload).unwrap()).unwrap();
+    for raw in settled {
+        line.step(raw);
+    }
+    let mut same = line.clone();
+    let mut valid = 0;
+    report("bearing_line", |k| {
+        let estimate = line.step(black_box(&measured[k as usize]));
+        valid += u32::from(estimate.loads.iter().all(|load| load.fault.is_none()));
+    });
+    let most = (measured.iter())
+        .map(|raw| {
+            let before = timer();
+            black_box(same.step(black_box(raw)));
+            before - timer()
+        })
+        .max();
+    hprintln!("bearing_line_most {}", most.unwrap_or(0) * 10 / 256);
+    hprintln!("bearing_line_valid {}", valid);
+}
+
 /// The same step by minikalman; its builder needs a heap.
 fn minikalman<const NX: usize, const NY: usize>(name: &str) {
     let f = system::<NX>();
@@ -408,9 +447,9 @@ fn fill<const ROWS: usize, const COLUMNS: usize>(
 
 #[entry]
 fn main() -> ! {
-    static mut ROOM: [MaybeUninit<u8>; 64 * 1024] = [MaybeUninit::uninit(); 64 * 1024];
+    static mut ROOM: [MaybeUninit<u8>; HEAP_LEN] = [MaybeUninit::uninit(); HEAP_LEN];
     // SAFETY: the heap is set up once, before anything is allocated, and owns the memory.
-    unsafe { HEAP.init(ROOM.as_mut_ptr() as usize, 64 * 1024) };
+    unsafe { HEAP.init(ROOM.as_mut_ptr() as usize, HEAP_LEN) };
     start_timer();
     kalman::<6, 4>("kalman_6_4");
     kalman::<6, 1>("kalman_6_1");
@@ -427,6 +466,10 @@ fn main() -> ! {
     let rotor = include_bytes!(env!("LOADTWIN_ROTOR_IMAGE"));
     rotor_line("rotor_line", rotor, true);
     rotor_line("rotor_steady_line", rotor, false);
+    bearing_line(
+        include_bytes!(env!("LOADTWIN_BEARING_IMAGE")),
+        include_bytes!(env!("LOADTWIN_BEARING_SAMPLES")),
+    );
     minikalman::<6, 4>("minikalman_6_4");
     minikalman::<6, 1>("minikalman_6_1");
     minikalman::<12, 4>("minikalman_12_4");
