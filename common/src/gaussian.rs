@@ -3,7 +3,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::error::Error;
-use crate::unroll::unroll;
+use crate::unroll::{UNROLLED, unroll};
 
 /// A Gaussian belief over `NX` states, `x ~ N(state, P)`.
 ///
@@ -145,14 +145,41 @@ pub(crate) fn symmetric_product<const NX: usize>(
         w[j] = upper[j][j] * h[j];
         diagonal += w[j] * h[j];
     }
-    unroll!(j in 0..NX {
-        let mut w_j = w[j];
-        for i in 0..j {
-            w_j += upper[j][i] * h[i];
-            w[i] += upper[j][i] * h[j];
+    if NX <= UNROLLED {
+        unroll!(j in 0..NX {
+            let mut w_j = w[j];
+            for i in 0..j {
+                w_j += upper[j][i] * h[i];
+                w[i] += upper[j][i] * h[j];
+            }
+            w[j] = w_j;
+        });
+        return (w, diagonal);
+    }
+    // Two columns at a time: half the loads of `w` and `h`.
+    let mut j = 0;
+    while j + 1 < NX {
+        let (h0, h1) = (h[j], h[j + 1]);
+        let corner = upper[j + 1][j];
+        let (mut w0, mut w1) = (w[j] + corner * h1, w[j + 1] + corner * h0);
+        let columns = upper[j].iter().zip(&upper[j + 1]);
+        for ((w, h), (u0, u1)) in w.iter_mut().zip(h).zip(columns).take(j) {
+            w0 += u0 * h;
+            w1 += u1 * h;
+            *w += u0 * h0 + u1 * h1;
         }
-        w[j] = w_j;
-    });
+        w[j] = w0;
+        w[j + 1] = w1;
+        j += 2;
+    }
+    if j < NX {
+        let mut last = w[j];
+        for ((w, h_i), u) in w.iter_mut().zip(h).zip(&upper[j]).take(j) {
+            last += u * h_i;
+            *w += u * h[j];
+        }
+        w[j] = last;
+    }
     (w, diagonal)
 }
 

@@ -35,7 +35,7 @@ use crate::error::Error;
 use crate::gaussian::{Gaussian, symmetric_product};
 use crate::innovation::{Gate, Innovation, Outcome};
 use crate::transition::{INFLATION, LoadModel, ProcessNoise, Transition};
-use crate::unroll::unroll;
+use crate::unroll::{UNROLLED, unroll};
 
 /// A-priori step of the linear filter.
 ///
@@ -168,13 +168,35 @@ pub fn update<const NX: usize>(
     if !gate.admits(nis) {
         return judged(Outcome::Gated);
     }
-    unroll!(j in 0..NX {
-        let k_j = w[j] * inverse;
-        belief.state.data.0[0][j] += k_j * innovation;
-        for i in 0..j + 1 {
-            p[j][i] -= w[i] * k_j;
+    if NX <= UNROLLED {
+        unroll!(j in 0..NX {
+            let k_j = w[j] * inverse;
+            belief.state.data.0[0][j] += k_j * innovation;
+            for i in 0..j + 1 {
+                p[j][i] -= w[i] * k_j;
+            }
+        });
+        return judged(Outcome::Used);
+    }
+    for (x, w) in belief.state.iter_mut().zip(&w) {
+        *x += w * inverse * innovation;
+    }
+    // Two columns at a time; what the first gets below the diagonal is not used.
+    let (pairs, last) = p.as_chunks_mut::<2>();
+    for (n, [first, second]) in pairs.iter_mut().enumerate() {
+        let (k0, k1) = (w[2 * n % NX] * inverse, w[(2 * n + 1) % NX] * inverse);
+        let columns = first.iter_mut().zip(second);
+        for ((p0, p1), w) in columns.zip(&w).take(2 * n + 2) {
+            *p0 -= w * k0;
+            *p1 -= w * k1;
         }
-    });
+    }
+    if let [last] = last {
+        let k = w[NX - 1] * inverse;
+        for (p, w) in last.iter_mut().zip(&w) {
+            *p -= w * k;
+        }
+    }
     judged(Outcome::Used)
 }
 

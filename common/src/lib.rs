@@ -5,6 +5,7 @@
 
 pub mod bearing;
 pub mod butterworth;
+pub mod elementary;
 pub mod error;
 pub mod estimate;
 pub mod fault;

@@ -6,6 +6,7 @@
 //! sums `E'E` and `E'y` then hold all that the samples say.
 
 use super::{BASIS, GAUGES};
+use crate::elementary::{inverse_sqrt, sin_cos};
 
 /// Part of the mean square of a basis function below which what is new in it
 /// drowns in rounding.
@@ -45,7 +46,7 @@ impl Sums {
     /// Adds a sample; `phase`: that of ball passing since the sample before [rad].
     pub fn add(&mut self, phase: f32, readings: &[Option<f32>; GAUGES]) {
         self.phase += phase;
-        let (sin, cos) = libm::sincosf(self.phase);
+        let (sin, cos) = sin_cos(self.phase);
         let (cos2, sin2) = (cos * cos - sin * sin, 2.0 * sin * cos);
         let (cos3, sin3) = (cos2 * cos - sin2 * sin, sin2 * cos + cos2 * sin);
         let e = [1.0, cos, sin, cos2, sin2, cos3, sin3];
@@ -84,7 +85,7 @@ impl Sums {
                 }
             }
             if row[k] > floor {
-                inverse[k] = 1.0 / libm::sqrtf(row[k]);
+                inverse[k] = inverse_sqrt(row[k]);
                 for j in k..BASIS {
                     root[k][j] = row[j] * inverse[k];
                 }

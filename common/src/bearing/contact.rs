@@ -4,11 +4,17 @@
 //! amplitudes of the outer ring's shapes under row 0 and under row 1. Loads
 //! `(Fx, Fy, Fz, Mx / R, Mz / R)` [kN]. `y` is the axis of turning; row 0 lies
 //! at `y = -h`, row 1 at `y = +h`, mounted back to back.
+#![expect(
+    clippy::range_plus_one,
+    reason = "an inclusive range carries a flag that keeps its loop from being unrolled"
+)]
 
 use serde::{Deserialize, Serialize};
 
 use super::{FEATURES, GAUGES, LOADS, ROWS};
 use crate::Error;
+use crate::elementary::{inverse_sqrt, sqrt};
+use crate::unroll::unroll;
 
 /// Shapes of the ring under one row: `1, cos 2, sin 2, cos 3, sin 3`.
 pub const SHAPES: usize = 5;
@@ -18,6 +24,9 @@ const NODES: usize = 16;
 
 /// Degrees of freedom.
 pub const DOF: usize = LOADS + ROWS * SHAPES;
+
+/// Degrees of freedom that a contact of a row moves with: inner ring, shapes of the row.
+const TOUCHED: usize = LOADS + SHAPES;
 
 /// Entries of the ring's stiffness, upper triangle by columns.
 pub const RING: usize = ROWS * SHAPES * (ROWS * SHAPES + 1) / 2;
@@ -92,9 +101,9 @@ struct Touch {
     /// Distance of the groove centres [um].
     distance: f32,
     /// `d delta / dz`.
-    normal: [f32; LOADS + SHAPES],
+    normal: [f32; TOUCHED],
     /// Of the direction across, `(distance) d alpha / dz`.
-    across: [f32; LOADS + SHAPES],
+    across: [f32; TOUCHED],
 }
 
 /// Geometry laid out for the step.
@@ -202,16 +211,18 @@ impl Contacts {
             d -= amplitude * z[place(row, LOADS + k)];
         }
         let w = g.groove_um * g.contact_angle.1 + preload + c * (z[1] + tilt);
-        let distance = libm::sqrtf(d * d + w * w);
+        let square = d * d + w * w;
+        let inverse = inverse_sqrt(square);
+        let distance = square * inverse;
         // Rounded off about zero, so that a row without load still says which way load lies.
         let delta = distance - g.groove_um;
-        let rounded = libm::sqrtf(delta * delta + ROUNDING * ROUNDING);
+        let rounded = sqrt(delta * delta + ROUNDING * ROUNDING);
         let approach = 0.5 * (delta + rounded);
-        let root = libm::sqrtf(approach) * g.stiffness;
+        let root = sqrt(approach) * g.stiffness;
         let load = root * approach;
         let slope = 1.5 * root * approach / rounded;
-        let (cos, sin) = (d / distance, w / distance);
-        let (mut normal, mut across) = ([0.0; LOADS + SHAPES], [0.0; LOADS + SHAPES]);
+        let (cos, sin) = (d * inverse, w * inverse);
+        let (mut normal, mut across) = ([0.0; TOUCHED], [0.0; TOUCHED]);
         let by_d = [at.cos, 0.0, at.sin, -lever * at.sin, lever * at.cos];
         let by_w = [0.0, c, 0.0, -c * at.sin, c * at.cos];
         for i in 0..LOADS {
@@ -245,15 +256,16 @@ impl Contacts {
         let share = f32::from(self.geometry.balls) / NODES as f32;
         let preload = self.geometry.preload_um + preload;
         let mut k = [[0.0; DOF]; DOF];
-        let mut rhs = [[0.0; DOF]; INPUTS + 1];
+        // For each degree of freedom: by each input, and the force out of balance.
+        let mut rhs = [[0.0; INPUTS + 1]; DOF];
         let mut ring = self.geometry.ring.iter();
         for j in LOADS..DOF {
             for i in LOADS..=j {
                 let value = ring.next().copied().unwrap_or(0.0);
                 k[j][i] = value;
-                rhs[INPUTS][i] -= value * position[j];
+                rhs[i][INPUTS] -= value * position[j];
                 if i != j {
-                    rhs[INPUTS][j] -= value * position[i];
+                    rhs[j][INPUTS] -= value * position[i];
                 }
             }
         }
@@ -261,48 +273,58 @@ impl Contacts {
             // Holds a bearing that nothing holds: 0.1 N/um.
             k[i][i] = 1e-4;
             rhs[i][i] = 1.0;
-            rhs[INPUTS][i] = loads[i];
+            rhs[i][INPUTS] = loads[i];
         }
         let mut pace = [1.0; ROWS];
         for row in 0..ROWS {
             let (mut carried, mut along) = (IDLE, IDLE * self.geometry.contact_angle.0);
-            let place = |i: usize| place(row, i);
+            // Of the row's own degrees of freedom, in places that do not depend on the row.
+            let mut stiffness = [[0.0; TOUCHED]; TOUCHED];
+            let (mut force, mut by_preload) = ([0.0; TOUCHED], [0.0; TOUCHED]);
             for node in &self.nodes {
                 let touch = self.touch(position, preload, row, node);
                 let (q, slope) = (touch.load * share, touch.slope * share);
-                let by_preload = slope * touch.sin;
+                let per_preload = slope * touch.sin;
                 carried += q;
                 along += q * touch.cos;
-                for j in 0..LOADS + SHAPES {
+                unroll!(j in 0..TOUCHED {
                     let n = touch.normal[j];
                     let stiff = slope * n;
-                    rhs[INPUTS][place(j)] -= q * n;
-                    rhs[LOADS][place(j)] -= by_preload * n;
-                    for i in 0..=j {
-                        k[place(j)][place(i)] += stiff * touch.normal[i];
+                    force[j] += q * n;
+                    by_preload[j] += per_preload * n;
+                    for i in 0..j + 1 {
+                        stiffness[j][i] += stiff * touch.normal[i];
                     }
+                });
+            }
+            for j in 0..TOUCHED {
+                let at = place(row, j);
+                rhs[at][INPUTS] -= force[j];
+                rhs[at][LOADS] -= by_preload[j];
+                for i in 0..=j {
+                    k[at][place(row, i)] += stiffness[j][i];
                 }
             }
             let ratio = self.geometry.ball_over_pitch;
             pace[row] =
                 (1.0 - ratio * along / carried) / (1.0 - ratio * self.geometry.contact_angle.0);
         }
-        let mut residual: f32 = 0.0;
-        for value in &rhs[INPUTS] {
-            residual = residual.max(value.abs());
-        }
+        let residual = largest(&rhs);
         solve(&mut k, &mut rhs);
-        let mut longest: f32 = LONGEST_STEP;
-        for value in &rhs[INPUTS] {
-            longest = longest.max(value.abs());
-        }
-        let scale = LONGEST_STEP / longest;
+        let longest = largest(&rhs);
+        let scale = if longest > LONGEST_STEP {
+            LONGEST_STEP / longest
+        } else {
+            1.0
+        };
         let mut next = *position;
-        for (z, step) in next.iter_mut().zip(&rhs[INPUTS]) {
-            *z += scale * step;
-        }
         let mut slope = [[0.0; DOF]; INPUTS];
-        slope.copy_from_slice(&rhs[..INPUTS]);
+        for (i, row) in rhs.iter().enumerate() {
+            next[i] += scale * row[INPUTS];
+            for (column, value) in slope.iter_mut().zip(row) {
+                column[i] = *value;
+            }
+        }
         Equilibrium {
             position: next,
             slope,
@@ -348,7 +370,7 @@ impl Contacts {
                 0.5 * (after.load + before.load) - here.load,
             ];
             for (input, column) in at.slope.iter().enumerate() {
-                let along = |touch: &Touch, direction: &[f32; LOADS + SHAPES]| {
+                let along = |touch: &Touch, direction: &[f32; TOUCHED]| {
                     let mut sum = 0.0;
                     for i in 0..LOADS {
                         sum += direction[i] * column[i];
@@ -382,13 +404,24 @@ fn place(row: usize, i: usize) -> usize {
     (i + before).min(DOF - 1)
 }
 
-/// Solves `k x = rhs` for each right side; `k` symmetric positive, its lower
-/// triangle given, replaced by `L D L'`.
+/// Largest entry of the last column, without sign.
+fn largest(rhs: &[[f32; INPUTS + 1]; DOF]) -> f32 {
+    let mut largest = 0.0;
+    for row in rhs {
+        if row[INPUTS].abs() > largest {
+            largest = row[INPUTS].abs();
+        }
+    }
+    largest
+}
+
+/// Solves `k x = rhs` for each column of `rhs`; `k` symmetric positive, its lower triangle
+/// given, replaced by `L`, `L L' = k`.
 #[expect(
     clippy::needless_range_loop,
     reason = "rows of a matrix by their place"
 )]
-fn solve<const N: usize>(k: &mut [[f32; DOF]; DOF], rhs: &mut [[f32; DOF]; N]) {
+fn solve<const N: usize>(k: &mut [[f32; DOF]; DOF], rhs: &mut [[f32; N]; DOF]) {
     let mut inverse = [0.0; DOF];
     for j in 0..DOF {
         for i in j..DOF {
@@ -398,26 +431,30 @@ fn solve<const N: usize>(k: &mut [[f32; DOF]; DOF], rhs: &mut [[f32; DOF]; N]) {
             }
             k[i][j] = sum;
         }
-        let root = libm::sqrtf(k[j][j].max(1e-9));
-        inverse[j] = 1.0 / root;
+        inverse[j] = inverse_sqrt(k[j][j].max(1e-9));
         for i in j..DOF {
             k[i][j] *= inverse[j];
         }
     }
-    for x in rhs {
-        for i in 0..DOF {
-            let mut sum = x[i];
-            for j in 0..i {
-                sum -= k[i][j] * x[j];
-            }
-            x[i] = sum * inverse[i];
+    for i in 0..DOF {
+        let mut x = rhs[i];
+        for j in 0..i {
+            subtract(&mut x, k[i][j], &rhs[j]);
         }
-        for i in (0..DOF).rev() {
-            let mut sum = x[i];
-            for j in i + 1..DOF {
-                sum -= k[j][i] * x[j];
-            }
-            x[i] = sum * inverse[i];
+        rhs[i] = x.map(|x| x * inverse[i]);
+    }
+    for i in (0..DOF).rev() {
+        let mut x = rhs[i];
+        for j in i + 1..DOF {
+            subtract(&mut x, k[j][i], &rhs[j]);
         }
+        rhs[i] = x.map(|x| x * inverse[i]);
+    }
+}
+
+/// `x -= factor y`.
+fn subtract<const N: usize>(x: &mut [f32; N], factor: f32, y: &[f32; N]) {
+    for (x, y) in x.iter_mut().zip(y) {
+        *x -= factor * y;
     }
 }

@@ -17,6 +17,7 @@ use nalgebra::{RowSVector, SVector};
 use super::block::Block;
 use super::contact::{Contacts, Equilibrium, Features, INPUTS};
 use super::{BASIS, FEATURES, GAUGES, GaugeModel, HARMONICS, LOADS, ROWS, Tuning};
+use crate::elementary::sin_cos;
 use crate::gaussian::Gaussian;
 use crate::innovation::Gate;
 use crate::kalman;
@@ -368,7 +369,7 @@ impl Belief {
             // At the start of the block, turned by what slips in half of it.
             let theta =
                 x[row] - phase * (0.5 + 0.5 * (self.equilibrium.pace[row] + x[slip])) - passing;
-            let (sin1, cos1) = libm::sincosf(theta);
+            let (sin1, cos1) = sin_cos(theta);
             let (mut sin, mut cos) = (0.0, 1.0);
             let f = &self.features.value[g][row];
             let slope = &self.features.slope[g][row];
