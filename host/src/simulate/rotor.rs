@@ -5,7 +5,6 @@
 //! ([`super::rotor_plant`]); Runge-Kutta steps with the speed as it is at each moment.
 
 use std::f64::consts::TAU;
-use std::path::Path;
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -13,9 +12,10 @@ use rand_distr::StandardNormal;
 
 use super::draw::Draw;
 use super::error::SimulateError;
+use super::recorder::{Recorder, Sampled, check_duration};
 use super::rotor_plant::Plant;
 use crate::machine::{Machine, Rotor, Senses};
-use crate::recording::{BLOCK_ROWS, OutputColumn, RecordingError, Unit, Writer};
+use crate::recording::{OutputColumn, Unit};
 
 /// What the bench does; name and what it is.
 pub const ROTOR_SCENARIOS: [(&str, &str); 2] = [
@@ -93,12 +93,7 @@ impl RotorScenario {
             })
             .collect();
         let duration_s = duration_s.unwrap_or(usual_s);
-        if !(duration_s > 0.0 && duration_s <= super::LONGEST_S) {
-            return Err(SimulateError::Duration {
-                found: duration_s,
-                most: super::LONGEST_S,
-            });
-        }
+        check_duration(duration_s)?;
         Ok(Self {
             duration_s,
             speeds_rad_s,
@@ -109,8 +104,12 @@ impl RotorScenario {
     }
 }
 
-/// A recording of a rotor in the making.
-pub struct RotorSimulation<'a> {
+/// A recording of a rotor in the making: sensors, encoder, forces, displacements of every
+/// node.
+pub type RotorSimulation<'a> = Recorder<TurningRotor<'a>>;
+
+/// A turning rotor with its sensors.
+pub struct TurningRotor<'a> {
     machine: &'a Machine,
     rotor: &'a Rotor,
     scenario: RotorScenario,
@@ -118,7 +117,6 @@ pub struct RotorSimulation<'a> {
     rng: ChaCha8Rng,
     dt: f64,
     steps: usize,
-    rows: u64,
 }
 
 impl<'a> RotorSimulation<'a> {
@@ -136,23 +134,26 @@ impl<'a> RotorSimulation<'a> {
         })?;
         let dt = 1.0 / machine.rate_hz;
         let steps = (plant.fastest() * dt / STEP_RAD).ceil().max(1.0) as usize;
-        Ok(Self {
+        let (seed, duration_s) = (scenario.seed, scenario.duration_s);
+        let [from, to] = scenario.speeds_rad_s;
+        let course = if from == to { "constant" } else { "run-up" };
+        let rotor = TurningRotor {
             machine,
             rotor,
-            rng: Draw::new("sensors", scenario.seed, scenario.seed).recording,
-            rows: (scenario.duration_s * machine.rate_hz).round().max(1.0) as u64,
+            rng: Draw::new("sensors", seed, seed).recording,
             scenario,
             plant,
             dt,
             steps,
-        })
+        };
+        let columns = rotor.columns();
+        Ok(Self::start(
+            rotor, columns, machine, course, seed, duration_s,
+        ))
     }
+}
 
-    /// Samples of the whole recording.
-    pub fn rows(&self) -> u64 {
-        self.rows
-    }
-
+impl TurningRotor<'_> {
     fn columns(&self) -> Vec<OutputColumn> {
         let channels = (self.machine.channels.iter()).map(|c| (c.name.clone(), c.unit));
         let encoders = (self.machine.encoders.iter()).map(|e| (e.name.clone(), Unit::COUNTS));
@@ -169,40 +170,6 @@ impl<'a> RotorSimulation<'a> {
                 single: false,
             })
             .collect()
-    }
-
-    /// Writes the recording: sensors, encoder, forces, displacements of every node.
-    ///
-    /// # Errors
-    /// [`RecordingError`] when the file cannot be written.
-    pub fn write(
-        mut self,
-        path: &Path,
-        mut progress: impl FnMut(f64),
-    ) -> Result<(), RecordingError> {
-        let columns = self.columns();
-        let rate = self.machine.rate_hz.to_string();
-        let seed = self.scenario.seed.to_string();
-        let metadata = [
-            ("machine", self.machine.name.as_str()),
-            ("seed", seed.as_str()),
-            ("rate_hz", rate.as_str()),
-        ];
-        let mut writer = Writer::create(path, &columns, &metadata)?;
-        let (mut t, mut block) = (Vec::new(), vec![Vec::new(); columns.len()]);
-        for row in 0..self.rows {
-            t.push(row as f64 * self.dt);
-            self.sample(row, &mut block);
-            self.advance(row);
-            if t.len() == BLOCK_ROWS || row + 1 == self.rows {
-                let slices: Vec<&[f64]> = block.iter().map(Vec::as_slice).collect();
-                writer.write(&t, &slices)?;
-                t.clear();
-                block.iter_mut().for_each(Vec::clear);
-                progress((row + 1) as f64 / self.rows as f64);
-            }
-        }
-        writer.finish()
     }
 
     fn motion(&self, t: f64) -> Motion {
@@ -231,7 +198,9 @@ impl<'a> RotorSimulation<'a> {
             })
             .collect()
     }
+}
 
+impl Sampled for TurningRotor<'_> {
     fn sample(&mut self, row: u64, columns: &mut [Vec<f64>]) {
         let motion = self.motion(row as f64 * self.dt);
         let forces = self.forces(&motion);

@@ -4,16 +4,15 @@ mod effect;
 mod plant;
 mod scenario;
 
-use std::path::Path;
-
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 use super::draw::Draw;
-use super::{LONGEST_S, SimulateError};
+use super::error::SimulateError;
+use super::recorder::{Recorder, Sampled, check_duration};
 use crate::machine::{BEARING_LOADS, Bearing, Channel, Encoder, Machine, Reference, Senses};
-use crate::recording::{BLOCK_ROWS, Block, OutputColumn, RecordingError, Unit, Writer};
+use crate::recording::{OutputColumn, Unit};
 use plant::{Individual, Plant};
 use scenario::Course;
 
@@ -24,23 +23,22 @@ pub use scenario::BearingScenario;
 const STRAIN_NOISE: f64 = 0.8;
 const REFERENCE_NOISE: f64 = 1e-3;
 
-/// A recording of a bearing in the making: an iterator over its blocks.
-pub struct BearingSimulation {
+/// A recording of a bearing in the making.
+pub type BearingSimulation = Recorder<DrivenBearing>;
+
+/// A bearing under its loads, with its sensors.
+pub struct DrivenBearing {
     plant: Plant,
     course: Course,
     channels: Vec<(Channel, usize)>,
     encoders: Vec<Encoder>,
     references: Vec<(Reference, usize, f64)>,
-    columns: Vec<OutputColumn>,
-    metadata: [(&'static str, String); 4],
     offsets: Vec<Drift>,
     effects: Vec<BearingEffect>,
     slip: [f64; 2],
     wheel: f64,
     rng: ChaCha8Rng,
     dt: f64,
-    row: u64,
-    rows: u64,
 }
 
 /// Offset of a gauge and how it warms [um/m].
@@ -65,12 +63,7 @@ impl BearingSimulation {
         individual: Option<u64>,
         effects: &[BearingEffect],
     ) -> Result<Self, SimulateError> {
-        if !(duration_s > 0.0 && duration_s <= LONGEST_S) {
-            return Err(SimulateError::Duration {
-                found: duration_s,
-                most: LONGEST_S,
-            });
-        }
+        check_duration(duration_s)?;
         let number = individual.unwrap_or(seed);
         let mut draw = Draw::new("bearing", number, seed);
         let mut part = Individual::draw(bearing, &mut draw.individual, scenario.on_road());
@@ -120,69 +113,35 @@ impl BearingSimulation {
                 single: false,
             })
             .collect();
-        Ok(Self {
+        let driven = DrivenBearing {
             plant: Plant::new(part, cage, course.loads(0.0)),
             course,
             channels,
             encoders: machine.encoders.clone(),
             references,
-            columns,
-            metadata: [
-                ("machine", machine.name.clone()),
-                ("scenario", format!("{scenario:?}").to_lowercase()),
-                ("seed", seed.to_string()),
-                ("rate_hz", machine.rate_hz.to_string()),
-            ],
             offsets,
             effects: effects.to_vec(),
             slip: [0.0; 2],
             wheel: rng.random_range(0.0..1.0),
             rng,
             dt: 1.0 / machine.rate_hz,
-            row: 0,
-            rows: (duration_s * machine.rate_hz).round().max(1.0) as u64,
-        })
+        };
+        let scenario = format!("{scenario:?}").to_lowercase();
+        Ok(Self::start(
+            driven, columns, machine, &scenario, seed, duration_s,
+        ))
     }
+}
 
-    /// The columns of the blocks, the time not among them.
-    pub fn columns(&self) -> &[OutputColumn] {
-        &self.columns
-    }
-
-    /// Samples of the whole recording.
-    pub fn rows(&self) -> u64 {
-        self.rows
-    }
-
-    /// Writes what is left of the recording to `path`; `progress` hears from 0 to 1.
-    ///
-    /// # Errors
-    /// [`RecordingError`] when the file cannot be written.
-    pub fn write(
-        mut self,
-        path: &Path,
-        mut progress: impl FnMut(f64),
-    ) -> Result<(), RecordingError> {
-        let metadata: Vec<(&str, &str)> = self
-            .metadata
-            .iter()
-            .map(|(key, value)| (*key, value.as_str()))
-            .collect();
-        let mut writer = Writer::create(path, &self.columns, &metadata)?;
-        while let Some(block) = self.next() {
-            let columns: Vec<&[f64]> = block.columns.iter().flatten().map(Vec::as_slice).collect();
-            writer.write(&block.t, &columns)?;
-            progress(self.row as f64 / self.rows as f64);
-        }
-        writer.finish()
-    }
-
+impl DrivenBearing {
     fn normal(&mut self) -> f64 {
         self.rng.sample(StandardNormal)
     }
+}
 
-    fn sample(&mut self, columns: &mut [Vec<f64>]) {
-        let t = self.row as f64 * self.dt;
+impl Sampled for DrivenBearing {
+    fn sample(&mut self, row: u64, columns: &mut [Vec<f64>]) {
+        let t = row as f64 * self.dt;
         let speed = self.course.speed(t);
         let strains = self.plant.strains();
         let mut place = 0;
@@ -226,9 +185,8 @@ impl BearingSimulation {
         }
     }
 
-    fn advance(&mut self) {
-        self.row += 1;
-        let t = self.row as f64 * self.dt;
+    fn advance(&mut self, row: u64) {
+        let t = (row + 1) as f64 * self.dt;
         let speed = self.course.speed(t);
         let turned = speed * self.dt;
         self.wheel += turned;
@@ -241,27 +199,5 @@ impl BearingSimulation {
         let loads = self.course.loads(t);
         self.plant
             .advance(turned, self.slip.map(|slip| slip - more), loads);
-    }
-}
-
-impl Iterator for BearingSimulation {
-    type Item = Block;
-
-    fn next(&mut self) -> Option<Block> {
-        let first_row = self.row;
-        let count = (self.rows - first_row).min(BLOCK_ROWS as u64) as usize;
-        let mut columns = vec![Vec::with_capacity(count); self.columns.len()];
-        for _ in 0..count {
-            self.sample(&mut columns);
-            self.advance();
-        }
-        (count > 0).then(|| Block {
-            first_row,
-            t: (0..count as u64)
-                .map(|i| (first_row + i) as f64 * self.dt)
-                .collect(),
-            columns: columns.into_iter().map(Some).collect(),
-            bridged: Vec::new(),
-        })
     }
 }
