@@ -151,9 +151,69 @@ fn a_table_of_unit_loads_becomes_the_map() {
 fn what_does_not_fit_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let refused = |change: &dyn Fn(), says: &str| {
+    // File, what is replaced, by what, and what is said.
+    for (file, from, to, says) in [
+        (
+            "loads.csv",
+            "sun rear",
+            "sun read",
+            "found place \"sun read\", allowed: ring",
+        ),
+        (
+            "loads.csv",
+            "ring,15.000000,y",
+            "ring,16.000000,y",
+            "allowed: 15.0000",
+        ),
+        (
+            "loads.csv",
+            "ring,15.000000,y,2",
+            "ring,15.000000,y,none",
+            "loads.csv:6: force: found \"none\"",
+        ),
+        (
+            "loads.csv",
+            "sun rear,,z",
+            "sun rear,,y",
+            "\"sun rear\" along Y, allowed: 1",
+        ),
+        (
+            "strains.csv",
+            "\n90,77,",
+            "\n91,77,",
+            "strains.csv:2: step: found \"91\", allowed: 1 to 90",
+        ),
+        (
+            "strains.csv",
+            "\n90,77,",
+            "\n89,77,",
+            "node 77 has no strain in step 90",
+        ),
+        ("strains.csv", "eyy", "eyx", "no column \"eyy\""),
+        (
+            "machine.toml",
+            "ring_teeth = 90",
+            "ring_teeth = 87",
+            "allowed: 61.8",
+        ),
+        (
+            "machine.toml",
+            "sun_teeth = 18",
+            "sun_teeth = 19",
+            "a multiple of planets",
+        ),
+        (
+            "machine.toml",
+            "position_m = [-0.8",
+            "position_m = [-9",
+            "no node with strain within 0.06 m",
+        ),
+    ] {
         write_analytic(folder, 24);
-        change();
+        let path = folder.join(file);
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.contains(from), "{from}");
+        std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
         let output = loadtwin(
             &[
                 "reduce",
@@ -170,52 +230,7 @@ fn what_does_not_fit_is_named() {
         assert!(message.contains(says), "{message}");
         assert_eq!(message.trim().lines().count(), 1, "{message}");
         assert!(!folder.join("maps.csv").exists());
-    };
-    let edit = |name: &'static str, from: &'static str, to: &'static str| {
-        let path = folder.join(name);
-        move || {
-            let text = std::fs::read_to_string(&path).unwrap();
-            assert!(text.contains(from), "{from}");
-            std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
-        }
-    };
-    refused(
-        &edit("loads.csv", "sun rear", "sun read"),
-        "found place \"sun read\", allowed: ring",
-    );
-    refused(
-        &edit("loads.csv", "ring,15.000000,y", "ring,16.000000,y"),
-        "allowed: 15.0000",
-    );
-    refused(
-        &edit("loads.csv", "ring,15.000000,y,2", "ring,15.000000,y,none"),
-        "loads.csv:6: force: found \"none\"",
-    );
-    refused(
-        &edit("loads.csv", "sun rear,,z", "sun rear,,y"),
-        "\"sun rear\" along Y, allowed: 1",
-    );
-    refused(
-        &edit("strains.csv", "\n90,77,", "\n91,77,"),
-        "strains.csv:2: step: found \"91\", allowed: 1 to 90",
-    );
-    refused(
-        &edit("strains.csv", "\n90,77,", "\n89,77,"),
-        "node 77 has no strain in step 90",
-    );
-    refused(&edit("strains.csv", "eyy", "eyx"), "no column \"eyy\"");
-    refused(
-        &edit("machine.toml", "ring_teeth = 90", "ring_teeth = 87"),
-        "allowed: 61.8",
-    );
-    refused(
-        &edit("machine.toml", "sun_teeth = 18", "sun_teeth = 19"),
-        "a multiple of planets",
-    );
-    refused(
-        &edit("machine.toml", "position_m = [-0.8", "position_m = [-9"),
-        "no node with strain within 0.06 m",
-    );
+    }
 }
 
 #[test]

@@ -6,7 +6,7 @@ use loadtwin::build::{self, Filter, Sensors};
 use loadtwin::machine::Machine;
 use loadtwin::seal::seal;
 use loadtwin_tests::emulator::MACHINE;
-use loadtwin_tests::firmware::root;
+use loadtwin_tests::firmware::{build_with, root};
 use loadtwin_tests::simulated;
 
 /// Kernel, instructions when last looked at, bound that is promised.
@@ -62,41 +62,22 @@ fn steps_stay_within_their_bounds() {
     let bearing_samples = folder.path().join("bearing.samples");
     std::fs::write(&bearing_samples, samples).unwrap();
 
-    let target = std::env::var_os("CARGO_TARGET_DIR")
-        .map_or_else(|| root().join("target"), std::path::PathBuf::from);
-    let built = Command::new(env!("CARGO"))
-        .current_dir(root())
-        .args([
-            "build",
-            "--quiet",
-            "--profile",
-            "firmware",
-            "--target",
-            "thumbv7em-none-eabihf",
-        ])
-        .args([
-            "-p",
-            "loadtwin-firmware",
-            "--features",
-            "emulated,peers",
-            "--bin",
-            "steps",
-        ])
-        .env("LOADTWIN_IMAGE", image(Filter::Aekf))
-        .env("LOADTWIN_STEADY_IMAGE", image(Filter::Steady))
-        .env("LOADTWIN_ROTOR_IMAGE", rotor)
-        .env("LOADTWIN_BEARING_IMAGE", bearing)
-        .env("LOADTWIN_BEARING_SAMPLES", bearing_samples)
-        // In pieces the code is inlined otherwise, and the counts are others.
-        .env("CARGO_INCREMENTAL", "0")
-        .status()
-        .unwrap();
-    assert!(built.success());
+    let program = build_with(
+        "emulated,peers",
+        "steps",
+        &[
+            ("LOADTWIN_IMAGE", &image(Filter::Aekf)),
+            ("LOADTWIN_STEADY_IMAGE", &image(Filter::Steady)),
+            ("LOADTWIN_ROTOR_IMAGE", &rotor),
+            ("LOADTWIN_BEARING_IMAGE", &bearing),
+            ("LOADTWIN_BEARING_SAMPLES", &bearing_samples),
+        ],
+    );
     let output = Command::new("qemu-system-arm")
         .args(MACHINE)
         .args(["-icount", "shift=10"])
         .arg("-kernel")
-        .arg(target.join("thumbv7em-none-eabihf/firmware/steps"))
+        .arg(program)
         .output()
         .unwrap();
     let text = String::from_utf8_lossy(&output.stdout).into_owned()
