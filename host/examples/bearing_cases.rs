@@ -1,5 +1,6 @@
-//! The bearing's load cases on individuals of their own: each is calibrated
-//! on its rig, then driven. `bearing_cases [FIRST [COUNT]]`, numbers of the individuals.
+//! The bearing's load cases on bearings of their own: each is calibrated
+//! on its rig, then driven. `bearing_cases [FIRST [COUNT [sizes]]]`, numbers of the
+//! individuals; with `sizes` each is of another size, too.
 
 use std::path::Path;
 
@@ -9,6 +10,26 @@ use loadtwin::machine::{BEARING_LOADS, Bearing, Kind, Machine};
 use loadtwin::simulate::{BearingEffect, BearingScenario, BearingSimulation};
 use loadtwin_common::bearing::Bearing as Filter;
 use loadtwin_common::raw::RawSample;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// A bearing of another size, drawn by its number: what is described differs, not only the part.
+fn another_size(described: &Bearing, number: u64) -> Bearing {
+    let mut rng = ChaCha8Rng::seed_from_u64(number);
+    let mut bearing = described.clone();
+    bearing.balls = rng.random_range(11..=16);
+    bearing.ball_mm *= rng.random_range(0.92..1.08);
+    bearing.pitch_mm = f64::from(bearing.balls) * bearing.ball_mm * rng.random_range(0.375..0.41);
+    bearing.rows_mm *= rng.random_range(0.85..1.15);
+    bearing.contact_angle_deg = rng.random_range(34.0..42.0);
+    bearing.stiffness_n_per_mm_1_5 *= rng.random_range(0.9..1.1);
+    bearing.preload_um *= rng.random_range(0.8..1.25);
+    let softness = rng.random_range(0.75..1.3);
+    for entry in bearing.compliance_um_per_kn.iter_mut().flatten() {
+        *entry *= softness;
+    }
+    bearing
+}
 
 fn record(
     machine: &Machine,
@@ -48,12 +69,17 @@ fn record(
 }
 
 /// Name, scenario, effects.
-const CASES: [(&str, &str, &[BearingEffect]); 5] = [
+const CASES: [(&str, &str, &[BearingEffect]); 6] = [
     ("lc1", "lc1", &[]),
     ("lc2", "lc2", &[]),
     ("lc3", "lc3", &[]),
     ("stop-and-go", "stop-and-go", &[]),
     ("lc1, preload -12 %", "lc1", &[BearingEffect::Preload(0.88)]),
+    (
+        "lc1, front dead",
+        "lc1",
+        &[BearingEffect::DeadGauge(0, 10.0)],
+    ),
 ];
 
 struct Score {
@@ -116,12 +142,18 @@ fn main() {
         "/../examples/bearing/machine.toml"
     ));
     let machine = Machine::load(path).unwrap();
-    let Some(Kind::Bearing(bearing)) = machine.kind() else {
+    let Some(Kind::Bearing(described)) = machine.kind() else {
         panic!("no bearing")
     };
+    let sizes = arguments.get(3).is_some_and(|text| text == "sizes");
     let sensors = Sensors::choose(&machine, None).unwrap();
     let mut means = std::collections::BTreeMap::<String, Vec<[f64; 5]>>::new();
     for individual in first..first + count {
+        let bearing = &if sizes {
+            another_size(described, individual)
+        } else {
+            described.clone()
+        };
         let rig = Rig {
             machine: &machine,
             bearing,
@@ -145,11 +177,11 @@ fn main() {
             }
         };
         println!(
-            "{individual}: simulated {t1:.1} s, calibrated {:.1} s; stiffness x {:.2}, preload x {:.2}, compliance x {:.2}",
+            "{individual}: simulated {t1:.1} s, calibrated {:.1} s; stiffness {:+.2}, preload {:+.2}, contact angle {:+.2} deg",
             t0.elapsed().as_secs_f64() - t1,
-            calibration.stiffness[0],
-            calibration.preload[0],
-            calibration.compliance[0],
+            calibration.physical.stiffness,
+            calibration.physical.preload,
+            calibration.physical.contact_angle_deg,
         );
         for (case, scenario, effects) in CASES {
             let samples = record(

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use loadtwin::build::Sensors;
 use loadtwin::machine::{Kind, Machine};
 use loadtwin::replay::{self, Figures};
-use loadtwin::simulate::{BearingScenario, BearingSimulation};
+use loadtwin::simulate::{BearingEffect, BearingScenario, BearingSimulation};
 use loadtwin_common::fault::Fault;
 
 /// The individual that the example is calibrated for.
@@ -16,7 +16,13 @@ fn example() -> Machine {
     Machine::load(&path).unwrap()
 }
 
-fn record(machine: &Machine, scenario: &str, duration_s: f64, folder: &Path) -> PathBuf {
+fn record(
+    machine: &Machine,
+    scenario: &str,
+    duration_s: f64,
+    effects: &[BearingEffect],
+    folder: &Path,
+) -> PathBuf {
     let Some(Kind::Bearing(bearing)) = machine.kind() else {
         unreachable!("the example is a bearing");
     };
@@ -29,7 +35,7 @@ fn record(machine: &Machine, scenario: &str, duration_s: f64, folder: &Path) -> 
         duration_s,
         7,
         Some(CALIBRATED),
-        &[],
+        effects,
     )
     .unwrap()
     .write(&path, |_| ())
@@ -41,7 +47,7 @@ fn record(machine: &Machine, scenario: &str, duration_s: f64, folder: &Path) -> 
 fn moments_are_found_from_an_unknown_start() {
     let folder = tempfile::tempdir().unwrap();
     let machine = example();
-    let path = record(&machine, "lc1", 16.0, folder.path());
+    let path = record(&machine, "lc1", 16.0, &[], folder.path());
     let sensors = Sensors::choose(&machine, None).unwrap();
     let mut figures = Figures::new(&machine);
     let mut valid = 0_u64;
@@ -63,7 +69,7 @@ fn moments_are_found_from_an_unknown_start() {
 fn a_standing_wheel_has_no_valid_load() {
     let folder = tempfile::tempdir().unwrap();
     let machine = example();
-    let path = record(&machine, "stop-and-go", 40.0, folder.path());
+    let path = record(&machine, "stop-and-go", 40.0, &[], folder.path());
     let sensors = Sensors::choose(&machine, None).unwrap();
     let (mut last, mut still, mut moved) = (None, 0_u32, 0_u64);
     replay::run(&machine, &sensors, &path, |sample, estimate, _| {
@@ -77,4 +83,31 @@ fn a_standing_wheel_has_no_valid_load() {
     })
     .unwrap();
     assert!(moved > 0, "no load was ever valid");
+}
+
+#[test]
+fn a_dead_gauge_is_named_within_two_seconds() {
+    const DEAD: usize = 2;
+    const SINCE_S: f64 = 5.0;
+    let folder = tempfile::tempdir().unwrap();
+    let machine = example();
+    let dead = BearingEffect::DeadGauge(DEAD, SINCE_S);
+    let path = record(&machine, "lc1", 8.0, &[dead], folder.path());
+    let sensors = Sensors::choose(&machine, None).unwrap();
+    let mut named = None;
+    replay::run(&machine, &sensors, &path, |sample, estimate, _| {
+        for (g, sensor) in estimate.sensors.iter().enumerate().take(4) {
+            match sensor.fault {
+                Fault::None => {}
+                Fault::Stuck if g == DEAD && sample.t > SINCE_S => {
+                    named.get_or_insert(sample.t);
+                }
+                fault => panic!("gauge {g} is {fault:?} at {} s", sample.t),
+            }
+        }
+    })
+    .unwrap();
+    let after = named.expect("named at all") - SINCE_S;
+    println!("named after {after:.2} s");
+    assert!(after < 2.0, "{after} s");
 }

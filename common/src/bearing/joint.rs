@@ -430,8 +430,7 @@ impl Belief {
         for value in &c[1..] {
             square += value * value;
         }
-        let local =
-            model.noise_std * model.noise_std + model.model_error * model.model_error * square;
+        let local = model.resting_variance() + model.model_error * model.model_error * square;
         let bulk = local + tuning.bulk_std * tuning.bulk_std * f32::from(block.count);
         let (mut rows, mut product) = (0.0, 1.0);
         for k in 0..BASIS {

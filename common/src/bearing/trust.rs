@@ -20,7 +20,7 @@ const IMPLAUSIBLE: f32 = 80.0;
 /// Blocks in doubt after which the search starts anew.
 const PATIENCE: u16 = 40;
 
-/// Part of a gauge's noise that is not taken for strain left unexplained.
+/// Part of a gauge's resting variance that is not taken for strain left unexplained.
 const NOISE_SHARE: f32 = 2.7;
 
 /// What speaks for and against a belief.
@@ -46,7 +46,7 @@ impl Trust {
     ) {
         let (mut left, mut read, mut surprise) = (0.0, 0.0, 0.0_f32);
         for ((told, gauge), _) in told.iter().zip(gauges).zip(used).filter(|(_, used)| *used) {
-            let noise = NOISE_SHARE * gauge.noise_std * gauge.noise_std;
+            let noise = NOISE_SHARE * gauge.resting_variance();
             left += (told.left - noise).max(0.0);
             read += told.local.0 * told.local.0;
             surprise = surprise.max(told.nis);

@@ -2,17 +2,16 @@
 
 use std::f64::consts::PI;
 
-use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
-use loadtwin_common::bearing::contact::{Geometry, RING};
 use loadtwin_common::bearing::{BearingModel, GAUGES, GaugeModel, LOADS, Tuning};
 use loadtwin_common::image::{LoadSignal, Model};
 use loadtwin_common::measurement::{Converter, Counter};
 use loadtwin_common::phase::PhaseStep;
 
 use super::calibration::Calibration;
+use super::physical::geometry;
 use crate::build::{self, BuildError, Sensors};
-use crate::machine::{Bearing, Channel, Machine, MachineError, SHAPES, Senses, Violation};
+use crate::machine::{Bearing, Channel, Machine, MachineError, Senses, Violation};
 
 /// Load at the end of the scale on the bus, in ranges.
 const FULL_SCALE: f64 = 4.0;
@@ -60,7 +59,7 @@ pub fn model(
     sensors: &Sensors,
     calibration: &Calibration,
 ) -> Result<BearingModel, BuildError> {
-    let geometry = geometry(bearing, calibration)?;
+    let geometry = geometry(bearing, &calibration.physical)?;
     let channel = |gauge: usize| -> Result<&Channel, BuildError> {
         let name = &bearing.gauges[gauge].name;
         (sensors.channels.get(gauge))
@@ -83,8 +82,8 @@ pub fn model(
             .ok_or(BuildError::Model(loadtwin_common::Error::OutOfRange(
                 "encoders: one, of the wheel",
             )))?;
-    let ratio = 0.5
-        * (1.0 - bearing.ball_mm / bearing.pitch_mm * bearing.contact_angle_deg.to_radians().cos());
+    let ratio =
+        0.5 * (1.0 - bearing.ball_mm / bearing.pitch_mm * f64::from(geometry.contact_angle.0));
     let loads = machine
         .loads()
         .iter()
@@ -126,6 +125,7 @@ fn gauge(channel: &Channel, bearing: &Bearing, calibration: &Calibration, g: usi
         },
         passing: (passing.rem_euclid(2.0 * PI)) as f32,
         noise_std: answer.noise_std as f32,
+        resting_error: answer.resting_error as f32,
         model_error: answer.model_error as f32,
         offset: answer.offset as f32,
         bulk_load: answer.bulk_load.map(|c| c as f32),
@@ -134,49 +134,6 @@ fn gauge(channel: &Channel, bearing: &Bearing, calibration: &Calibration, g: usi
             .local
             .map(|row| row.map(|harmonic| harmonic.map(|feature| feature.map(|c| c as f32)))),
     }
-}
-
-/// Units: mm, um, kN.
-fn geometry(bearing: &Bearing, calibration: &Calibration) -> Result<Geometry, BuildError> {
-    let angle = bearing.contact_angle_deg.to_radians();
-    let radius =
-        0.5 * bearing.pitch_mm + (bearing.conformity - 0.5) * bearing.ball_mm * angle.cos();
-    let n = 2 * SHAPES;
-    let compliance = Mat::from_fn(n, n, |i, j| {
-        let same = i / SHAPES == j / SHAPES;
-        bearing.compliance_um_per_kn[i % SHAPES][j % SHAPES]
-            * calibration.compliance[0]
-            * if same { 1.0 } else { bearing.row_coupling }
-    });
-    let refused = || BuildError::Model(loadtwin_common::Error::NotPositive("compliance_um_per_kn"));
-    let stiffness = compliance
-        .llt(Side::Lower)
-        .map_err(|_| refused())?
-        .solve(Mat::<f64>::identity(n, n));
-    let mut ring = heapless::Vec::<f32, RING>::new();
-    for j in 0..n {
-        for i in 0..=j {
-            ring.push(stiffness[(i, j)] as f32).map_err(|_| refused())?;
-        }
-    }
-    let mut gauges_rad = [0.0; GAUGES];
-    for (rad, gauge) in gauges_rad.iter_mut().zip(&bearing.gauges) {
-        *rad = gauge.azimuth_deg.to_radians() as f32;
-    }
-    Ok(Geometry {
-        balls: bearing.balls,
-        radius_mm: radius as f32,
-        row_offset: (0.5 * bearing.rows_mm / radius) as f32,
-        groove_um: ((2.0 * bearing.conformity - 1.0) * bearing.ball_mm * 1e3) as f32,
-        ball_over_pitch: (bearing.ball_mm / bearing.pitch_mm) as f32,
-        contact_angle: (angle.cos() as f32, angle.sin() as f32),
-        // N / mm^1.5 to kN / um^1.5.
-        stiffness: (bearing.stiffness_n_per_mm_1_5 * calibration.stiffness[0] * 1e-3
-            / 1e3_f64.powf(1.5)) as f32,
-        preload_um: (bearing.preload_um * calibration.preload[0]) as f32,
-        ring,
-        gauges_rad,
-    })
 }
 
 fn tuning(

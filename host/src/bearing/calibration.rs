@@ -6,6 +6,7 @@ use std::path::Path;
 use loadtwin_common::bearing::{FEATURES, HARMONICS, LOADS, ROWS};
 use serde::{Deserialize, Serialize};
 
+use super::physical::Physical;
 use crate::machine::MachineError;
 
 /// Coefficients of a gauge's local strain by row, harmonic and feature: real and imaginary part.
@@ -15,16 +16,14 @@ pub type Local = [[[[f64; 2]; FEATURES]; HARMONICS]; ROWS];
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
-    /// Factor on the described contact stiffness, and its standard deviation.
-    pub stiffness: [f64; 2],
-    /// Factor on the described preload's approach, and its standard deviation.
-    pub preload: [f64; 2],
-    /// Factor on the described compliance, and its standard deviation.
-    pub compliance: [f64; 2],
     /// Mean of the loads on the rig: forces [N], moments [N m].
     pub load_mean: [f64; LOADS],
     /// Their covariance.
     pub load_covariance: [[f64; LOADS]; LOADS],
+    /// The bearing against its description.
+    pub physical: Physical,
+    /// Its standard deviation.
+    pub physical_std: Physical,
     /// Each gauge, in the order of the description.
     pub gauge: Vec<Answer>,
 }
@@ -35,8 +34,10 @@ pub struct Calibration {
 pub struct Answer {
     /// Name of the gauge.
     pub name: String,
-    /// Standard deviation of a sample about the model, without the part that goes with the strain [um/m].
+    /// Standard deviation of a sample [um/m].
     pub noise_std: f64,
+    /// Error of the local strain's model where there is no strain [um/m].
+    pub resting_error: f64,
     /// Error of the local strain's model, as part of the strain.
     pub model_error: f64,
     /// Standard deviation of the bulk strain about the model [um/m].
@@ -66,11 +67,10 @@ impl Calibration {
             row[0][0][0] = GUESS;
         }
         Self {
-            stiffness: [1.0, 0.0],
-            preload: [1.0, 0.0],
-            compliance: [1.0, 0.0],
             load_mean: [0.0; LOADS],
             load_covariance: [[0.0; LOADS]; LOADS],
+            physical: Physical::default(),
+            physical_std: Physical::default(),
             gauge: vec![
                 Answer {
                     noise_std: 5.0,

@@ -170,18 +170,24 @@ impl Calibrate {
                 "{}",
                 json!({
                     "machine": machine.name, "recordings": self.recordings, "samples": samples.len(),
-                    "stiffness": calibration.stiffness, "preload": calibration.preload,
-                    "compliance": calibration.compliance, "gauges": gauges,
+                    "physical": calibration.physical, "physical_std": calibration.physical_std,
+                    "gauges": gauges,
                     "calibration_out": self.output, "seconds": seconds,
                 })
             );
         } else {
-            for (name, [factor, std]) in [
-                ("contact stiffness", calibration.stiffness),
-                ("preload", calibration.preload),
-                ("compliance", calibration.compliance),
+            let (found, std) = (calibration.physical, calibration.physical_std);
+            for (name, value, std) in [
+                ("contact stiffness", found.stiffness, std.stiffness),
+                ("preload", found.preload, std.preload),
+                (
+                    "contact angle [deg]",
+                    found.contact_angle_deg,
+                    std.contact_angle_deg,
+                ),
+                ("row coupling", found.row_coupling, std.row_coupling),
             ] {
-                say!("{name:<20} x {factor:.3} +- {std:.3}");
+                say!("{name:<20} {value:+.3} +- {std:.3} against the description");
             }
             for gauge in &calibration.gauge {
                 say!(

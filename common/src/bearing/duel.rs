@@ -1,0 +1,172 @@
+//! Champion and challenger: how phases are found and swapped labels undone.
+//!
+//! The mirror image of a belief explains the local strain as well as the belief itself; only
+//! bulk strain and what is expected of the loads tell the two apart, and at a start, with offsets
+//! unknown, not before the loads have moved. So the first duel with the mirror image lasts until
+//! it is decided, and a moment that has changed its sign calls the next one.
+
+use super::joint::{Belief, LOAD};
+use super::trust::Trust;
+use super::{Bearing, BearingState, GAUGES, ROWS};
+
+/// Starting points of challengers: eight moves of the phases, and between them
+/// swapped labels and loads anew.
+pub(super) const CANDIDATES: u8 = 16;
+/// The one that swapped labels follow.
+const BEFORE_MIRROR: u8 = CANDIDATES - 1;
+
+/// Blocks of a duel, and those at its start that do not count.
+const DUEL: u16 = 24;
+const BURN_IN: u16 = 10;
+/// The same before the champion has met its first challenge.
+const FIRST_DUEL: u16 = 14;
+const FIRST_BURN_IN: u16 = 6;
+
+/// By how much the challenger's cost must be lower, and by how much it may be
+/// higher before the duel is over.
+const MARGIN: f32 = 30.0;
+const HOPELESS: f32 = 400.0;
+
+/// Difference in cost that settles which of two mirror images is true, the blocks that do not
+/// count for it, as an image has yet to find its loads, and those after which `MARGIN` is enough.
+const DECISIVE: f32 = 100.0;
+const MIRROR_BURN_IN: u16 = 100;
+const LONGEST_DUEL: u16 = 500;
+
+/// Standard deviations by which a moment is off zero when its sign is known.
+const SIGN_KNOWN: f32 = 2.0;
+
+/// The standing of a challenge.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Duel {
+    candidate: u8,
+    blocks: u16,
+    /// Challenger's cost less the champion's.
+    lead: f32,
+    /// Challenges that the champion has met since it became one.
+    pub won: u8,
+    /// Whether the mirror image has been told from the champion since the start.
+    pub settled: bool,
+    /// Over-turning moment when its sign was last known [kN].
+    side: f32,
+}
+
+impl Duel {
+    fn is_with_mirror(&self) -> bool {
+        self.candidate.is_multiple_of(4)
+    }
+
+    /// Whether the over-turning moment has changed its sign since it was last known, and the
+    /// mirror image is not tried already.
+    fn sees_reversal(&mut self, champion: &Belief) -> bool {
+        let at = LOAD + 3;
+        let moment = champion.gaussian.state[at];
+        let least = SIGN_KNOWN * SIGN_KNOWN * champion.gaussian.upper[at][at];
+        if !self.settled || self.won == 0 || moment * moment < least {
+            return false;
+        }
+        let reversed = moment * self.side < 0.0;
+        self.side = moment;
+        reversed && !self.is_with_mirror()
+    }
+}
+
+impl Bearing {
+    /// Ends the block: who explains the readings better?
+    pub(super) fn judge(&self, state: &mut BearingState) {
+        let (champion, challenger) = state.cost;
+        state.cost = (0.0, 0.0);
+        if state.known.is_none() {
+            if state.trust.is_lost() {
+                state.running = false;
+                return;
+            }
+            let doubt = state.trust.begins_to_doubt() && state.duel.won > 0;
+            if state.duel.sees_reversal(&state.champion) || doubt {
+                state.duel.candidate = BEFORE_MIRROR;
+                self.challenge(state);
+                return;
+            }
+        }
+        let duel = &mut state.duel;
+        duel.blocks = duel.blocks.saturating_add(1);
+        let mirror = duel.is_with_mirror();
+        let (length, burn_in) = if !duel.settled && mirror && state.trust.is_earned() {
+            (LONGEST_DUEL, MIRROR_BURN_IN)
+        } else if duel.won > 0 {
+            (DUEL, BURN_IN)
+        } else {
+            (FIRST_DUEL, FIRST_BURN_IN)
+        };
+        if duel.blocks > burn_in {
+            duel.lead += challenger - champion;
+        }
+        let prior =
+            state.challenger.prior(&self.model.tuning) - state.champion.prior(&self.model.tuning);
+        let verdict = duel.lead + prior;
+        let decisive = if duel.blocks < LONGEST_DUEL {
+            DECISIVE
+        } else {
+            MARGIN
+        };
+        let settles = mirror && duel.blocks > burn_in && verdict.abs() > decisive;
+        let broken = !state.champion.is_finite();
+        let over = duel.blocks >= length || duel.lead > HOPELESS || settles && !duel.settled;
+        if !over && !broken {
+            return;
+        }
+        duel.settled |= settles;
+        if broken || verdict < -MARGIN {
+            core::mem::swap(&mut state.champion, &mut state.challenger);
+            if broken || state.champion.is_apart(&state.challenger) {
+                duel.settled &= mirror && !broken;
+                duel.won = 0;
+                duel.candidate = BEFORE_MIRROR;
+                state.trust = Trust::default();
+            }
+            if !state.champion.is_finite() {
+                self.begin(&mut state.champion);
+            }
+        } else {
+            duel.won = duel.won.saturating_add(1);
+        }
+        self.challenge(state);
+    }
+
+    /// Sends the next challenger out.
+    pub(super) fn challenge(&self, state: &mut BearingState) {
+        let tuning = &self.model.tuning;
+        let duel = &mut state.duel;
+        duel.candidate = (duel.candidate + 1) % CANDIDATES;
+        duel.blocks = 0;
+        duel.lead = 0.0;
+        state.challenger = state.champion.clone();
+        let next = &mut state.challenger;
+        let moved = duel.candidate / 2 + 1;
+        let mirrored = duel.is_with_mirror();
+        match duel.candidate % 4 {
+            0 => next.swap_rows(),
+            2 => next.forget_loads(tuning),
+            _ => {
+                // Thirds of a turn in both phases, all but (0, 0).
+                let third = core::f32::consts::TAU / 3.0;
+                next.turn(0, third * f32::from(moved % 3));
+                next.turn(1, third * f32::from(moved / 3));
+            }
+        }
+        for row in 0..ROWS {
+            next.widen(row, 0.5);
+            next.widen(ROWS + row, tuning.slip_std * tuning.slip_std);
+        }
+        next.widen_loads(tuning, 0.25);
+        if duel.won == 0 || mirrored && state.trust.is_doubted() {
+            // Later they are what is known best, and tell the labels apart.
+            next.forget_gauges(tuning);
+        }
+        next.balance(&self.contacts);
+        next.balance(&self.contacts);
+        for g in 0..GAUGES {
+            next.refresh(&self.contacts, g);
+        }
+    }
+}

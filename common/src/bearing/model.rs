@@ -1,0 +1,131 @@
+//! The model of a bearing, as the image holds it.
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+use super::contact::Geometry;
+use super::{FEATURES, GAUGES, HARMONICS, LOADS, ROWS};
+use crate::Error;
+use crate::estimate::MAX_LOADS;
+use crate::image::LoadSignal;
+use crate::measurement::{Converter, Counter};
+
+/// A model of a bearing, as the image holds it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BearingModel {
+    /// `Fx, Fy, Fz, Mx, Mz`; forces [N], moments [N m].
+    pub loads: Vec<LoadSignal, MAX_LOADS>,
+    /// The gauges in the order of the board's words.
+    pub gauges: [GaugeModel; GAUGES],
+    /// The wheel's encoder.
+    pub counter: Counter,
+    /// Balls that pass a point of the outer ring in a turn of the wheel, not 0.
+    pub passes_per_turn: f32,
+    /// The bearing.
+    pub geometry: Geometry,
+    /// The filter's tuning.
+    pub tuning: Tuning,
+}
+
+/// How one gauge answers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GaugeModel {
+    /// Word to strain [um/m].
+    pub converter: Converter,
+    /// `N psi_g`: phase of ball passing at the gauge [rad].
+    pub passing: f32,
+    /// Standard deviation of a reading [um/m], > 0.
+    pub noise_std: f32,
+    /// Error of the local strain's model where there is none [um/m].
+    pub resting_error: f32,
+    /// Error of the local strain's model, as part of the strain.
+    pub model_error: f32,
+    /// Bulk strain at no load when calibrated [um/m].
+    pub offset: f32,
+    /// Bulk strain by the loads [um/m / kN].
+    pub bulk_load: [f32; LOADS],
+    /// Bulk strain by the features of each row [um/m / kN].
+    pub bulk_feature: [[f32; FEATURES]; ROWS],
+    /// Local strain by row, harmonic and feature: real and imaginary part [um/m / kN].
+    pub local: [[[[f32; 2]; FEATURES]; HARMONICS]; ROWS],
+}
+
+/// Tuning of the joint filter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tuning {
+    /// Time in which slip forgets [s], > 0.
+    pub slip_time_s: f32,
+    /// Standard deviation of slip, relative, > 0.
+    pub slip_std: f32,
+    /// Slip beyond which an estimate is not trusted, > 0.
+    pub slip_limit: f32,
+    /// Scatter of the phase [rad/sqrt(rad)].
+    pub phase_walk: f32,
+    /// Mean of the loads that are expected [kN].
+    pub load_mean: [f32; LOADS],
+    /// Lower factor of their covariance [kN]: those on the rig.
+    pub load_factor: [[f32; LOADS]; LOADS],
+    /// Time in which loads return to them [s], > 0.
+    pub load_time_s: f32,
+    /// Standard deviation of the preload [um] and its random walk [um/sqrt(s)].
+    pub preload_std: f32,
+    /// See `preload_std`.
+    pub preload_walk: f32,
+    /// Standard deviation of the biases [um/m] and the time in which they forget [s].
+    pub bias_std: f32,
+    /// See `bias_std`.
+    pub bias_time_s: f32,
+    /// Standard deviation of the local strains' gains and the time in which they forget [s].
+    pub gain_std: f32,
+    /// See `gain_std`.
+    pub gain_time_s: f32,
+    /// Error of the bulk strain's model from block to block [um/m].
+    pub bulk_std: f32,
+    /// Frequency of ball passing below which bulk and local strain cannot be told apart [Hz], > 0.
+    pub lowest_hz: f32,
+}
+
+impl BearingModel {
+    /// The name of the first number that is out of its range.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        if self.loads.len() != LOADS {
+            return Err(Error::OutOfRange("number of loads"));
+        }
+        let t = &self.tuning;
+        let positive = [
+            ("slip_time_s", t.slip_time_s),
+            ("slip_std", t.slip_std),
+            ("load_time_s", t.load_time_s),
+            ("slip_limit", t.slip_limit),
+            ("preload_std", t.preload_std),
+            ("bias_std", t.bias_std),
+            ("bias_time_s", t.bias_time_s),
+            ("bulk_std", t.bulk_std),
+            ("gain_std", t.gain_std),
+            ("gain_time_s", t.gain_time_s),
+            ("lowest_hz", t.lowest_hz),
+        ];
+        let noise = (self.gauges.iter()).map(|gauge| ("noise_std", gauge.noise_std));
+        for (name, value) in positive.into_iter().chain(noise) {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(Error::NotPositive(name));
+            }
+        }
+        for (i, row) in t.load_factor.iter().enumerate() {
+            if !(row[i] > 0.0 && row.iter().all(|value| value.is_finite())) {
+                return Err(Error::NotPositive("load_factor"));
+            }
+        }
+        if !(self.passes_per_turn != 0.0 && self.passes_per_turn.is_finite()) {
+            return Err(Error::OutOfRange("passes_per_turn"));
+        }
+        Ok(())
+    }
+}
+
+impl GaugeModel {
+    /// Variance of a reading about the model where there is no local strain [(um/m)^2].
+    pub(super) fn resting_variance(&self) -> f32 {
+        self.noise_std * self.noise_std + self.resting_error * self.resting_error
+    }
+}

@@ -1,0 +1,99 @@
+//! Phases of both rows on a rig whose loads are known.
+
+use loadtwin_common::bearing::block::Block;
+use loadtwin_common::bearing::{BLOCK_HZ, Bearing as Filter, LOADS, ROWS};
+
+use super::build::model;
+use super::calibration::Calibration;
+use super::fit::{PASSES, Rig, RigSample};
+use crate::build::BuildError;
+
+/// Least part of the blocks that must have been followed in the end, and before.
+const LEAST_FOLLOWED: f64 = 0.5;
+const LEAST_AT_FIRST: f64 = 0.1;
+/// Error of answers that are only guessed, as part of the strain.
+const GUESSED: f32 = 0.7;
+/// Factor on the errors at rest: with the loads told there is time.
+const PATIENCE: f32 = 3.0;
+
+/// A block with its loads [kN] and the phases of both rows at its start.
+pub struct Known {
+    pub block: Block,
+    pub loads: [f32; LOADS],
+    pub phase: [f64; ROWS],
+    /// Time as part of the recording, -1 to 1.
+    pub time: f64,
+}
+
+/// Follows the phases with known loads; `pass`: how often that was done before.
+///
+/// # Errors
+/// When they can be followed over too little of the recording.
+pub fn follow(
+    rig: &Rig<'_>,
+    samples: &[RigSample],
+    calibration: &Calibration,
+    pass: usize,
+) -> Result<Vec<Known>, BuildError> {
+    let mut model = model(rig.machine, rig.bearing, rig.sensors, calibration)?;
+    // Bulk strain says nothing about the phase.
+    model.tuning.bulk_std = 1e3;
+    for gauge in &mut model.gauges {
+        gauge.resting_error *= PATIENCE;
+        if pass == 0 {
+            gauge.model_error = GUESSED;
+        }
+    }
+    let radius = f64::from(model.geometry.radius_mm);
+    let rate = rig.machine.rate_hz as f32;
+    let filter = Filter::try_build(model, rate).map_err(BuildError::Model)?;
+    let mut state = filter.start();
+    let block = (rate / BLOCK_HZ).round().max(1.0) as usize;
+    let mut known = Vec::new();
+    let mut mean = [0.0; LOADS];
+    for (i, (raw, _)) in samples.iter().enumerate() {
+        if i % block == 0 && i >= block {
+            // The loads over the block that has just ended.
+            mean = [0.0; LOADS];
+            for (_, loads) in &samples[i - block..i] {
+                for (j, (sum, load)) in mean.iter_mut().zip(loads).enumerate() {
+                    let unit = if j < 3 { 1e-3 } else { 1.0 / radius };
+                    *sum += load * unit / block as f64;
+                }
+            }
+            state.know(mean.map(|load| load as f32));
+        }
+        filter.step(&mut state, raw);
+        if let Some((taken, belief)) = state.taken_in()
+            && state.is_locked()
+            && mean.iter().all(|load| load.is_finite())
+        {
+            let x = &belief.gaussian.state;
+            let phase = f64::from(taken.phase);
+            known.push(Known {
+                block: *taken,
+                loads: mean.map(|load| load as f32),
+                phase: [0, 1].map(|row| {
+                    f64::from(x[row])
+                        - phase
+                            * (0.5 + 0.5 * f64::from(belief.equilibrium.pace[row] + x[ROWS + row]))
+                }),
+                time: 2.0 * i as f64 / samples.len() as f64 - 1.0,
+            });
+        }
+    }
+    let followed = (known.len() * block) as f64 / samples.len().max(1) as f64;
+    let least = if pass + 1 < PASSES {
+        LEAST_AT_FIRST
+    } else {
+        LEAST_FOLLOWED
+    };
+    if followed > least {
+        Ok(known)
+    } else {
+        Err(BuildError::NotFollowed {
+            part: 100.0 * followed,
+            least: 100.0 * least,
+        })
+    }
+}
