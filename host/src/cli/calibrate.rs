@@ -164,7 +164,7 @@ impl Calibrate {
         let seconds = started.elapsed().as_secs_f64();
         if as_json {
             let gauges: Vec<Value> = (calibration.gauge.iter())
-                .map(|g| json!({ "name": g.name, "noise_std": g.noise_std, "bulk_error": g.bulk_error }))
+                .map(|g| json!({ "name": g.name, "resting_error": g.resting_error, "model_error": g.model_error, "bulk_error": g.bulk_error }))
                 .collect();
             say!(
                 "{}",
@@ -191,9 +191,10 @@ impl Calibrate {
             }
             for gauge in &calibration.gauge {
                 say!(
-                    "{:<20} left: local {:.2}, bulk {:.2} um/m",
+                    "{:<20} error: local {:.2} um/m and {:.0} %, bulk {:.2} um/m",
                     gauge.name,
-                    gauge.noise_std,
+                    gauge.resting_error,
+                    100.0 * gauge.model_error,
                     gauge.bulk_error
                 );
             }
