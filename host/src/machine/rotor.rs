@@ -165,7 +165,8 @@ pub enum LoadKind {
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Reduction {
-    /// Lowest modes of the rotor at rest, at least 2; as many as fit where absent.
+    /// Directions of free motion beside the whirls under the loads, at least 2; as many as
+    /// fit where absent.
     pub modes: Option<usize>,
     /// Standard deviation of what the model lacks in one sample, as part of each
     /// mode's motion under the nominal loads, 0 to 1.

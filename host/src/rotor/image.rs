@@ -78,12 +78,12 @@ impl RotorPlan {
                 loads: rotor.loads.len(),
             })?;
         let kept = rotor.reduction.modes.unwrap_or(size.0 - forces.len());
-        let reduced = Reduced::new(&model, rotor.speed_rad_s, kept, &forces)?;
         let [low, high] = rotor.schedule();
         let count = if high > low { SPEEDS } else { 1 };
         let speeds = (0..count)
             .map(|k| low + (high - low) * k as f64 / (count.max(2) - 1) as f64)
-            .collect();
+            .collect::<Vec<f64>>();
+        let reduced = Reduced::new(&model, rotor.speed_rad_s, &speeds, kept, &forces)?;
         let mut plan = Self {
             model,
             reduced,

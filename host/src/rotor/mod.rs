@@ -3,6 +3,7 @@
 mod convergence;
 mod discrete;
 mod element;
+mod free_motion;
 mod image;
 mod inversion;
 mod model;
