@@ -11,6 +11,7 @@ mod modes;
 mod reduction;
 mod response;
 mod ross;
+pub mod tune;
 mod unbalance;
 
 use thiserror::Error;
