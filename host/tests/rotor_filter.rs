@@ -300,15 +300,14 @@ fn the_papers_case_with_noise() {
 
 #[test]
 fn another_rotor_at_another_speed() {
-    for (kind, noise_m, peak_percent) in [
-        (LoadKind::Unbalance, 1e-7, 0.2),
-        (LoadKind::Unbalance, 1e-6, 0.3),
-        (LoadKind::Walk, 1e-7, 0.5),
+    for (kind, noise_m, settled_um) in [
+        (LoadKind::Unbalance, 1e-7, 0.4),
+        (LoadKind::Unbalance, 1e-6, 0.8),
+        (LoadKind::Walk, 1e-7, 2.4),
     ] {
         for seed in [3, 4] {
             let outcome = Case::noisy(kind, noise_m).run(soft(), seed);
-            let part = 100.0 * outcome.settled_um / outcome.peak_um;
-            assert!(part <= peak_percent, "{part} % of the peak");
+            assert!(outcome.settled_um <= settled_um, "{}", outcome.settled_um);
             assert!(kind == LoadKind::Walk || outcome.force_percent <= 0.5);
         }
     }
@@ -335,8 +334,8 @@ fn a_run_up_through_the_first_critical_speed() {
         100.0 * part,
         outcome.force_percent
     );
-    assert!(outcome.peak_um > 3000.0 && part <= 0.01, "{part}");
-    assert!(outcome.force_percent <= 2.5, "{}", outcome.force_percent);
+    assert!(outcome.peak_um > 3000.0 && part <= 0.002, "{part}");
+    assert!(outcome.force_percent <= 0.5, "{}", outcome.force_percent);
 }
 
 /// From the description to the image, and the full recursion of 20 states and 4 sensors.

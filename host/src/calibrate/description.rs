@@ -81,6 +81,45 @@ impl Description {
         self.set(list, name, key, table);
     }
 
+    /// Sets `key` of entry `index` of the list of tables `list` to a number of six digits;
+    /// nothing where there is no such entry.
+    pub fn set_number_at(&mut self, list: &str, index: usize, key: &str, value: f64) {
+        let entry = match self.item(list) {
+            Some(Item::ArrayOfTables(tables)) => tables
+                .get_mut(index)
+                .map(|table| table as &mut dyn TableLike),
+            Some(Item::Value(Value::Array(values))) => (values.get_mut(index))
+                .and_then(Value::as_inline_table_mut)
+                .map(|table| table as &mut dyn TableLike),
+            _ => None,
+        };
+        if let Some(entry) = entry {
+            put(entry, key, six_digits(value).into());
+        }
+    }
+
+    /// Sets `key` of the table at the dotted `path`, of which the last part is made where it
+    /// is not there.
+    pub fn set_in(&mut self, path: &str, key: &str, value: impl Into<Value>) {
+        let (parent, name) = path.rsplit_once('.').unwrap_or(("", path));
+        if let Some(table) = self.item(parent).and_then(Item::as_table_like_mut)
+            && let Some(table) = (table.entry(name))
+                .or_insert_with(|| Item::Table(toml_edit::Table::new()))
+                .as_table_like_mut()
+        {
+            put(table, key, value.into());
+        }
+    }
+
+    /// What stands at the dotted `path`.
+    fn item(&mut self, path: &str) -> Option<&mut Item> {
+        let mut item: &mut Item = self.document.as_item_mut();
+        for part in path.split('.').filter(|part| !part.is_empty()) {
+            item = item.as_table_like_mut()?.get_mut(part)?;
+        }
+        Some(item)
+    }
+
     /// Removes `key` of the entry called `name` in the list `list`.
     pub fn remove(&mut self, list: &str, name: &str, key: &str) {
         if let Some(entry) = self.entry(list, name) {
@@ -90,10 +129,7 @@ impl Description {
 
     /// The entry called `name` in `list`, in either way of writing a list of tables.
     fn entry(&mut self, list: &str, name: &str) -> Option<&mut dyn TableLike> {
-        let mut item: &mut Item = self.document.as_item_mut();
-        for part in list.split('.') {
-            item = item.as_table_like_mut()?.get_mut(part)?;
-        }
+        let item = self.item(list)?;
         let named = |table: &dyn TableLike| table.get("name").and_then(Item::as_str) == Some(name);
         match item {
             Item::ArrayOfTables(tables) => tables

@@ -16,6 +16,7 @@ mod schema;
 mod simulate;
 mod tables;
 mod tune;
+mod tune_rotor;
 mod zero;
 
 use clap::{Parser, Subcommand};

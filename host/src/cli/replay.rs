@@ -11,7 +11,10 @@ use super::output::say;
 use super::progress::Progress;
 use crate::build::{Filter, Sensors};
 use crate::machine::Machine;
-use crate::replay::{self, Displacements, EstimateWriter, Figures, Phasor, ReportPage, Sample};
+use crate::replay::{
+    self, Displacements, EstimateWriter, Figures, Phasor, ReportPage, Sample, Speeds,
+};
+use crate::report::Report;
 
 /// Run the estimator on a recording and report its error.
 #[derive(Debug, Args)]
@@ -44,7 +47,21 @@ pub(super) struct Outcome {
     pub(super) figures: Figures,
     pub(super) displacements: Displacements,
     pub(super) phasor: Phasor,
+    pub(super) speeds: Speeds,
     pub(super) seconds: f64,
+}
+
+impl Outcome {
+    fn page(&self, page: ReportPage, machine: &Machine, sensors: &Sensors, name: &str) -> Report {
+        page.finish(
+            machine,
+            sensors,
+            name,
+            &self.figures,
+            &self.displacements,
+            &self.phasor,
+        )
+    }
 }
 
 impl Replay {
@@ -73,6 +90,9 @@ impl Replay {
                 let share =
                     outcome.figures.steady_samples() as f64 / outcome.figures.samples() as f64;
                 say!("by steady gains: {:.1} % of the samples", 100.0 * share);
+            }
+            if let Some(note) = outcome.speeds.note() {
+                say!("{note}");
             }
             print_displacements(&outcome.displacements);
             print_phasor(&machine, &outcome.phasor);
@@ -105,7 +125,8 @@ impl Replay {
         }
         if let (Some(page), Some(path)) = (page, &self.report) {
             let recording = self.recording.display().to_string();
-            page.finish(machine, &sensors, &recording, &outcome.figures)
+            outcome
+                .page(page, machine, &sensors, &recording)
                 .write(path)?;
         }
         Ok(outcome)
@@ -120,8 +141,7 @@ pub(super) fn write_page(machine: &Machine, recording: &Path, path: &Path) -> an
         page.push(sample, estimate);
     })?;
     let name = recording.file_name().unwrap_or_default().to_string_lossy();
-    page.finish(machine, &sensors, &name, &outcome.figures)
-        .write(path)?;
+    outcome.page(page, machine, &sensors, &name).write(path)?;
     Ok(())
 }
 
@@ -137,6 +157,7 @@ fn one_set(
     let mut figures = Figures::new(machine);
     let mut displacements = Displacements::new(machine)?;
     let mut phasor = Phasor::new(machine, sensors);
+    let mut speeds = Speeds::new(machine);
     replay::run_line(
         machine,
         sensors,
@@ -145,6 +166,7 @@ fn one_set(
             figures.push(sample, estimate);
             phasor.push(sample, estimate);
             displacements.push(sample, line);
+            speeds.push(sample, estimate);
             each(sample, estimate);
             if figures.samples().is_multiple_of(8192) {
                 progress.show(part);
@@ -157,6 +179,7 @@ fn one_set(
         figures,
         displacements,
         phasor,
+        speeds,
         seconds: started.elapsed().as_secs_f64(),
     })
 }
@@ -209,6 +232,7 @@ pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> 
         "nis_mean": figures.nis_mean(),
         "flags": figures.flags(),
         "virtual": outcome.displacements.nodes(),
+        "speed_note": outcome.speeds.note(),
         "phasor_inversion": outcome.phasor.figures(),
     })
 }

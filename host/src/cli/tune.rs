@@ -20,45 +20,52 @@ const DRAWS: usize = 2000;
 
 /// Choose the noise of the filter from recordings and from the wanted bandwidth.
 ///
-/// R over the carrier angle from the errors of the model in the first
+/// Of a drivetrain: R over the carrier angle from the errors of the model in the first
 /// recording, which should be at constant load and have reference loads; Qd of
-/// the loads for each set of sensors.
+/// the loads for each set of sensors. Of a rotor: walk of the loads, model error, spread
+/// before the first sample and noise of the sensors, by the likelihood of the
+/// innovations and by the differential evolution of the paper, side by side.
 #[derive(Debug, Args)]
 pub struct Tune {
     /// Machine description (TOML), calibrated.
-    machine: PathBuf,
+    pub(super) machine: PathBuf,
     /// Recordings (CSV, Parquet or MDF4); the first at constant load.
     #[arg(required = true)]
-    recordings: Vec<PathBuf>,
+    pub(super) recordings: Vec<PathBuf>,
     /// Only this set of sensors.
     #[arg(long, value_name = "NAME")]
-    sensors: Option<String>,
-    /// How the variance of the loads' steps is chosen.
-    #[arg(long, value_enum, default_value_t = Choice::Frf)]
-    method: Choice,
+    pub(super) sensors: Option<String>,
+    /// How the noise is chosen: on a drivetrain that of the loads' steps, frf where
+    /// absent; on a rotor all of it, likelihood where absent.
+    #[arg(long, value_enum)]
+    pub(super) method: Option<Choice>,
+    /// A recording that takes no part and on which the methods for a rotor are judged;
+    /// without it the first of those that are tuned on.
+    #[arg(long, value_name = "RECORDING")]
+    pub(super) validate: Option<PathBuf>,
     /// Also say what the other methods would choose.
     #[arg(long)]
-    compare: bool,
+    pub(super) compare: bool,
     /// Highest frequency at which the loads are wanted [Hz]; the description's where absent.
     #[arg(long, value_name = "HZ")]
-    cutoff: Option<f64>,
+    pub(super) cutoff: Option<f64>,
     /// Leave R as described.
     #[arg(long)]
-    keep_r: bool,
+    pub(super) keep_r: bool,
     /// Write the response of the estimated to the true loads to FILE.csv.
     #[arg(long, value_name = "FILE")]
-    response: Option<PathBuf>,
+    pub(super) response: Option<PathBuf>,
     /// Write a page with the response and the noise of the channels to FILE.html.
     #[arg(long, value_name = "FILE")]
-    report: Option<PathBuf>,
+    pub(super) report: Option<PathBuf>,
     /// Write the tuned description to FILE.toml, with its noise map beside it.
     #[arg(short, long, value_name = "FILE")]
-    output: Option<PathBuf>,
+    pub(super) output: Option<PathBuf>,
 }
 
-/// How the variance of the loads' steps is chosen.
+/// How the noise is chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Choice {
+pub(super) enum Choice {
     /// Closed-loop frequency response near 1 below the cut-off and near 0
     /// above, weighed by bandwidth (the paper's eq. (23)).
     Frf,
@@ -70,17 +77,24 @@ enum Choice {
     LCurve,
     /// Largest likelihood of the innovations.
     Likelihood,
+    /// On a rotor: differential evolution on the paper's two objectives.
+    Evolution,
 }
 
 impl Choice {
-    fn method(self) -> Method {
-        match self {
+    /// The method for a drivetrain.
+    fn method(self) -> anyhow::Result<Method> {
+        Ok(match self {
             Self::Frf => Method::Frf,
             Self::FrfPerBand => Method::FrfPerBand,
             Self::Innovation => Method::Innovation,
             Self::LCurve => Method::LCurve,
             Self::Likelihood => Method::Likelihood,
-        }
+            Self::Evolution => anyhow::bail!(
+                "--method: found evolution, allowed on a drivetrain: frf, frf-per-band, \
+                 innovation, l-curve, likelihood"
+            ),
+        })
     }
 }
 
@@ -94,6 +108,14 @@ struct Set {
 impl Tune {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let described = Machine::load(&self.machine)?;
+        if let Some(rotor) = &described.rotor {
+            return self.run_rotor(&described, rotor, as_json);
+        }
+        anyhow::ensure!(
+            self.validate.is_none(),
+            "--validate: there is nothing to judge on a drivetrain; allowed: a machine with [rotor]"
+        );
+        let method = self.method.unwrap_or(Choice::Frf).method()?;
         let cutoff_hz = self.cutoff.unwrap_or(described.tuning.cutoff_hz);
         let started = Instant::now();
         let folder = tempfile::tempdir()?;
@@ -106,7 +128,6 @@ impl Tune {
         let measured = noise.iter().map(|(i, noise)| (*i, noise));
         let machine = with_noise(&described, measured, folder.path())?;
         let noise_seconds = started.elapsed().as_secs_f64();
-        let method = self.method.method();
         let mut methods = vec![method];
         if self.compare {
             methods.extend(Method::ALL.into_iter().filter(|m| *m != method));

@@ -165,7 +165,8 @@ pub enum LoadKind {
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Reduction {
-    /// Lowest modes of the rotor at rest, at least 2; as many as fit where absent.
+    /// Directions of free motion beside the whirls under the loads, at least 2; as many as
+    /// fit where absent.
     pub modes: Option<usize>,
     /// Standard deviation of what the model lacks in one sample, as part of each
     /// mode's motion under the nominal loads, 0 to 1.
@@ -185,6 +186,10 @@ impl Default for Reduction {
         }
     }
 }
+
+/// Random walk of an unbalance whose description gives none, in nominal loads per
+/// sqrt(s): a mass that moves by 0.1 % in a second.
+const UNBALANCE_WALK: f64 = 1e-3;
 
 /// Most elements of a shaft.
 const MOST_ELEMENTS: usize = 1000;
@@ -397,6 +402,19 @@ impl Rotor {
     pub(super) fn check_node(&self, field: &str, node: usize) -> Checked {
         let last = self.nodes() - 1;
         within(field, node, node <= last, &format!("a node, 0 to {last}"))
+    }
+}
+
+impl RotorLoad {
+    /// Its random walk as described, or what is usual on a rotor that turns at
+    /// `speed_rad_s` [N/sqrt(s)].
+    pub fn walk(&self, speed_rad_s: f64) -> f64 {
+        let usual = match self.kind {
+            LoadKind::Unbalance => UNBALANCE_WALK,
+            // Its size in one turn: it may be what turns with the shaft.
+            LoadKind::Walk => (speed_rad_s / std::f64::consts::TAU).sqrt(),
+        };
+        self.walk_n_per_sqrt_s.unwrap_or(usual * self.nominal_n)
     }
 }
 

@@ -6,9 +6,11 @@ use loadtwin_common::line::Line;
 use serde::Serialize;
 
 use super::Sample;
+use super::orbits::Orbits;
 use crate::build::BuildError;
 use crate::machine::{Kind, Machine};
 use crate::metrics::Segment;
+use crate::report::Section;
 use crate::rotor::RotorPlan;
 
 /// The columns of the true displacements: `node0_x`, `node0_y`, `node1_x`, ... [m].
@@ -24,6 +26,7 @@ pub fn displacement_columns(machine: &Machine) -> Vec<String> {
 /// Errors of the displacements of one replay, gathered sample by sample.
 pub struct Displacements {
     plan: Option<RotorPlan>,
+    orbits: Option<Orbits>,
     segments: Vec<Segment>,
     estimate: Vec<f64>,
     /// For each segment, the full recording first, and each node.
@@ -53,10 +56,11 @@ impl Displacements {
     /// # Errors
     /// When no model can be made of the rotor.
     pub fn new(machine: &Machine) -> Result<Self, BuildError> {
-        let plan = match machine.kind() {
-            Some(Kind::Rotor(rotor)) => Some(RotorPlan::new(machine, rotor)?),
+        let rotor = match machine.kind() {
+            Some(Kind::Rotor(rotor)) => Some(rotor),
             _ => None,
         };
+        let plan = rotor.map(|r| RotorPlan::new(machine, r)).transpose()?;
         let nodes = plan.as_ref().map_or(0, RotorPlan::nodes);
         let mut segments = vec![Segment {
             name: "full".into(),
@@ -64,7 +68,10 @@ impl Displacements {
             to_s: f64::INFINITY,
         }];
         segments.extend(super::figures::segments(machine));
+        // The whole recording where it has no parts.
+        let parts = &segments[usize::from(segments.len() > 1)..];
         Ok(Self {
+            orbits: rotor.map(|rotor| Orbits::new(machine, rotor, parts)),
             errors: vec![vec![Error::default(); nodes]; segments.len()],
             estimate: vec![0.0; 2 * nodes],
             plan,
@@ -75,13 +82,11 @@ impl Displacements {
 
     /// Adds one sample, after the line's step.
     pub fn push(&mut self, sample: &Sample<'_>, line: &Line<'_>) {
-        let Some(plan) = &self.plan else {
+        let (Some(plan), Some(orbits)) = (&self.plan, &mut self.orbits) else {
             return;
         };
-        if !sample.displacements.iter().any(|q| q.is_finite()) {
-            return;
-        }
         plan.displacements(line.rotor_state(), &mut self.estimate);
+        orbits.push(sample.t, &self.estimate, sample.displacements);
         for (segment, errors) in self.segments.iter().zip(&mut self.errors) {
             if !(segment.from_s..segment.to_s).contains(&sample.t) {
                 continue;
@@ -95,6 +100,11 @@ impl Displacements {
                 }
             }
         }
+    }
+
+    /// Orbits as plots, for each part of the recording; none for other machines.
+    pub fn orbits(&self) -> Vec<Section> {
+        self.orbits.iter().flat_map(Orbits::sections).collect()
     }
 
     /// Largest displacement of the recording at any node [m].

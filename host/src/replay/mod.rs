@@ -3,9 +3,11 @@
 mod displacements;
 mod estimates;
 mod figures;
+mod orbits;
 mod page;
 mod phasor;
 mod samples;
+mod speeds;
 
 use std::path::Path;
 
@@ -20,6 +22,7 @@ pub use figures::{Figures, LoadFigures};
 pub use page::ReportPage;
 pub use phasor::{Phasor, PhasorFigures};
 pub use samples::{Sample, Samples};
+pub use speeds::Speeds;
 
 use crate::build::{self, BuildError, Sensors};
 use crate::machine::Machine;

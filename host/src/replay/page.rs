@@ -2,7 +2,7 @@
 
 use loadtwin_common::estimate::Estimate;
 
-use super::{Figures, Sample};
+use super::{Displacements, Figures, Phasor, Sample};
 use crate::build::Sensors;
 use crate::machine::{Machine, Senses};
 use crate::recording::Quantity;
@@ -72,15 +72,20 @@ impl ReportPage {
         self.plots.push(sample.t, &self.references, estimate);
     }
 
-    /// The page, with the error table of `figures`.
+    /// The page, with the error tables of `figures` and of the baseline, and the orbits of a rotor.
     pub fn finish(
         self,
         machine: &Machine,
         sensors: &Sensors,
         recording: &str,
         figures: &Figures,
+        displacements: &Displacements,
+        phasor: &Phasor,
     ) -> Report {
-        let (time, sections) = self.plots.finish();
+        let (time, mut sections) = self.plots.finish();
+        sections.extend(displacements.orbits());
+        let mut tables = vec![error_table(machine, figures)];
+        tables.extend(baseline_table(machine, phasor));
         Report {
             title: machine.name.clone(),
             facts: vec![
@@ -92,7 +97,7 @@ impl ReportPage {
                 ],
             ],
             key_figures: key_figures(figures),
-            tables: vec![error_table(machine, figures)],
+            tables,
             time: Some(time),
             sections,
         }
@@ -123,7 +128,6 @@ fn key_figures(figures: &Figures) -> Vec<KeyFigure> {
 
 fn error_table(machine: &Machine, figures: &Figures) -> Table {
     let segments = machine.segments.iter().map(|s| s.name.clone());
-    let cell = |value: Option<f64>| value.map_or_else(|| "–".into(), |value| format!("{value:.2}"));
     let mut columns = vec!["Load".to_owned(), "full".to_owned()];
     columns.extend(segments.clone());
     columns.push("RMSE".into());
@@ -142,6 +146,31 @@ fn error_table(machine: &Machine, figures: &Figures) -> Table {
         head: columns,
         rows,
     }
+}
+
+/// The 1x phasor inversion beside the filter; none on machines that are no rotor.
+fn baseline_table(machine: &Machine, phasor: &Phasor) -> Option<Table> {
+    let parts: Vec<&str> = std::iter::once("full")
+        .chain(machine.segments.iter().map(|s| s.name.as_str()))
+        .collect();
+    let rows: Vec<Vec<String>> = (phasor.figures().into_iter())
+        .map(|(name, load)| {
+            let of = |part: &&str| cell(load.nmae_percent.get(*part).copied().flatten());
+            std::iter::once(name).chain(parts.iter().map(of)).collect()
+        })
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        caption: "Error of the 1x phasor inversion [% of the nominal load]".into(),
+        head: std::iter::once("Load")
+            .chain(parts)
+            .map(String::from)
+            .collect(),
+        rows,
+    })
+}
+
+fn cell(value: Option<f64>) -> String {
+    value.map_or_else(|| "–".into(), |value| format!("{value:.2}"))
 }
 
 fn capitalised(word: &str) -> String {

@@ -37,16 +37,7 @@ pub fn held(
 ) -> Mat<f64> {
     let (r, m) = (reduced.len(), forces.len());
     let n = 2 * r;
-    let k = reduced.stiffness(model, speed_rad_s);
-    let c = reduced.turning_damping(model, speed_rad_s);
-    let mut a = Mat::<f64>::zeros(n + m, n + m);
-    for i in 0..r {
-        a[(i, r + i)] = dt_s;
-        for j in 0..r {
-            a[(r + i, j)] = -k[(i, j)] * dt_s;
-            a[(r + i, r + j)] = -c[(i, j)] * dt_s;
-        }
-    }
+    let mut a = reduced.motion(model, speed_rad_s, dt_s, m);
     for (j, force) in forces.iter().enumerate() {
         for (i, value) in reduced.row(force).iter().enumerate() {
             a[(r + i, n + j)] = value * dt_s;

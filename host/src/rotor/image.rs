@@ -33,10 +33,6 @@ const FULL_SCALE: f64 = 16.0;
 /// Standard deviation at which an estimate is no longer valid, in nominal loads.
 const VALID_STD: f64 = 1.0;
 
-/// Random walk of an unbalance whose description gives none, in nominal loads per
-/// sqrt(s): a mass that moves by 0.1 % in a second.
-const UNBALANCE_WALK: f64 = 1e-3;
-
 /// Bandwidth of the tracked speed, in sample rates, at most [Hz].
 const TRACKING: f64 = 0.01;
 const TRACKING_HZ: f64 = 20.0;
@@ -78,12 +74,12 @@ impl RotorPlan {
                 loads: rotor.loads.len(),
             })?;
         let kept = rotor.reduction.modes.unwrap_or(size.0 - forces.len());
-        let reduced = Reduced::new(&model, rotor.speed_rad_s, kept, &forces)?;
         let [low, high] = rotor.schedule();
         let count = if high > low { SPEEDS } else { 1 };
         let speeds = (0..count)
             .map(|k| low + (high - low) * k as f64 / (count.max(2) - 1) as f64)
-            .collect();
+            .collect::<Vec<f64>>();
+        let reduced = Reduced::new(&model, rotor.speed_rad_s, &speeds, kept, &forces)?;
         let mut plan = Self {
             model,
             reduced,
@@ -269,13 +265,7 @@ impl RotorPlan {
             p[(modes + i, modes + i)] = start * z * w2;
         }
         for (j, nominal) in self.nominal.iter().enumerate() {
-            let load = &rotor.loads[j / 2];
-            let usual = match load.kind {
-                LoadKind::Unbalance => UNBALANCE_WALK,
-                // Its size in one turn: it may be what turns with the shaft.
-                LoadKind::Walk => (self.nominal_speed / std::f64::consts::TAU).sqrt(),
-            };
-            let walk = load.walk_n_per_sqrt_s.unwrap_or(usual * nominal);
+            let walk = rotor.loads[j / 2].walk(self.nominal_speed);
             q[(2 * modes + j, 2 * modes + j)] = walk * walk * self.dt_s;
             p[(2 * modes + j, 2 * modes + j)] = nominal * nominal;
         }
@@ -284,6 +274,25 @@ impl RotorPlan {
             self.scaled(&turned(t, &q), true),
             self.scaled(&turned(t, &p), true),
         )
+    }
+
+    /// The transition at the machine's speed, in the scale of the filter.
+    ///
+    /// # Errors
+    /// [`BuildError::Sampled`] where a mode is sampled at a multiple of half its period.
+    pub fn transition(&self) -> Result<Mat<f64>, BuildError> {
+        let nominal = self.discrete(self.nominal_speed)?;
+        Ok(self.scaled(&nominal.transition, false))
+    }
+
+    /// Q and the covariance before the first sample as the image has them, with the noise of
+    /// `rotor`.
+    ///
+    /// # Errors
+    /// As [`RotorPlan::transition`].
+    pub fn noise(&self, rotor: &Rotor) -> Result<[Vec<u8>; 2], BuildError> {
+        let (q, p) = self.covariances(rotor, &self.discrete(self.nominal_speed)?);
+        Ok([&q, &p].map(|m| bytes(triangle(m))))
     }
 
     /// The image's payload, as postcard bytes.

@@ -1,23 +1,27 @@
-//! The rotor in few degrees of freedom: modes, and what they lack of the motion under
-//! the forces.
+//! The rotor in few degrees of freedom: the whirls under the forces, and what they lack of
+//! the free motion that a start leaves.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale, Side, c64};
 
 use super::RotorError;
+use super::free_motion::free_motion;
 use super::model::{BAND, RotorModel};
 use super::modes::undamped_modes;
 use super::unbalance::forced_response;
 
-/// Part of a whirl that the modes must leave over for it to count.
+/// Part of a vector that the others must leave over for it to count.
 const NEW: f64 = 1e-6;
+
+/// Undamped modes beyond twice those kept that free motion is computed in.
+const SPARE: usize = 24;
 
 /// A reduced rotor, `q = T z`, `T' M T = I`, `z'' + (C + speed G) z' + K z = T' f`.
 ///
-/// `T`: the lowest undamped modes at one speed, then the whirls under forces that turn
-/// at that speed as far as the modes lack them, M-orthonormal, turned so
-/// that `K` is diagonal at that speed. There it is exact; static deflections in place of
-/// the whirls are exact at rest, where no machine is.
+/// `T`: the whirls under forces that turn at one speed, then the directions that the free
+/// motion after a start under these forces has most of beside them, M-orthonormal, turned
+/// so that `K` is diagonal at that speed. Steady motion is exact there; undamped modes in place
+/// of the free motion's directions leave out how bearings and discs deform what rings on.
 #[derive(Clone, Debug)]
 pub struct Reduced {
     /// `T`, degrees of freedom x kept.
@@ -37,48 +41,56 @@ pub struct ReductionError {
 }
 
 impl Reduced {
-    /// Keeps `modes` modes at `speed_rad_s` and what they lack of the whirl under each pair
-    /// of `forces`, rows along x and y over the degrees of freedom.
+    /// Keeps the whirls at `speed_rad_s` under each pair of `forces`, rows along x and y over the
+    /// degrees of freedom, and `free` directions of free motion at `speeds` [rad/s].
     ///
     /// # Errors
     /// [`RotorError`] where the rotor is not held, or is undamped at its critical speed.
+    ///
+    /// Source: Lall, Marsden, Glavaski, Int. J. Robust Nonlinear Control 12 (2002): the
+    /// directions of an empirical Gramian.
     pub fn new(
         model: &RotorModel,
         speed_rad_s: f64,
-        modes: usize,
+        speeds: &[f64],
+        free: usize,
         forces: &[Vec<f64>],
     ) -> Result<Self, RotorError> {
         let n = model.len();
-        let undamped = undamped_modes(model, speed_rad_s, modes)?;
-        let k = model.stiffness(speed_rad_s);
-        let k = Scale(0.5) * (&k + k.transpose());
-        let mut columns: Vec<Mat<f64>> = (0..undamped.shapes.ncols())
-            .map(|j| Mat::from_fn(n, 1, |i, _| undamped.shapes[(i, j)]))
-            .collect();
-        for mut v in whirls(model, speed_rad_s, forces)? {
-            let whole = mass_norm(model, &v);
-            // Twice is enough: what the first pass rounds, the second removes.
-            for _ in 0..2 {
-                let mv = &model.mass * &v;
-                for c in &columns {
-                    let along = (c.transpose() * &mv)[(0, 0)];
-                    v -= Scale(along) * c;
-                }
-            }
-            let left = mass_norm(model, &v);
-            if left > NEW * whole {
-                columns.push(Scale(1.0 / left) * v);
-            }
+        let mut columns = Vec::new();
+        for whirl in whirls(model, speed_rad_s, forces)? {
+            append(model, &mut columns, whirl);
         }
-        let t = Mat::from_fn(n, columns.len(), |i, j| columns[j][(i, 0)]);
-        let turned = project(&t, &k)
+        let kept = columns.len();
+        let undamped = undamped_modes(model, speed_rad_s, 2 * free + SPARE)?;
+        for shape in undamped.shapes.col_iter() {
+            append(model, &mut columns, shape.as_mat().to_owned());
+        }
+        let fine = Mat::from_fn(n, columns.len(), |i, j| columns[j][(i, 0)]);
+        let rest = fine.ncols() - kept;
+        let reduced = Self::on(model, fine.clone());
+        let mut gramian = Mat::<f64>::zeros(fine.ncols(), fine.ncols());
+        for speed in speeds.iter().filter(|speed| **speed > 0.0) {
+            let growth = (speed / speed_rad_s).powi(2);
+            let whirls = whirls(model, *speed, forces)?;
+            gramian += Scale(growth * growth) * free_motion(model, &reduced, *speed, &whirls);
+        }
+        let directions = gramian
+            .submatrix(kept, kept, rest, rest)
             .self_adjoint_eigen(Side::Lower)
             .map_err(|_| RotorError::NoEigenvalues)?;
-        let basis = &t * turned.U();
-        Ok(Self {
-            gyroscopic: project(&basis, &model.gyroscopic),
-            basis,
-        })
+        let free = free.min(rest);
+        // Rising order: what there is most of comes last.
+        let directions = fine.subcols(kept, rest) * directions.U().subcols(rest - free, free);
+        let t = Mat::from_fn(n, kept + free, |i, j| match j.checked_sub(kept) {
+            Some(j) => directions[(i, j)],
+            None => fine[(i, j)],
+        });
+        let k = model.stiffness(speed_rad_s);
+        let turned = project(&t, &(Scale(0.5) * (&k + k.transpose())))
+            .self_adjoint_eigen(Side::Lower)
+            .map_err(|_| RotorError::NoEigenvalues)?;
+        Ok(Self::on(model, &t * turned.U()))
     }
 
     /// A reduced rotor on a given basis, M-orthonormal.
@@ -107,6 +119,29 @@ impl Reduced {
     /// `C + speed G` at a speed [rad/s].
     pub fn turning_damping(&self, model: &RotorModel, speed_rad_s: f64) -> Mat<f64> {
         project(&self.basis, &model.damping(speed_rad_s)) + Scale(speed_rad_s) * &self.gyroscopic
+    }
+
+    /// `A dt` of `(z, z')' = A (z, z')` at a speed, with `more` rows and columns of 0 behind it
+    /// for what drives the motion.
+    pub(super) fn motion(
+        &self,
+        model: &RotorModel,
+        speed_rad_s: f64,
+        dt_s: f64,
+        more: usize,
+    ) -> Mat<f64> {
+        let r = self.len();
+        let k = self.stiffness(model, speed_rad_s);
+        let c = self.turning_damping(model, speed_rad_s);
+        let mut a = Mat::<f64>::zeros(2 * r + more, 2 * r + more);
+        for i in 0..r {
+            a[(i, r + i)] = dt_s;
+            for j in 0..r {
+                a[(r + i, j)] = -k[(i, j)] * dt_s;
+                a[(r + i, r + j)] = -c[(i, j)] * dt_s;
+            }
+        }
+        a
     }
 
     /// `row T`: a force, or a measured displacement, over what is kept.
@@ -196,6 +231,23 @@ pub(super) fn project(basis: &Mat<f64>, matrix: &Mat<f64>) -> Mat<f64> {
             .sum::<f64>()
     });
     basis.transpose() * product
+}
+
+/// Adds what `columns`, M-orthonormal, lack of `v`, where it is anything.
+fn append(model: &RotorModel, columns: &mut Vec<Mat<f64>>, mut v: Mat<f64>) {
+    let whole = mass_norm(model, &v);
+    // Twice is enough: what the first pass rounds, the second removes.
+    for _ in 0..2 {
+        let mv = &model.mass * &v;
+        for c in columns.iter() {
+            let along = (c.transpose() * &mv)[(0, 0)];
+            v -= Scale(along) * c;
+        }
+    }
+    let left = mass_norm(model, &v);
+    if left > NEW * whole {
+        columns.push(Scale(1.0 / left) * v);
+    }
 }
 
 fn mass_norm(model: &RotorModel, v: &Mat<f64>) -> f64 {

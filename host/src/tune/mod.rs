@@ -1,5 +1,6 @@
 //! `loadtwin tune`: the noise of the filter, from measurements and from what is asked of it.
 
+mod differential_evolution;
 mod frequency_response;
 mod load_noise;
 mod measurement_noise;
@@ -11,6 +12,7 @@ mod trial;
 
 use thiserror::Error;
 
+pub use differential_evolution::Evolution;
 pub use frequency_response::{FrequencyResponse, Weighting};
 pub use load_noise::{LoadNoise, Method, Tuned, tune_loads};
 pub use measurement_noise::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};

@@ -3,6 +3,7 @@
 mod convergence;
 mod discrete;
 mod element;
+mod free_motion;
 mod image;
 mod inversion;
 mod model;
@@ -10,6 +11,7 @@ mod modes;
 mod reduction;
 mod response;
 mod ross;
+pub mod tune;
 mod unbalance;
 
 use thiserror::Error;

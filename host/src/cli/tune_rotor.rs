@@ -1,0 +1,159 @@
+//! `loadtwin tune` of a rotor.
+
+use std::path::Path;
+use std::time::Instant;
+
+use serde_json::{Map, Value, json};
+
+use super::output::say;
+use super::progress::Progress;
+use super::tune::{Choice as Asked, Tune};
+use crate::build::Sensors;
+use crate::calibrate::Description;
+use crate::machine::{Machine, Rotor, RotorLoad, six_digits};
+use crate::rotor::tune::{Choice, Judged, Method, judge, page, tune};
+
+impl Tune {
+    /// Both methods on the recordings of a rotor, judged on one that took no part.
+    pub(super) fn run_rotor(
+        &self,
+        described: &Machine,
+        rotor: &Rotor,
+        as_json: bool,
+    ) -> anyhow::Result<()> {
+        let method = match self.method {
+            None | Some(Asked::Likelihood) => Method::Likelihood,
+            Some(Asked::Evolution) => Method::Evolution,
+            Some(_) => anyhow::bail!("--method: allowed on a rotor: likelihood, evolution"),
+        };
+        for (given, option) in [
+            (self.cutoff.is_some(), "--cutoff"),
+            (self.keep_r, "--keep-r"),
+            (self.compare, "--compare"),
+            (self.response.is_some(), "--response"),
+        ] {
+            anyhow::ensure!(!given, "{option}: for a drivetrain only; found a rotor");
+        }
+        let started = Instant::now();
+        let sensors = Sensors::choose(described, self.sensors.as_deref())?;
+        let progress = Progress::new("tune");
+        let choices = tune(described, rotor, &sensors, &self.recordings, |part| {
+            progress.show(part);
+        })?;
+        drop(progress);
+        let recording = self.validate.as_ref().unwrap_or(&self.recordings[0]);
+        let choices = (choices.into_iter())
+            .map(|choice| {
+                let judged = judge(&choice.machine, self.sensors.as_deref(), recording)?;
+                Ok((choice, judged))
+            })
+            .collect::<anyhow::Result<Vec<_>>>()?;
+        let chosen = choices.iter().find(|(choice, _)| choice.method == method);
+        if let (Some(path), Some((choice, _))) = (&self.output, chosen) {
+            write(described, &choice.machine, path)?;
+        }
+        if let Some(path) = &self.report {
+            page(described, &choices, &recording.display().to_string()).write(path)?;
+        }
+        if as_json {
+            let methods: Map<String, Value> = (choices.iter())
+                .map(|(choice, judged)| (choice.method.name().to_owned(), report(choice, judged)))
+                .collect();
+            let out = json!({
+                "machine": described.name,
+                "recordings": self.recordings,
+                "method": method.name(),
+                "methods": methods,
+                "judged_on": recording,
+                "machine_out": self.output,
+                "seconds": started.elapsed().as_secs_f64(),
+            });
+            say!("{out}");
+        } else {
+            print(&choices, recording, self.validate.is_none());
+        }
+        Ok(())
+    }
+}
+
+fn report(choice: &Choice, judged: &Judged) -> Value {
+    let machine = &choice.machine;
+    let loads: Map<String, Value> = (machine.rotor.iter())
+        .flat_map(|rotor| {
+            let walk = |load: &RotorLoad| json!(load.walk(rotor.speed_rad_s));
+            rotor
+                .loads
+                .iter()
+                .map(move |l| (l.names.join(","), walk(l)))
+        })
+        .collect();
+    let sensors: Map<String, Value> = (machine.channels.iter())
+        .map(|channel| (channel.name.clone(), json!(channel.noise_std)))
+        .collect();
+    let reduction = machine.rotor.as_ref().map(|rotor| &rotor.reduction);
+    json!({
+        "walk_n_per_sqrt_s": loads,
+        "model_std": reduction.map(|r| r.model_std),
+        "initial_std": reduction.map(|r| r.initial_std),
+        "noise_std": sensors,
+        "misfit": choice.outcome.misfit,
+        "objectives": choice.outcome.objectives,
+        "judged": judged,
+    })
+}
+
+fn print(choices: &[(Choice, Judged)], recording: &Path, is_tuned_on: bool) {
+    say!(
+        "{:<12}{:>10}{:>11}{:>11}{:>8}  error of a displacement at any node",
+        "method",
+        "misfit",
+        "f1",
+        "f2",
+        "NIS"
+    );
+    for (choice, judged) in choices {
+        let [first, second] = choice.outcome.objectives;
+        let errors: Vec<String> = (judged.displacement_um.iter())
+            .map(|(segment, worst)| format!("{segment} {worst:.3} µm"))
+            .collect();
+        say!(
+            "{:<12}{:>10.4}{:>11.2e}{:>11.2e}{:>8.2}  {}",
+            choice.method.name(),
+            choice.outcome.misfit,
+            first,
+            second,
+            judged.nis_mean.unwrap_or(f64::NAN),
+            errors.join(", ")
+        );
+    }
+    let note = if is_tuned_on {
+        ", which was tuned on: give another with --validate"
+    } else {
+        ""
+    };
+    say!("judged on {}{note}", recording.display());
+}
+
+/// Writes the description with the noise of `tuned`.
+fn write(described: &Machine, tuned: &Machine, path: &Path) -> anyhow::Result<()> {
+    let mut description = Description::read(&described.path)?;
+    if let Some(rotor) = &tuned.rotor {
+        for (i, load) in rotor.loads.iter().enumerate() {
+            let walk = load.walk(rotor.speed_rad_s);
+            description.set_number_at("rotor.load", i, "walk_n_per_sqrt_s", walk);
+        }
+        if let Some(file) = &rotor.ross_model {
+            let folder = described.path.parent().unwrap_or(Path::new(""));
+            let file = std::path::absolute(folder.join(file))?;
+            description.set_in("rotor", "ross_model", file.to_string_lossy().as_ref());
+        }
+        for (key, value) in [
+            ("model_std", rotor.reduction.model_std),
+            ("initial_std", rotor.reduction.initial_std),
+        ] {
+            description.set_in("rotor.reduction", key, six_digits(value));
+        }
+    }
+    description.write_with_gauges(described, tuned, path)?;
+    Ok(())
+}
