@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::time::Instant;
 
-use loadtwin::diagnose::{self, Diagnosis, Verdict, effect};
+use loadtwin::diagnose::{Diagnosis, Residuals, Verdict, effect};
 use loadtwin::machine::Machine;
 
 use crate::cases::Case;
@@ -20,7 +20,8 @@ pub fn told(number: usize, case: &Case, machine: &Machine) -> Result<Row, Box<dy
     case.record(machine, &seen, &unseen)?;
     let (seen, unseen) = (vec![seen], vec![unseen]);
     let started = Instant::now();
-    let diagnosis = diagnose::diagnose(machine, &seen, &unseen, effect::LIBRARY, |_| ())?;
+    let residuals = Residuals::read(machine, &seen, &unseen, |_| ())?;
+    let diagnosis = residuals.explained_by(effect::LIBRARY, |_| ());
     let seconds = started.elapsed().as_secs_f64();
     let said = match &diagnosis.verdict {
         Verdict::Effects(names) | Verdict::Inseparable(names) => names.join(" "),
@@ -32,10 +33,7 @@ pub fn told(number: usize, case: &Case, machine: &Machine) -> Result<Row, Box<dy
         .map(|(name, _)| effect::by_name(name))
         .collect();
     let given = match true_effects {
-        Some(effects) if !effects.is_empty() => {
-            let given = diagnose::diagnose(machine, &seen, &unseen, &effects, |_| ())?;
-            after(&given)
-        }
+        Some(effects) if !effects.is_empty() => after(&residuals.explained_by(&effects, |_| ())),
         _ => None,
     };
     Ok(Row {

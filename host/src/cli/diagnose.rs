@@ -50,13 +50,9 @@ impl Diagnose {
             return self.run_balance(&machine, as_json);
         }
         let progress = Progress::new("diagnose");
-        let diagnosis = diagnose::diagnose(
-            &machine,
-            &self.recordings,
-            &self.validate,
-            effect::LIBRARY,
-            |part| progress.show(part),
-        )?;
+        let diagnosis = diagnose::diagnose(&machine, &self.recordings, &self.validate, |part| {
+            progress.show(part)
+        })?;
         drop(progress);
         if let Some(path) = &self.report {
             let names: Vec<String> = self

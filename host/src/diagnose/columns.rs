@@ -7,8 +7,8 @@ use super::stream::{Columns, Kind, Session};
 
 /// Columns that are in the model anyway: a zero for each strain and angle,
 /// the reference's zero and an error of the inertia in the balance, an error
-/// of the stiffness in an angle; and what a clean machine leaves when it does
-/// the same.
+/// of the stiffness in an angle; what is only known roughly; and what a clean
+/// machine leaves when it does the same.
 fn nuisances(session: &Session, k: usize) -> Vec<Prior> {
     let stream = &session.streams[k];
     let n = session.signals.len();
@@ -50,6 +50,10 @@ fn nuisances(session: &Session, k: usize) -> Vec<Prior> {
             },
         ],
     };
+    own.extend(stream.roughly.iter().map(|column| Prior {
+        column: column.clone(),
+        std: 1.0,
+    }));
     let mut clean = stream.clean.clone();
     clean.resize(n, 0.0);
     own.push(Prior {
@@ -80,7 +84,7 @@ pub(super) fn base_columns(sessions: &[Session], found: &[Found]) -> Vec<Vec<Pri
         })
         .collect();
     for f in found {
-        let columns = columns(sessions, f.effect, &f.shape);
+        let columns = columns(sessions, f.effect, &f.shape, &f.parameters);
         for (linear, columns) in f.effect.linear().iter().zip(columns) {
             for (k, column) in columns.into_iter().enumerate() {
                 if !column.is_empty() {
@@ -95,13 +99,19 @@ pub(super) fn base_columns(sessions: &[Session], found: &[Found]) -> Vec<Vec<Pri
     base
 }
 
-/// Columns of an effect over all sessions: `[parameter][stream]`.
-pub(super) fn columns(sessions: &[Session], effect: &dyn Effect, shape: &[f64]) -> Vec<Columns> {
+/// Columns of an effect over all sessions, taken as linear about `parameters`
+/// (`[stream]`): `[parameter][stream]`.
+pub(super) fn columns(
+    sessions: &[Session],
+    effect: &dyn Effect,
+    shape: &[f64],
+    parameters: &[Vec<f64>],
+) -> Vec<Columns> {
     let per_session: Vec<Vec<Columns>> = sessions
         .iter()
         .map(|session| {
             effect
-                .terms(session, shape)
+                .terms_about(session, shape, parameters)
                 .iter()
                 .map(|term| {
                     let mut columns = session.columns(term);

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
 use super::refit::rest;
-use super::select::Selection;
+use super::select::Found;
 use super::stream::{Kind, Session, Told};
 
 /// Blocks of the bootstrap [s].
@@ -45,17 +45,14 @@ pub struct LoadErrors {
 ///
 /// Sample by sample the torque is that which explains the gauges best:
 /// `sum(m r / s^2) / sum(m^2 / s^2)`.
-pub fn load_errors(sessions: &[Session], selection: &Selection, seed: u64) -> LoadErrors {
+pub fn load_errors(sessions: &[Session], found: &[Found], seed: u64) -> LoadErrors {
     let nominal: Vec<Vec<Vec<f64>>> = sessions
         .iter()
         .map(|s| s.streams.iter().map(|k| k.residual.clone()).collect())
         .collect();
-    let zeros: Vec<Vec<f64>> = selection
-        .nuisance
-        .iter()
-        .map(|n| vec![0.0; n.len()])
-        .collect();
-    let with_effects = rest(sessions, &selection.found, &zeros);
+    // Nuisances are left as they are.
+    let zeros = vec![Vec::new(); sessions[0].streams.len()];
+    let with_effects = rest(sessions, found, &zeros);
     let again = |residuals: &[Vec<Vec<f64>>]| recalibrated(sessions, residuals);
     let figure = |residuals: &[Vec<Vec<f64>>]| interval(sessions, residuals, seed);
     LoadErrors {

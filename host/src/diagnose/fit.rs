@@ -54,11 +54,18 @@ pub struct Base {
     errors: Vec<Vec<f64>>,
 }
 
+/// What the base of a stream makes of the candidate's columns, and of the
+/// right-hand sides.
+type Eliminated = (Mat<f64>, Mat<f64>);
+
 /// How well a candidate did.
 #[derive(Clone, Debug)]
 pub struct Trial {
     /// Its shape.
     pub shape: Vec<f64>,
+    /// Linear parameters of each stream about which its terms were taken;
+    /// none where they are the same everywhere.
+    pub about: Vec<Vec<f64>>,
     /// Logarithm of the evidence on left-out blocks.
     pub score: f64,
     /// The same of each draw without effect.
@@ -239,16 +246,7 @@ impl Data {
         with_draws: bool,
     ) -> Trial {
         let sides = if with_draws { self.sides() } else { 1 };
-        let stream_columns: Vec<Vec<&[f64]>> = (0..self.streams.len())
-            .map(|k| {
-                let own: Vec<&[f64]> = columns.iter().map(|c| c[k].as_slice()).collect();
-                if own.iter().any(|c| c.is_empty()) {
-                    Vec::new()
-                } else {
-                    own
-                }
-            })
-            .collect();
+        let stream_columns = self.by_stream(columns);
         let priors: Vec<f64> = effect.linear().iter().map(|l| l.prior_std).collect();
         let errors = match effect.coupling() {
             Coupling::Own => self.own(base, &stream_columns, &priors, sides),
@@ -271,10 +269,83 @@ impl Data {
         };
         Trial {
             shape: shape.to_vec(),
+            about: Vec::new(),
             score: sum(0),
             null: (1..sides).map(sum).collect(),
             streams: (0..self.streams.len()).map(|k| gain(k, 0)).collect(),
         }
+    }
+
+    /// Linear parameters of `effect` beside `base`, by all the data: for each
+    /// stream, empty where it does not act.
+    pub fn parameters(
+        &self,
+        base: &Base,
+        effect: &dyn Effect,
+        columns: &[Columns],
+    ) -> Vec<Vec<f64>> {
+        let columns = self.by_stream(columns);
+        let priors: Vec<f64> = effect.linear().iter().map(|l| l.prior_std).collect();
+        let sums = self.sums_by_stream(base, &columns, 1);
+        match effect.coupling() {
+            Coupling::Own => sums
+                .iter()
+                .enumerate()
+                .map(|(k, sums)| {
+                    let Some(sums) = sums else { return Vec::new() };
+                    let (gram, right) = totals(sums);
+                    let solution = solved(gram, &right, &self.ridge_with(base, k, &priors));
+                    let first = base.columns[k].len();
+                    (first..solution.nrows())
+                        .map(|i| solution[(i, 0)])
+                        .collect()
+                })
+                .collect(),
+            Coupling::Shared => {
+                let (shared, _) = self.shared_solution(base, &sums, &priors, None, 1);
+                let all: Vec<f64> = (0..priors.len()).map(|i| shared[(i, 0)]).collect();
+                sums.iter()
+                    .map(|s| s.as_ref().map_or(Vec::new(), |_| all.clone()))
+                    .collect()
+            }
+        }
+    }
+
+    /// Columns of each stream; none where one is missing.
+    fn by_stream<'a>(&self, columns: &'a [Columns]) -> Vec<Vec<&'a [f64]>> {
+        (0..self.streams.len())
+            .map(|k| {
+                let own: Vec<&[f64]> = columns.iter().map(|c| c[k].as_slice()).collect();
+                if own.iter().any(|c| c.is_empty()) {
+                    Vec::new()
+                } else {
+                    own
+                }
+            })
+            .collect()
+    }
+
+    /// Sums of base and candidate where the candidate acts on something known.
+    fn sums_by_stream(
+        &self,
+        base: &Base,
+        columns: &[Vec<&[f64]>],
+        sides: usize,
+    ) -> Vec<Option<Sums>> {
+        columns
+            .iter()
+            .enumerate()
+            .map(|(k, own)| {
+                (!own.is_empty() && self.streams[k].count > 0.0)
+                    .then(|| self.joined(base, k, own, sides))
+            })
+            .collect()
+    }
+
+    fn ridge_with(&self, base: &Base, k: usize, priors: &[f64]) -> Vec<f64> {
+        let mut ridge = self.ridge(k, &base.columns[k]);
+        ridge.extend(priors.iter().map(|p| self.streams[k].variance / (p * p)));
+        ridge
     }
 
     fn own(
@@ -284,22 +355,17 @@ impl Data {
         priors: &[f64],
         sides: usize,
     ) -> Vec<Option<Vec<f64>>> {
-        columns
+        self.sums_by_stream(base, columns, sides)
             .iter()
             .enumerate()
-            .map(|(k, own)| {
-                (!own.is_empty() && self.streams[k].count > 0.0).then(|| {
-                    let sums = self.joined(base, k, own, sides);
-                    let mut ridge = self.ridge(k, &base.columns[k]);
-                    ridge.extend(priors.iter().map(|p| self.streams[k].variance / (p * p)));
-                    left_out(&sums, &ridge)
-                })
+            .map(|(k, sums)| {
+                sums.as_ref()
+                    .map(|sums| left_out(sums, &self.ridge_with(base, k, priors)))
             })
             .collect()
     }
 
-    /// One set of parameters for all streams: each stream's base is
-    /// eliminated, what is left is summed over the streams.
+    /// One set of parameters for all streams.
     fn shared(
         &self,
         base: &Base,
@@ -308,68 +374,16 @@ impl Data {
         sides: usize,
     ) -> Vec<Option<Vec<f64>>> {
         let c = priors.len();
-        let sums: Vec<Option<Sums>> = columns
-            .iter()
-            .enumerate()
-            .map(|(k, own)| {
-                (!own.is_empty() && self.streams[k].count > 0.0)
-                    .then(|| self.joined(base, k, own, sides))
-            })
-            .collect();
+        let sums = self.sums_by_stream(base, columns, sides);
         let mut errors: Vec<Option<Vec<f64>>> = sums
             .iter()
             .map(|s| s.as_ref().map(|_| vec![0.0; sides]))
             .collect();
         for fold in 0..FOLDS {
-            let mut normal = Mat::<f64>::from_fn(c, c, |i, j| {
-                if i == j {
-                    1.0 / (priors[i] * priors[i])
-                } else {
-                    0.0
-                }
-            });
-            let mut right = Mat::<f64>::zeros(c, sides);
-            let mut reduced = Vec::new();
+            let (shared, reduced) = self.shared_solution(base, &sums, priors, Some(fold), sides);
             for (k, sums) in sums.iter().enumerate() {
-                let Some(sums) = sums else {
-                    reduced.push(None);
-                    continue;
-                };
-                let q = base.columns[k].len();
-                let (gram, rhs) = totals(sums);
-                let (gram, rhs) = (gram - &sums.gram[fold], rhs - &sums.right[fold]);
-                let ridge = self.ridge(k, &base.columns[k]);
-                let inner = gram.submatrix(0, 0, q, q).to_owned();
-                let cross = gram.submatrix(0, q, q, c).to_owned();
-                // Columns: what the base makes of the candidate, and of the sides.
-                let both = Mat::from_fn(q, c + sides, |i, j| {
-                    if j < c {
-                        cross[(i, j)]
-                    } else {
-                        rhs[(i, j - c)]
-                    }
-                });
-                let solution = solved(inner, &both, &ridge);
-                let by = solution.submatrix(0, 0, q, c).to_owned();
-                let free = solution.submatrix(0, c, q, sides).to_owned();
-                let weight = self.streams[k].count
-                    / (base.errors[k][0].max(1e-300) * self.streams[k].inflation);
-                let own = gram.submatrix(q, q, c, c) - cross.transpose() * &by;
-                let told = rhs.submatrix(q, 0, c, sides) - cross.transpose() * &free;
-                for i in 0..c {
-                    for j in 0..c {
-                        normal[(i, j)] += weight * own[(i, j)];
-                    }
-                    for r in 0..sides {
-                        right[(i, r)] += weight * told[(i, r)];
-                    }
-                }
-                reduced.push(Some((by, free)));
-            }
-            let shared = solved(normal, &right, &vec![0.0; c]);
-            for (k, sums) in sums.iter().enumerate() {
-                if let (Some(sums), Some(Some((by, free))), Some(errors)) =
-                    (sums, reduced.get(k), errors[k].as_mut())
+                if let (Some(sums), Some((by, free)), Some(errors)) =
+                    (sums, &reduced[k], errors[k].as_mut())
                 {
                     let q = base.columns[k].len();
                     let based = free - by * &shared;
@@ -386,6 +400,66 @@ impl Data {
         }
         errors
     }
+
+    /// The shared parameters without `fold`: each stream's base is eliminated,
+    /// what is left is summed over the streams. With it, for each stream, what
+    /// the base makes of the candidate and of the right-hand sides.
+    fn shared_solution(
+        &self,
+        base: &Base,
+        sums: &[Option<Sums>],
+        priors: &[f64],
+        fold: Option<usize>,
+        sides: usize,
+    ) -> (Mat<f64>, Vec<Option<Eliminated>>) {
+        let c = priors.len();
+        let mut normal = Mat::<f64>::zeros(c, c);
+        for (i, prior) in priors.iter().enumerate() {
+            normal[(i, i)] = 1.0 / (prior * prior);
+        }
+        let mut right = Mat::<f64>::zeros(c, sides);
+        let mut reduced = Vec::new();
+        for (k, sums) in sums.iter().enumerate() {
+            let Some(sums) = sums else {
+                reduced.push(None);
+                continue;
+            };
+            let q = base.columns[k].len();
+            let (mut gram, mut rhs) = totals(sums);
+            if let Some(fold) = fold {
+                gram -= &sums.gram[fold];
+                rhs -= &sums.right[fold];
+            }
+            let ridge = self.ridge(k, &base.columns[k]);
+            let inner = gram.submatrix(0, 0, q, q).to_owned();
+            let cross = gram.submatrix(0, q, q, c).to_owned();
+            // Columns: what the base makes of the candidate, and of the sides.
+            let both = Mat::from_fn(q, c + sides, |i, j| {
+                if j < c {
+                    cross[(i, j)]
+                } else {
+                    rhs[(i, j - c)]
+                }
+            });
+            let solution = solved(inner, &both, &ridge);
+            let by = solution.submatrix(0, 0, q, c).to_owned();
+            let free = solution.submatrix(0, c, q, sides).to_owned();
+            let weight =
+                self.streams[k].count / (base.errors[k][0].max(1e-300) * self.streams[k].inflation);
+            let own = gram.submatrix(q, q, c, c) - cross.transpose() * &by;
+            let told = rhs.submatrix(q, 0, c, sides) - cross.transpose() * &free;
+            for i in 0..c {
+                for j in 0..c {
+                    normal[(i, j)] += weight * own[(i, j)];
+                }
+                for r in 0..sides {
+                    right[(i, r)] += weight * told[(i, r)];
+                }
+            }
+            reduced.push(Some((by, free)));
+        }
+        (solved(normal, &right, &vec![0.0; c]), reduced)
+    }
 }
 
 /// Samples of stream `k` for one that tells something new.
@@ -393,7 +467,7 @@ pub fn inflation(session: &Session, k: usize) -> f64 {
     match session.streams[k].kind {
         Kind::Balance => 1.5 * session.signals.smoothing as f64,
         // Counts err alike for a while at a steady speed.
-        Kind::Angle => 4.0,
+        Kind::Angle => 16.0,
         Kind::Strain => 1.0,
     }
 }

@@ -7,6 +7,7 @@
 //! least squares, its shape from search, its evidence from blocks that were
 //! left out, against draws of the same machine without any effect.
 
+mod chain;
 mod columns;
 mod consensus;
 mod correct;
@@ -20,6 +21,7 @@ mod observe;
 mod page;
 mod recorded;
 mod refit;
+mod seen;
 mod select;
 mod signals;
 mod stream;
@@ -99,9 +101,9 @@ pub struct Diagnosis {
 /// Seed of the draws without effect.
 const SEED: u64 = 20_261_121;
 
-/// Diagnoses `machine` on `recordings` with `candidates`, the whole
-/// [`effect::LIBRARY`] as a rule; errors are told on `validation`, or, where
-/// there is none, on the fitted recordings themselves.
+/// Diagnoses `machine` on `recordings` with the whole [`effect::LIBRARY`];
+/// errors are told on `validation`, or, where there is none, on the fitted
+/// recordings themselves.
 ///
 /// # Errors
 /// [`DiagnoseError`] when the machine has no residuals, or a recording cannot
@@ -110,43 +112,85 @@ pub fn diagnose(
     machine: &Machine,
     recordings: &[PathBuf],
     validation: &[PathBuf],
-    candidates: &[&'static dyn Effect],
-    mut progress: impl FnMut(f64),
+    progress: impl Fn(f64),
 ) -> Result<Diagnosis, DiagnoseError> {
-    let mut sessions = read(machine, &[recordings, validation].concat())?;
-    let mut unseen = sessions.split_off(recordings.len());
-    let mut end = 0.0;
-    for session in sessions.iter_mut().chain(&mut unseen) {
-        for t in &mut session.signals.t {
-            *t += end;
+    let residuals = Residuals::read(machine, recordings, validation, |part| {
+        progress(0.5 * part);
+    })?;
+    Ok(residuals.explained_by(effect::LIBRARY, |part| progress(0.5 + 0.5 * part)))
+}
+
+/// What recordings show, and what they would show without any effect.
+pub struct Residuals {
+    sessions: Vec<Session>,
+    unseen: Vec<Session>,
+    draws: null::Draws,
+}
+
+impl Residuals {
+    /// Reads `recordings` and `validation`, and simulates the machine without effect.
+    ///
+    /// # Errors
+    /// As [`diagnose`].
+    pub fn read(
+        machine: &Machine,
+        recordings: &[PathBuf],
+        validation: &[PathBuf],
+        progress: impl Fn(f64),
+    ) -> Result<Self, DiagnoseError> {
+        let mut sessions = read(machine, &[recordings, validation].concat())?;
+        let mut unseen = sessions.split_off(recordings.len());
+        let mut end = 0.0;
+        for session in sessions.iter_mut().chain(&mut unseen) {
+            for t in &mut session.signals.t {
+                *t += end;
+            }
+            end = session.signals.t.last().copied().unwrap_or(0.0) + session.signals.dt_s;
         }
-        end = session.signals.t.last().copied().unwrap_or(0.0) + session.signals.dt_s;
+        progress(0.2);
+        let draws = null::draws(machine, &mut sessions, SEED);
+        for session in &mut sessions {
+            observe::home(&mut session.streams, session.signals.count);
+        }
+        for session in sessions.iter_mut().chain(&mut unseen) {
+            session.forget_coarse_angles();
+        }
+        progress(1.0);
+        Ok(Self {
+            sessions,
+            unseen,
+            draws,
+        })
     }
-    progress(0.1);
-    let draws = null::draws(machine, &mut sessions, SEED);
-    progress(0.4);
-    let mut selection = select::select(&sessions, &draws, candidates, |part| {
-        progress(0.4 + 0.6 * part);
-    });
-    if !unseen.is_empty() {
-        selection.confirm(&sessions, &unseen);
+
+    /// What of `candidates` explains them.
+    pub fn explained_by(
+        &self,
+        candidates: &[&'static dyn Effect],
+        progress: impl Fn(f64),
+    ) -> Diagnosis {
+        let (sessions, unseen, draws) = (&self.sessions, &self.unseen, &self.draws);
+        let mut selection = select::select(sessions, draws, candidates, progress);
+        if !unseen.is_empty() {
+            selection.confirm(sessions, unseen);
+        }
+        let oddities = oddities(sessions, &selection, draws);
+        let verdict = Verdict::of(sessions, &selection, &oddities, draws);
+        let errors = if unseen.is_empty() {
+            load_errors(sessions, &selection.found, SEED)
+        } else {
+            let lasting = selection.found.iter().filter(|f| f.effect.lasts());
+            load_errors(unseen, &lasting.cloned().collect::<Vec<_>>(), SEED)
+        };
+        Diagnosis {
+            sessions: sessions.clone(),
+            unseen: unseen.clone(),
+            selection,
+            oddities,
+            verdict,
+            errors,
+        }
     }
-    let oddities = oddities(&sessions, &selection, &draws);
-    let verdict = Verdict::of(&sessions, &selection, &oddities, &draws);
-    let judged = if unseen.is_empty() {
-        &sessions
-    } else {
-        &unseen
-    };
-    let errors = load_errors(judged, &selection, SEED);
-    Ok(Diagnosis {
-        sessions,
-        unseen,
-        selection,
-        oddities,
-        verdict,
-        errors,
-    })
 }
 
 /// All recordings, given the torque in the same way.

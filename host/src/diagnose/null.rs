@@ -5,8 +5,9 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::DiagnoseError;
+use super::chain::{DAMPING_TOLERANCE, TOLERANCE};
 use super::fit::BLOCK_S;
-use super::observe::observe_given;
+use super::observe::{home, observe_given};
 use super::stream::Session;
 use crate::machine::Machine;
 use crate::simulate::{Scenario, Simulation};
@@ -17,24 +18,25 @@ const SIMULATIONS: u64 = 3;
 /// Draws of the residuals.
 const DRAWS: u64 = 10;
 
-/// Part to which inertias and stiffnesses are known: how long a vibration
-/// stays in step with the simulated one.
-const TOLERANCE: f64 = 0.002;
-
-/// The same of damping, which is never known better.
-const DAMPING_TOLERANCE: f64 = 0.1;
-
 /// Residuals without effect: `[draw][session][stream]`, samples as in the session.
 pub type Draws = Vec<Vec<Vec<Vec<f64>>>>;
 
 /// Draws residuals without effect: each block from one of a few clean
-/// simulations of machines like `machine` doing what it did in each session;
-/// one more, of the very `machine`, is taken into the streams of `sessions`.
+/// simulations of machines like `machine` doing what it did in each session.
+///
+/// One more, of the very `machine` without noise, is taken into the streams of
+/// `sessions`. What that does not tell of a clean recording, because what was
+/// done is only read off it, the draws have as well: each simulation is
+/// simulated again from what is read off it, and the difference drawn.
 ///
 /// Where that cannot be simulated, the blocks of the residual itself with
 /// signs at random: its size and colour stay, what it has to do with any
 /// signal is lost.
 pub fn draws(machine: &Machine, sessions: &mut [Session], seed: u64) -> Draws {
+    let mut quiet = machine.clone();
+    for channel in &mut quiet.channels {
+        channel.noise_std = 0.0;
+    }
     let clean: Vec<Option<Vec<Session>>> = sessions
         .iter()
         .map(|session| {
@@ -43,9 +45,18 @@ pub fn draws(machine: &Machine, sessions: &mut [Session], seed: u64) -> Draws {
                 .map(|k| {
                     let seed = seed + k;
                     if k == SIMULATIONS {
-                        return simulated(machine, machine, session, seed).ok();
+                        return simulated(machine, &quiet, session, seed).ok();
                     }
-                    simulated(machine, &alike(machine, seed), session, seed).ok()
+                    let mut first =
+                        simulated(machine, &alike(machine, seed), session, seed).ok()?;
+                    let again = simulated(machine, &quiet, &first, seed + SIMULATIONS).ok()?;
+                    for (first, again) in first.streams.iter_mut().zip(&again.streams) {
+                        for (r, told) in first.residual.iter_mut().zip(&again.residual) {
+                            *r -= told;
+                        }
+                    }
+                    home(&mut first.streams, first.signals.count);
+                    Some(first)
                 })
                 .collect()
         })
@@ -87,11 +98,11 @@ fn drawn(session: &Session, clean: Option<&[Session]>, rng: &mut ChaCha8Rng) -> 
                 .map(|i| {
                     let chosen = choice[i / length];
                     match clean {
-                        Some(clean) => clean[chosen]
-                            .streams
-                            .get(k)
-                            .and_then(|s| s.residual.get(i).copied())
-                            .unwrap_or(f64::NAN),
+                        Some(clean) => {
+                            let drawn = clean[chosen].streams.get(k);
+                            let drawn = drawn.and_then(|s| s.residual.get(i).copied());
+                            drawn.map_or(f64::NAN, |r| r + stream.clean[i])
+                        }
                         None if chosen.is_multiple_of(2) => stream.residual[i] - mean,
                         None => mean - stream.residual[i],
                     }

@@ -243,11 +243,11 @@ pub(super) fn take_out_stuck(y: &mut [f64]) -> u64 {
 }
 
 /// Takes out samples of `residual` that stand out from their four neighbours
-/// alone by more than seven standard deviations; how many.
-pub(super) fn take_out_spikes(residual: &mut [f64]) -> u64 {
+/// alone by more than seven standard deviations; which.
+pub(super) fn take_out_spikes(residual: &mut [f64]) -> Vec<usize> {
     let n = residual.len();
     if n < 16 {
-        return 0;
+        return Vec::new();
     }
     let aside = |i: usize| {
         let mut around = [
@@ -266,12 +266,11 @@ pub(super) fn take_out_spikes(residual: &mut [f64]) -> u64 {
         .filter(|d| d.is_finite())
         .collect();
     if sizes.len() < 16 {
-        return 0;
+        return Vec::new();
     }
     let middle = sizes.len() / 2;
     let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
     let limit = 7.0 * median / 0.6745;
-    let mut count = 0;
     let out: Vec<usize> = deviations
         .iter()
         .enumerate()
@@ -286,11 +285,10 @@ pub(super) fn take_out_spikes(residual: &mut [f64]) -> u64 {
         })
         .map(|(i, _)| i + 2)
         .collect();
-    for i in out {
-        residual[i] = f64::NAN;
-        count += 1;
+    for i in &out {
+        residual[*i] = f64::NAN;
     }
-    count
+    out
 }
 
 /// First and second derivative of `angle` over moving means of `width` samples.

@@ -2,7 +2,7 @@
 
 use super::columns::{base_columns, columns, joined};
 use super::effect::Coupling;
-use super::select::Found;
+use super::select::{Found, RELINEARISED};
 use super::stream::{Columns, Session};
 use super::sums::{mirror, solved};
 
@@ -27,11 +27,6 @@ pub(super) fn refit(
     let residuals: Vec<Vec<f64>> = (0..streams)
         .map(|k| joined(sessions, |s| s.streams[k].residual.clone()))
         .collect();
-    let all: Vec<Vec<Columns>> = found
-        .iter()
-        .map(|f| columns(sessions, f.effect, &f.shape))
-        .collect();
-    let mut nuisance: Vec<Vec<f64>> = base.iter().map(|b| vec![0.0; b.len()]).collect();
     if let (Some(gains), Some(last)) = (newest, found.last_mut()) {
         // Which streams the newest one acts on.
         let least = ACTS.max(0.005 * gains.iter().copied().fold(0.0, f64::max));
@@ -42,7 +37,6 @@ pub(super) fn refit(
             })
             .collect();
     }
-    let mut rest = residuals.clone();
     let weight: Vec<f64> = sessions[0]
         .streams
         .iter()
@@ -53,51 +47,65 @@ pub(super) fn refit(
             *r -= by * c;
         }
     };
-    for f in found.iter_mut() {
-        for parameters in &mut f.parameters {
-            parameters.fill(0.0);
+    let turns = if found.iter().all(|f| f.effect.is_linear()) {
+        1
+    } else {
+        RELINEARISED
+    };
+    let mut nuisance = Vec::new();
+    for _ in 0..turns {
+        let all: Vec<Vec<Columns>> = found
+            .iter()
+            .map(|f| columns(sessions, f.effect, &f.shape, &f.parameters))
+            .collect();
+        let mut rest = residuals.clone();
+        nuisance = base.iter().map(|b| vec![0.0; b.len()]).collect();
+        for f in found.iter_mut() {
+            for parameters in &mut f.parameters {
+                parameters.fill(0.0);
+            }
         }
-    }
-    for _ in 0..ROUNDS {
-        for k in 0..streams {
-            // Nuisances and the stream's own parameters together.
-            let mut own: Vec<(&[f64], f64)> = base[k]
-                .iter()
-                .map(|p| (p.column.as_slice(), p.std))
-                .collect();
-            for (f, columns) in found.iter().zip(&all) {
-                if f.effect.coupling() == Coupling::Own && !f.parameters[k].is_empty() {
-                    for (linear, c) in f.effect.linear().iter().zip(columns) {
-                        if !c[k].is_empty() {
-                            own.push((&c[k], linear.prior_std));
+        for _ in 0..ROUNDS {
+            for k in 0..streams {
+                // Nuisances and the stream's own parameters together.
+                let mut own: Vec<(&[f64], f64)> = base[k]
+                    .iter()
+                    .map(|p| (p.column.as_slice(), p.std))
+                    .collect();
+                for (f, columns) in found.iter().zip(&all) {
+                    if f.effect.coupling() == Coupling::Own && !f.parameters[k].is_empty() {
+                        for (linear, c) in f.effect.linear().iter().zip(columns) {
+                            if !c[k].is_empty() {
+                                own.push((&c[k], linear.prior_std));
+                            }
+                        }
+                    }
+                }
+                let step = least_squares(
+                    &own,
+                    &rest[k],
+                    weight[k],
+                    &current(&nuisance[k], found, &all, k),
+                );
+                for ((column, _), by) in own.iter().zip(&step) {
+                    subtract(&mut rest[k], column, *by);
+                }
+                let mut steps = step.into_iter();
+                for value in &mut nuisance[k] {
+                    *value += steps.next().unwrap_or(0.0);
+                }
+                for (f, columns) in found.iter_mut().zip(&all) {
+                    if f.effect.coupling() == Coupling::Own && !columns[0][k].is_empty() {
+                        for value in &mut f.parameters[k] {
+                            *value += steps.next().unwrap_or(0.0);
                         }
                     }
                 }
             }
-            let step = least_squares(
-                &own,
-                &rest[k],
-                weight[k],
-                &current(&nuisance[k], found, &all, k),
-            );
-            for ((column, _), by) in own.iter().zip(&step) {
-                subtract(&mut rest[k], column, *by);
-            }
-            let mut steps = step.into_iter();
-            for value in &mut nuisance[k] {
-                *value += steps.next().unwrap_or(0.0);
-            }
             for (f, columns) in found.iter_mut().zip(&all) {
-                if f.effect.coupling() == Coupling::Own && !columns[0][k].is_empty() {
-                    for value in &mut f.parameters[k] {
-                        *value += steps.next().unwrap_or(0.0);
-                    }
+                if f.effect.coupling() == Coupling::Shared {
+                    shared_step(f, columns, &mut rest, &weight);
                 }
-            }
-        }
-        for (f, columns) in found.iter_mut().zip(&all) {
-            if f.effect.coupling() == Coupling::Shared {
-                shared_step(f, columns, &mut rest, &weight);
             }
         }
     }
@@ -182,7 +190,7 @@ pub(super) fn rest(
             let base = base_columns(one, &[]);
             let all: Vec<Vec<Columns>> = found
                 .iter()
-                .map(|f| columns(one, f.effect, &f.shape))
+                .map(|f| columns(one, f.effect, &f.shape, &f.parameters))
                 .collect();
             (0..session.streams.len())
                 .map(|k| {

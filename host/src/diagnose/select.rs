@@ -8,23 +8,30 @@ use super::effect::Effect;
 use super::fit::{Base, Data, Trial, inflation};
 use super::null::Draws;
 use super::refit::{refit, rest};
-use super::stream::Session;
+use super::stream::{Columns, Session};
 
 /// Chance of an effect being named where there is none, over all candidates.
 const FALSE_ALARM: f64 = 0.005;
 
 /// Evidence below which nothing is named, whatever the draws say.
-const LEAST: f64 = 12.0;
+const LEAST: f64 = 16.0;
 
-/// Part of the evidence before it that a further effect must bring: what a
-/// form that is not quite right leaves behind is less.
-const FURTHER: f64 = 0.05;
+/// Part of the effects found before, in amplitude, that a further one must be
+/// beyond: what a form that is not quite right leaves behind is less.
+const FORM: f64 = 0.15;
 
 /// Part of the evidence by which two forms of the same may differ.
-const SAME: f64 = 0.005;
+const SAME: f64 = 0.001;
+
+/// Part of what is left of a residual that an effect must explain somewhere:
+/// what a simulated clean machine leaves is not known better.
+const MATERIAL: f64 = 0.08;
 
 /// Most effects that are named.
 const MOST: usize = 3;
+
+/// Times that an effect which is not linear is taken about what its fit says.
+pub(super) const RELINEARISED: usize = 4;
 
 /// Candidates whose shape is refined.
 const REFINED: usize = 6;
@@ -55,6 +62,8 @@ pub struct Ranked {
     pub trial: Trial,
     /// Evidence that chance alone does not reach.
     pub threshold: f64,
+    /// The most that each draw without effect reaches with any shape.
+    null: Vec<f64>,
 }
 
 impl Ranked {
@@ -91,8 +100,9 @@ impl Selection {
         for found in &self.found {
             let mut with = kept.clone();
             with.push(found.clone());
-            let helps =
-                kept.is_empty() || size(sessions, unseen, &with) < size(sessions, unseen, &kept);
+            let helps = kept.is_empty()
+                || !found.effect.lasts()
+                || size(sessions, unseen, &with) < size(sessions, unseen, &kept);
             if helps {
                 kept = with;
             }
@@ -108,7 +118,7 @@ impl Selection {
 /// Half the logarithm of the mean squares that are left of `unseen`, each as
 /// often as it has independent samples.
 fn size(sessions: &[Session], unseen: &[Session], found: &[Found]) -> f64 {
-    let mut found = found.to_vec();
+    let mut found: Vec<Found> = found.iter().filter(|f| f.effect.lasts()).cloned().collect();
     let nuisance = refit(sessions, &mut found, None);
     unseen
         .iter()
@@ -131,7 +141,7 @@ pub fn select(
     sessions: &[Session],
     draws: &Draws,
     candidates: &[&'static dyn Effect],
-    mut progress: impl FnMut(f64),
+    progress: impl Fn(f64),
 ) -> Selection {
     let mut data = Data::new(sessions, draws);
     let mut found: Vec<Found> = Vec::new();
@@ -147,11 +157,12 @@ pub fn select(
             .collect();
         let mut ranked = rank(&data, &base, &working, &left);
         progress((round as f64 + 0.7) / MOST as f64);
-        refine(&data, &base, &working, &mut ranked);
+        refine(&data, &base, &working, &mut ranked, left.len());
         let accepted = simplest(
             ranked
                 .iter()
-                .filter(|r| r.margin() > 0.0 && brings_more(r, &found)),
+                .filter(|r| r.margin() > 0.0 && is_material(&data, r))
+                .filter(|r| brings_more(&data, r, &found)),
         )
         .cloned();
         if round == 0 {
@@ -170,19 +181,18 @@ pub fn select(
         found.push(Found {
             effect: best.effect,
             shape: best.trial.shape.clone(),
-            parameters: Vec::new(),
+            parameters: best.trial.about.clone(),
             evidence: best.trial.score,
             threshold: best.threshold,
             streams: best.trial.streams.clone(),
         });
-        let nuisance = refit(sessions, &mut found, Some(&best.trial.streams));
+        refit(sessions, &mut found, Some(&best.trial.streams));
+        settle(&data, sessions, &mut found);
+        let nuisance = refit(sessions, &mut found, None);
         for (session, rest) in working.iter_mut().zip(rest(sessions, &found, &nuisance)) {
             for (stream, rest) in session.streams.iter_mut().zip(rest) {
                 stream.residual = rest;
             }
-        }
-        if found.len() > 1 {
-            drop_superfluous(&data, sessions, &mut found);
         }
         data = Data::new(sessions, draws);
     }
@@ -198,17 +208,27 @@ pub fn select(
     }
 }
 
-/// Whether a candidate brings more, in the streams that it explains, than a
-/// form that is not quite right leaves of the effects found before.
-fn brings_more(candidate: &Ranked, found: &[Found]) -> bool {
+/// Whether a candidate explains a part of some residual that is worth a name.
+fn is_material(data: &Data, candidate: &Ranked) -> bool {
+    let mut gains = candidate.trial.streams.iter().enumerate();
+    gains.any(|(k, gain)| (2.0 * gain / data.independent(k)).exp() > 1.0 + MATERIAL)
+}
+
+/// Whether a candidate explains more, in the streams on which it acts, than a
+/// form that is not quite right leaves of the effects found before; in squares
+/// over what is left in the end.
+fn brings_more(data: &Data, candidate: &Ranked, found: &[Found]) -> bool {
     let (mut brought, mut before) = (0.0, 0.0);
     for (k, gain) in candidate.trial.streams.iter().enumerate() {
         if *gain > 0.02 * candidate.trial.score {
-            brought += gain;
-            before += found.iter().map(|f| f.streams[k].max(0.0)).sum::<f64>();
+            let n = data.independent(k);
+            let ratio = |gain: f64| (2.0 * gain / n).exp();
+            let earlier = found.iter().map(|f| f.streams[k].max(0.0)).sum::<f64>();
+            brought += n * (ratio(*gain) - 1.0);
+            before += n * (ratio(earlier) - 1.0) * ratio(*gain);
         }
     }
-    brought > FURTHER * before
+    brought > FORM * FORM * before
 }
 
 /// The first of `ranked`, or one that explains the same with fewer parameters:
@@ -249,11 +269,17 @@ fn rank(
         .par_iter()
         .filter_map(|(i, shape)| {
             let effect = candidates[*i];
-            let columns = columns(sessions, effect, shape);
-            if columns.iter().flatten().all(Vec::is_empty) {
+            let linear = columns(sessions, effect, shape, &[]);
+            if linear.iter().flatten().all(Vec::is_empty) {
                 return None;
             }
-            let mut trial = data.trial(base, effect, shape, &columns, true);
+            let mut trial = data.trial(base, effect, shape, &linear, true);
+            if !effect.is_linear() {
+                let bent = relinearised(data, base, sessions, effect, shape, linear);
+                if bent.score > trial.score {
+                    trial = bent;
+                }
+            }
             trial.score = charged(effect, sessions, trial.score);
             Some((*i, trial))
         })
@@ -268,39 +294,60 @@ fn rank(
         let Some(best) = own.iter().max_by(|a, b| a.score.total_cmp(&b.score)) else {
             continue;
         };
-        let draws = best.null.len();
-        let largest: Vec<f64> = (0..draws)
+        let null: Vec<f64> = (0..best.null.len())
             .map(|m| own.iter().map(|t| t.null[m]).fold(0.0, f64::max))
             .collect();
         ranked.push(Ranked {
             effect: *effect,
             trial: (*best).clone(),
-            threshold: by_chance(&largest, FALSE_ALARM / candidates.len() as f64),
+            threshold: by_chance(&null, candidates.len()),
+            null,
         });
     }
     ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
     ranked
 }
 
-/// Evidence that a machine without the effect hardly reaches.
-///
-/// What the draws have in common is how a clean machine differs from its
-/// model: vibrations out of step, counts that beat with the speed. The
-/// simulations know its power only within a factor, taken as three.
-fn by_chance(draws: &[f64], probability: f64) -> f64 {
-    const ROUGHLY: f64 = 2.0;
-    let mean = draws.iter().sum::<f64>() / draws.len().max(1) as f64;
-    (gumbel(draws, probability) + ROUGHLY * mean).max(LEAST)
+/// A trial of an effect that is not linear in its parameters: its terms are
+/// taken about what the fit says, in turn.
+fn relinearised(
+    data: &Data,
+    base: &Base,
+    sessions: &[Session],
+    effect: &dyn Effect,
+    shape: &[f64],
+    linear: Vec<Columns>,
+) -> Trial {
+    let mut about = Vec::new();
+    let mut terms = linear;
+    for _ in 0..RELINEARISED {
+        about = data.parameters(base, effect, &terms);
+        terms = columns(sessions, effect, shape, &about);
+    }
+    Trial {
+        about,
+        ..data.trial(base, effect, shape, &terms, true)
+    }
 }
 
-/// Evidence less what latent degrees of freedom cost.
+/// Evidence that a machine without the effect hardly reaches.
+///
+/// The draws know the power of what a clean machine leaves only within a
+/// factor, taken as two; evidence is in proportion to it.
+fn by_chance(draws: &[f64], candidates: usize) -> f64 {
+    const ROUGHLY: f64 = 2.0;
+    (ROUGHLY * gumbel(draws, FALSE_ALARM / candidates as f64)).max(LEAST)
+}
+
+/// Evidence less what latent degrees of freedom cost; a signal that is free to
+/// explain anything has to explain twice as much.
 fn charged(effect: &dyn Effect, sessions: &[Session], score: f64) -> f64 {
     let latent: f64 = sessions.iter().map(|s| effect.latent(s)).sum();
     if latent == 0.0 {
         return score;
     }
     let samples: f64 = sessions.iter().map(|s| s.signals.len() as f64).sum();
-    0.9 * (score - 0.5 * latent * samples.ln())
+    0.5 * (score - 0.5 * latent * samples.ln())
 }
 
 /// The value that an extreme-value distribution with the draws' mean and
@@ -316,9 +363,15 @@ fn gumbel(draws: &[f64], probability: f64) -> f64 {
     mean - 0.577_2 * width - width * (-(1.0 - probability).ln()).ln()
 }
 
-/// Refines the shapes of the best candidates by a pattern search.
-fn refine(data: &Data, base: &Base, sessions: &[Session], ranked: &mut [Ranked]) {
-    const ROUNDS: usize = 5;
+/// Refines the shapes of the best candidates by a pattern search; draws without
+/// effect may take the shape found as well.
+fn refine(
+    data: &Data,
+    base: &Base,
+    sessions: &[Session],
+    ranked: &mut [Ranked],
+    candidates: usize,
+) {
     let best = ranked.first().map_or(0.0, Ranked::margin);
     ranked
         .par_iter_mut()
@@ -326,47 +379,74 @@ fn refine(data: &Data, base: &Base, sessions: &[Session], ranked: &mut [Ranked])
         .filter(|r| r.margin() > 0.3 * best && r.trial.score > 0.5 * r.threshold)
         .for_each(|candidate| {
             let effect = candidate.effect;
-            let evaluate = |shape: &[f64]| {
-                let columns = columns(sessions, effect, shape);
-                let mut trial = data.trial(base, effect, shape, &columns, false);
-                trial.score = charged(effect, sessions, trial.score);
-                trial
-            };
-            for (j, parameter) in effect.shape().iter().enumerate() {
-                let mut step = parameter.step;
-                if step == 0.0 {
-                    continue;
-                }
-                let mut rounds = 0;
-                while rounds < ROUNDS {
-                    let mut moved = false;
-                    for sign in [1.0, -1.0] {
-                        let mut shape = candidate.trial.shape.clone();
-                        shape[j] = if parameter.logarithmic {
-                            shape[j] * (sign * step).exp()
-                        } else {
-                            shape[j] + sign * step
-                        }
-                        .clamp(parameter.bounds.0, parameter.bounds.1);
-                        let trial = evaluate(&shape);
-                        if trial.score > candidate.trial.score {
-                            candidate.trial = trial;
-                            moved = true;
-                            break;
-                        }
-                    }
-                    if !moved {
-                        step *= 0.4;
-                        rounds += 1;
-                    }
-                }
+            let at_first = candidate.trial.clone();
+            let shape = best_shape(data, base, sessions, effect, at_first);
+            if shape == candidate.trial.shape {
+                return;
             }
+            let columns = columns(sessions, effect, &shape, &[]);
+            candidate.trial = data.trial(base, effect, &shape, &columns, true);
+            candidate.trial.score = charged(effect, sessions, candidate.trial.score);
+            for (most, here) in candidate.null.iter_mut().zip(&candidate.trial.null) {
+                *most = most.max(*here);
+            }
+            candidate.threshold = by_chance(&candidate.null, candidates);
         });
     ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
 }
 
-/// Takes out effects without which the evidence is hardly less.
-fn drop_superfluous(data: &Data, sessions: &[Session], found: &mut Vec<Found>) {
+/// The shape that explains most beside `base`, by a pattern search from that of `trial`.
+fn best_shape(
+    data: &Data,
+    base: &Base,
+    sessions: &[Session],
+    effect: &dyn Effect,
+    mut best: Trial,
+) -> Vec<f64> {
+    const ROUNDS: usize = 5;
+    best.score = f64::NEG_INFINITY;
+    let evaluate = |shape: &[f64]| {
+        let columns = columns(sessions, effect, shape, &[]);
+        data.trial(base, effect, shape, &columns, false)
+    };
+    for (j, parameter) in effect.shape().iter().enumerate() {
+        let mut step = parameter.step;
+        if step == 0.0 {
+            continue;
+        }
+        if best.score == f64::NEG_INFINITY {
+            best = evaluate(&best.shape);
+        }
+        let mut rounds = 0;
+        while rounds < ROUNDS {
+            let mut moved = false;
+            for sign in [1.0, -1.0] {
+                let mut shape = best.shape.clone();
+                shape[j] = if parameter.logarithmic {
+                    shape[j] * (sign * step).exp()
+                } else {
+                    shape[j] + sign * step
+                }
+                .clamp(parameter.bounds.0, parameter.bounds.1);
+                let trial = evaluate(&shape);
+                if trial.score > best.score {
+                    best = trial;
+                    moved = true;
+                    break;
+                }
+            }
+            if !moved {
+                step *= 0.4;
+                rounds += 1;
+            }
+        }
+    }
+    best.shape
+}
+
+/// Takes out effects without which the evidence is hardly less; the others take
+/// the shape that is best beside the rest.
+fn settle(data: &Data, sessions: &[Session], found: &mut Vec<Found>) {
     let mut i = 0;
     while found.len() > 1 && i < found.len() {
         let others: Vec<Found> = found
@@ -377,11 +457,12 @@ fn drop_superfluous(data: &Data, sessions: &[Session], found: &mut Vec<Found>) {
             .collect();
         let base = data.base(base_columns(sessions, &others));
         let f = &mut found[i];
-        let columns = columns(sessions, f.effect, &f.shape);
+        let columns = columns(sessions, f.effect, &f.shape, &f.parameters);
         let trial = data.trial(&base, f.effect, &f.shape, &columns, false);
         if trial.score < f.threshold {
             found.remove(i);
         } else {
+            f.shape = best_shape(data, &base, sessions, f.effect, trial);
             i += 1;
         }
     }

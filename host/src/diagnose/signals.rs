@@ -2,9 +2,15 @@
 
 use faer::Mat;
 
+use super::chain::{Carried, Driven};
+
 /// How one torsional chain answers to a torque that its model lacks.
 #[derive(Clone, Debug)]
 pub struct Response {
+    /// The chain and what is known to act on it.
+    pub driven: Driven,
+    /// What its shafts do then, as described.
+    pub carried: Carried,
     /// `[F G]` over a sample of [`Signals`], as [`crate::gearbox::Torsion::discretised`].
     pub transition: Mat<f64>,
     /// Column of the first inertia's drive torque.
@@ -31,6 +37,8 @@ pub struct Signals {
     pub angle: Vec<f64>,
     /// Speed of the main shaft [rad/s].
     pub speed: Vec<f64>,
+    /// Speed of each inertia with its vibrations, referred [rad/s].
+    pub speeds: Vec<Vec<f64>>,
     /// Acceleration of the main shaft [rad/s^2].
     pub acceleration: Vec<f64>,
     /// Torque of the first shaft, referred, as part of nominal.
@@ -48,6 +56,8 @@ pub struct Signals {
     /// Moving means of this many samples, three times over, smooth the
     /// accelerations; odd.
     pub smoothing: usize,
+    /// Angle of one count of the encoder that tells the carrier angle [rad].
+    pub count: f64,
     /// Carrier angle of the index pulse, where the angle is without error [rad].
     pub home: f64,
     /// None where the loads of the chain are not all known.
@@ -68,6 +78,17 @@ impl Signals {
     /// Speed as part of nominal.
     pub fn relative_speed(&self) -> impl Iterator<Item = f64> {
         self.speed.iter().map(|w| w / self.nominal_speed)
+    }
+
+    /// Speed of inertia `body` with its vibrations as part of nominal.
+    pub fn vibrating_speed(&self, body: usize) -> impl Iterator<Item = f64> {
+        self.speeds[body].iter().map(|w| w / self.nominal_speed)
+    }
+
+    /// What changes faster than the loads of one side tell it.
+    pub fn fast(&self, x: &[f64]) -> Vec<f64> {
+        let slow = smooth(x, self.smoothing);
+        x.iter().zip(slow).map(|(x, slow)| x - slow).collect()
     }
 
     /// What torque of each shaft is unexplained when a torque `brake`

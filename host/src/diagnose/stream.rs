@@ -1,7 +1,9 @@
 //! Residuals: what was measured less what today's model says, a stream for
 //! each thing that is measured.
 
+use super::chain::Carried;
 use super::signals::{Signals, smooth};
+use super::thin::at;
 use crate::simulate::Course;
 
 /// What kind of residual a stream is.
@@ -50,10 +52,15 @@ pub struct Stream {
     pub reading: Vec<f64>,
     /// Change of that with the carrier angle [1/rad]; empty but for strain.
     pub slope: Vec<f64>,
+    /// Reading for one newton metre, referred, over the carrier angle; empty
+    /// where it is the same everywhere.
+    pub table: Vec<f64>,
+    /// The torque or speed that it answers to.
+    pub sensed: Vec<f64>,
+    /// Changes with what is only known roughly, each by a standard deviation.
+    pub roughly: Vec<Vec<f64>>,
     /// Number of the shaft whose torque it answers to.
     pub shaft: Option<usize>,
-    /// Whether the maps are over the carrier angle.
-    pub over_angle: bool,
     /// For an angle: signs with which the twists of the shafts enter.
     pub twists: Vec<f64>,
     /// For an angle: number of the inertia of the first encoder and of its own.
@@ -75,16 +82,13 @@ pub enum Term {
     /// `reading u`: a response that changes by the part `u`.
     Gain(Vec<f64>),
     /// A torque `u` in parts of nominal that brakes inertia `body`: in the
-    /// balance, and in each strain as far as the loads of the known side do
-    /// not tell it.
+    /// balance, and in each strain as far as neither the loads of the known
+    /// side nor the chain's own response to the loads tell it.
     Brake {
         /// Number of the inertia.
         body: usize,
         /// Torque, part of nominal.
         u: Vec<f64>,
-        /// Whether it changes faster than the loads of one side tell the
-        /// torque, so that the chain's own response matters.
-        fast: bool,
     },
     /// An error `u` [rad] of the angle that the encoder on inertia `body` counts.
     Angle {
@@ -92,6 +96,8 @@ pub enum Term {
         body: usize,
         /// Error, referred [rad].
         u: Vec<f64>,
+        /// The error about which the maps are taken as straight [rad].
+        about: Vec<f64>,
     },
     /// Lost motion `u` in parts of the nominal twist of shaft `shaft`.
     Twist {
@@ -100,6 +106,8 @@ pub enum Term {
         /// Part of the nominal twist.
         u: Vec<f64>,
     },
+    /// What the shafts do beyond the model: torque in the strains, twist in the angles.
+    Chain(Carried),
     /// One column for each stream; empty where nothing is predicted.
     Each(Vec<Vec<f64>>),
 }
@@ -133,13 +141,36 @@ impl Session {
                 _ => Vec::new(),
             }),
             Term::Gain(u) => self.each(|s| product(&s.reading, u)),
-            Term::Brake { body, u, fast } => self.brake(*body, u, *fast),
-            Term::Angle { body, u } => self.angle(*body, u),
+            Term::Brake { body, u } => self.brake(*body, u),
+            Term::Angle { body, u, about } => self.angle(*body, u, about),
             Term::Twist { shaft, u } => self.each(|s| match s.kind {
                 Kind::Angle => scaled(u, s.twists[*shaft] * self.twist[*shaft]),
                 _ => Vec::new(),
             }),
+            Term::Chain(change) => self.each(|s| match (s.kind, s.shaft) {
+                (Kind::Strain, Some(shaft)) => product(&s.map, &change.torque[shaft]),
+                (Kind::Angle, _) => s.along_twists(&change.twist),
+                _ => Vec::new(),
+            }),
             Term::Each(columns) => columns.clone(),
+        }
+    }
+
+    /// Takes out of each strain what stands where its map is so steep that the
+    /// count of the encoder decides on the reading, and so slow that it does not
+    /// change: there it errs alike for as long as the machine rests.
+    pub(super) fn forget_coarse_angles(&mut self) {
+        let signals = &self.signals;
+        for stream in self.streams.iter_mut().filter(|s| s.over_angle()) {
+            let Stream {
+                residual, slope, ..
+            } = stream;
+            for ((r, slope), w) in residual.iter_mut().zip(slope).zip(&signals.speed) {
+                let rests = w.abs() * signals.dt_s < signals.count;
+                if rests && slope.abs() * signals.count > stream.noise_std {
+                    *r = f64::NAN;
+                }
+            }
         }
     }
 
@@ -147,21 +178,11 @@ impl Session {
         self.streams.iter().map(column).collect()
     }
 
-    fn brake(&self, body: usize, u: &[f64], fast: bool) -> Columns {
+    fn brake(&self, body: usize, u: &[f64]) -> Columns {
         let signals = &self.signals;
         let brake = scaled(u, signals.nominal_torque);
         let slow = smooth(&brake, signals.smoothing);
-        let unexplained = if fast {
-            signals.unexplained_torque(body, &brake)
-        } else {
-            signals.response.as_ref().map(|r| {
-                let told = |side: &Vec<f64>| match side[body] {
-                    0.0 => Vec::new(),
-                    sign => scaled(&slow, sign),
-                };
-                r.side.iter().map(told).collect()
-            })
-        };
+        let unexplained = signals.unexplained_torque(body, &brake);
         self.each(|s| match (s.kind, &unexplained, s.shaft) {
             (Kind::Balance, ..) => slow.clone(),
             (Kind::Strain, Some(torques), Some(shaft)) => product(&s.map, &torques[shaft]),
@@ -169,7 +190,7 @@ impl Session {
         })
     }
 
-    fn angle(&self, body: usize, u: &[f64]) -> Columns {
+    fn angle(&self, body: usize, u: &[f64], about: &[f64]) -> Columns {
         let signals = &self.signals;
         let acceleration = second_difference(u, signals.smoothing, signals.dt_s);
         let moment = signals.response.as_ref().map_or(0.0, |r| r.bodies[body].0);
@@ -178,11 +199,55 @@ impl Session {
             Kind::Angle if s.inertias[0] == body => scaled(u, -1.0),
             Kind::Angle if s.inertias[1] == body => u.to_vec(),
             // The first encoder tells the carrier angle of the maps.
-            Kind::Strain if s.over_angle && body == 0 => {
-                product(&s.slope, u).iter().map(|v| -v).collect()
+            Kind::Strain if s.over_angle() && body == 0 => {
+                let secant = self.secant(s, |i| about[i]);
+                product(&secant, u).iter().map(|v| -v).collect()
             }
             _ => Vec::new(),
         })
+    }
+
+    /// `(reading(angle) - reading(angle - shift)) / shift` [1/rad]: the slope
+    /// of the reading where the shift is small.
+    pub fn secant(&self, stream: &Stream, shift: impl Fn(usize) -> f64) -> Vec<f64> {
+        const SMALL: f64 = 1e-6;
+        let angle = &self.signals.angle;
+        stream
+            .slope
+            .iter()
+            .enumerate()
+            .map(|(i, slope)| {
+                let by = shift(i);
+                if by.abs() < SMALL {
+                    return *slope;
+                }
+                let (here, tangent) = at(&stream.table, angle[i]);
+                let (there, _) = at(&stream.table, angle[i] - by);
+                // Only what the slope, a mean over the sample, does not say.
+                slope + stream.sensed[i] * ((here - there) / by - tangent)
+            })
+            .collect()
+    }
+}
+
+impl Stream {
+    /// Whether its map is over the carrier angle.
+    pub fn over_angle(&self) -> bool {
+        !self.table.is_empty()
+    }
+
+    /// For an angle: what the twists of the shafts come to.
+    pub fn along_twists(&self, twist: &[Vec<f64>]) -> Vec<f64> {
+        let n = twist.first().map_or(0, Vec::len);
+        (0..n)
+            .map(|i| {
+                self.twists
+                    .iter()
+                    .zip(twist)
+                    .map(|(sign, t)| sign * t[i])
+                    .sum()
+            })
+            .collect()
     }
 }
 

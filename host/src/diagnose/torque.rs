@@ -1,8 +1,9 @@
 //! What the loads tell of the torques in the chain.
 
+use super::chain::{Carried, Driven, shaft_rows};
 use super::signals::{Response, smooth};
 use crate::gearbox::Torsion;
-use crate::machine::{Drivetrain, Machine, Senses};
+use crate::machine::{Drivetrain, Machine};
 
 /// The torques in the chain.
 pub(super) struct Torques {
@@ -98,7 +99,14 @@ pub(super) fn torques(
                 .any(|l| torsion.inertia(&l.inertia) == b)
     };
     let all = outside.iter().all(Option::is_some);
-    let simulated = all.then(|| simulate(torsion, drivetrain, motion, &outside, dt_s));
+    let driven = all.then(|| Driven {
+        drivetrain: drivetrain.clone(),
+        outside: outside.iter().flatten().cloned().collect(),
+        speed: motion.speed[0].clone(),
+        dt_s,
+        play: Vec::new(),
+    });
+    let simulated = driven.as_ref().map(|d| d.carried().torque);
     // What inertia and drag of body b take, smoothed.
     let taken =
         |b: usize, i: usize| moment(b) * motion.acceleration[b][i] + drag(b) * motion.speed[b][i];
@@ -163,7 +171,9 @@ pub(super) fn torques(
             })
             .collect()
     });
-    let response = all.then(|| Response {
+    let response = driven.map(|driven| Response {
+        carried: Carried::default(),
+        driven,
         transition: torsion.discretised(dt_s),
         first_drive: torsion.states() + drivetrain.loads.len(),
         shafts: shaft_rows(torsion, drivetrain),
@@ -176,78 +186,4 @@ pub(super) fn torques(
         balance,
         response,
     }
-}
-
-fn shaft_rows(torsion: &Torsion, drivetrain: &Drivetrain) -> Vec<Vec<f64>> {
-    drivetrain
-        .shafts
-        .iter()
-        .map(|shaft| {
-            let row = torsion.sensed_row(&Senses::Shaft(shaft.name.clone()));
-            row[..torsion.states()]
-                .iter()
-                .map(|c| c * shaft.speed_ratio)
-                .collect()
-        })
-        .collect()
-}
-
-/// Torque of each shaft when the known torques act on the chain and its rigid
-/// motion is the measured one.
-fn simulate(
-    torsion: &Torsion,
-    drivetrain: &Drivetrain,
-    motion: &Bodies,
-    outside: &[Option<Vec<f64>>],
-    dt_s: f64,
-) -> Vec<Vec<f64>> {
-    let f = torsion.discretised(dt_s);
-    let (states, bodies) = (torsion.states(), outside.len());
-    let first = states + drivetrain.loads.len();
-    let rows = shaft_rows(torsion, drivetrain);
-    let n = motion.speed[0].len();
-    let moments: Vec<f64> = drivetrain
-        .inertias
-        .iter()
-        .map(|i| i.moment_kg_m2 * i.speed_ratio * i.speed_ratio)
-        .collect();
-    let total: f64 = moments.iter().sum();
-    let torque = |b: usize, i: usize| outside[b].as_ref().map_or(0.0, |o| o[i]);
-    let mut x = vec![0.0; states];
-    x[states - bodies..].fill(motion.speed[0][0]);
-    let net: f64 = (0..bodies).map(|b| torque(b, 0)).sum();
-    let mut carried = 0.0;
-    for (s, k) in torsion.referred_stiffness().enumerate() {
-        carried += torque(s, 0) - moments[s] / total * net;
-        x[1 + s] = carried / k;
-    }
-    let mut next = x.clone();
-    let mut out = vec![Vec::with_capacity(n); rows.len()];
-    for i in 0..n {
-        for (row, out) in rows.iter().zip(&mut out) {
-            out.push(row.iter().zip(&x).map(|(c, x)| c * x).sum());
-        }
-        let to = (i + 1).min(n - 1);
-        for (r, slot) in next.iter_mut().enumerate() {
-            let mut sum = 0.0;
-            for (c, x) in x.iter().enumerate() {
-                sum += f[(r, c)] * x;
-            }
-            for b in 0..bodies {
-                // Between the samples by straight lines: their mean over the step.
-                let u = 0.5 * (torque(b, i) + torque(b, to)) / drivetrain.inertias[b].speed_ratio;
-                sum += f[(r, first + b)] * u;
-            }
-            *slot = sum;
-        }
-        let speeds = states - bodies;
-        let mean: f64 = (0..bodies)
-            .map(|b| moments[b] / total * next[speeds + b])
-            .sum();
-        let shift = motion.speed[0][to] - mean;
-        next[speeds..].iter_mut().for_each(|w| *w += shift);
-        next[0] = 0.0;
-        std::mem::swap(&mut x, &mut next);
-    }
-    out
 }

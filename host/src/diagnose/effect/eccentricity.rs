@@ -50,14 +50,29 @@ impl Effect for Eccentricity {
         bodies.dedup();
         bodies.iter().map(|b| vec![*b as f64]).collect()
     }
+    fn is_linear(&self) -> bool {
+        false
+    }
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
+        self.terms_about(session, shape, &[])
+    }
+    fn terms_about(&self, session: &Session, shape: &[f64], parameters: &[Vec<f64>]) -> Vec<Term> {
         let (body, signals) = (shape[0] as usize, &session.signals);
         let home = signals.ratios[body] * signals.home;
         let [cosine, sine] = waves(session, signals.ratios[body]);
-        [(cosine, home.cos()), (sine, home.sin())]
-            .map(|(wave, home)| Term::Angle {
+        let less = |wave: &[f64], home: f64| wave.iter().map(|u| u - home).collect::<Vec<f64>>();
+        let waves = [less(&cosine, home.cos()), less(&sine, home.sin())];
+        let now = parameters.iter().find(|p| !p.is_empty());
+        let about: Vec<f64> = waves[0]
+            .iter()
+            .zip(&waves[1])
+            .map(|(c, s)| now.map_or(0.0, |p| p[0] * c + p[1] * s))
+            .collect();
+        waves
+            .map(|u| Term::Angle {
                 body,
-                u: wave.iter().map(|u| u - home).collect(),
+                u,
+                about: about.clone(),
             })
             .into()
     }

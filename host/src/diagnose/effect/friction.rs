@@ -39,7 +39,7 @@ pub const COULOMB: Friction = Friction {
     experiment: "slow turning both ways without load, with standstill between",
     shape: &[BODY],
     starts: &[],
-    law: |signals, _| signals.relative_speed().map(direction).collect(),
+    law: |signals, shape| speed(signals, shape).map(direction).collect(),
     is_drag: false,
 };
 
@@ -61,7 +61,7 @@ pub const STRIBECK: Friction = Friction {
     starts: &[0.02, 0.05, 0.12, 0.3],
     law: |signals, shape| {
         let fades = |w: f64| direction(w) * (-(w.abs() / shape[1]).powf(1.5)).exp();
-        signals.relative_speed().map(fades).collect()
+        speed(signals, shape).map(fades).collect()
     },
     is_drag: false,
 };
@@ -73,7 +73,7 @@ pub const VISCOUS: Friction = Friction {
     experiment: "several speeds without load",
     shape: &[BODY],
     starts: &[],
-    law: |signals, _| signals.relative_speed().collect(),
+    law: |signals, shape| speed(signals, shape).collect(),
     is_drag: true,
 };
 
@@ -84,9 +84,8 @@ pub const LOAD_DEPENDENT: Friction = Friction {
     experiment: "torque ramps at constant speed, both ways",
     shape: &[BODY],
     starts: &[],
-    law: |signals, _| {
-        signals
-            .relative_speed()
+    law: |signals, shape| {
+        speed(signals, shape)
             .zip(&signals.level)
             .map(|(w, level)| level.abs() * direction(w))
             .collect()
@@ -154,7 +153,6 @@ impl Effect for Friction {
         vec![Term::Brake {
             body: shape[0] as usize,
             u: (self.law)(&session.signals, shape),
-            fast: false,
         }]
     }
     fn drag(&self, shape: &[f64], parameters: &[f64]) -> Option<(usize, f64)> {
@@ -165,20 +163,22 @@ impl Effect for Friction {
     }
 }
 
+/// Speed of the inertia that is braked, part of nominal.
+fn speed(signals: &Signals, shape: &[f64]) -> impl Iterator<Item = f64> {
+    signals.vibrating_speed(shape[0] as usize)
+}
+
 fn direction(w: f64) -> f64 {
     w / (w * w + CREEP * CREEP).sqrt()
 }
 
 fn presliding(signals: &Signals, shape: &[f64]) -> Vec<f64> {
-    let mut before = signals.angle.first().copied().unwrap_or(0.0);
+    let turned = signals.nominal_speed * signals.dt_s;
     // Where it came from is not known: from the first turning.
-    let mut z = signals.relative_speed().next().map_or(0.0, direction);
-    signals
-        .angle
-        .iter()
-        .map(|angle| {
-            let step = (angle - before) / shape[1];
-            before = *angle;
+    let mut z = speed(signals, shape).next().map_or(0.0, direction);
+    speed(signals, shape)
+        .map(|w| {
+            let step = w * turned / shape[1];
             // Exact for a step of one sign: it tends to the sign of the motion.
             z = step.signum() + (z - step.signum()) * (-step.abs()).exp();
             z

@@ -34,7 +34,8 @@ impl Effect for GainError {
     }
 }
 
-/// `reading(angle - s) - reading(angle)`: a gauge that sits elsewhere.
+/// `(1 + g) reading(angle - s) - reading(angle)`: a gauge that sits elsewhere,
+/// where the strain has another phase and another size.
 pub struct Position;
 
 impl Effect for Position {
@@ -45,20 +46,46 @@ impl Effect for Position {
         "a gauge sits at another angle of the carrier"
     }
     fn linear(&self) -> &'static [Linear] {
-        &[Linear {
-            name: "angle [rad]",
-            prior_std: 0.02,
-        }]
+        &[
+            Linear {
+                name: "angle [rad]",
+                prior_std: 0.02,
+            },
+            Linear {
+                name: "part of the reading",
+                prior_std: 0.05,
+            },
+        ]
     }
     fn grid(&self, _: &Session) -> Vec<Vec<f64>> {
         one_shape()
     }
     fn acts_on(&self, stream: &Stream) -> bool {
-        stream.over_angle
+        stream.over_angle()
     }
-    fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
-        let column = |s: &Stream| s.slope.iter().map(|v| -v).collect();
-        vec![Term::Each(session.streams.iter().map(column).collect())]
+    fn is_linear(&self) -> bool {
+        false
+    }
+    fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
+        self.terms_about(session, shape, &[])
+    }
+    fn terms_about(&self, session: &Session, _: &[f64], parameters: &[Vec<f64>]) -> Vec<Term> {
+        let (turned, larger) = session
+            .streams
+            .iter()
+            .enumerate()
+            .map(|(k, stream)| {
+                let shift = parameters.get(k).and_then(|p| p.first()).copied();
+                let shift = shift.unwrap_or(0.0);
+                let secant = session.secant(stream, |_| shift);
+                let there = stream.reading.iter().zip(&secant);
+                (
+                    secant.iter().map(|v| -v).collect::<Vec<f64>>(),
+                    there.map(|(r, v)| r - shift * v).collect::<Vec<f64>>(),
+                )
+            })
+            .unzip();
+        vec![Term::Each(turned), Term::Each(larger)]
     }
     fn gauge(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
         let map = gauge.map.clone();
@@ -69,7 +96,7 @@ impl Effect for Position {
             map[left] + position.fract() * (map[(left + 1) % n] - map[left])
         };
         if n > 1 {
-            gauge.over_angle(|_, angle| turned(angle - parameters[0]));
+            gauge.over_angle(|_, angle| (1.0 + parameters[1]) * turned(angle - parameters[0]));
         }
         true
     }

@@ -49,6 +49,10 @@ impl Effect for PickUp {
     fn acts_on(&self, stream: &Stream) -> bool {
         stream.kind == Kind::Strain
     }
+    /// The phase is that of the recording.
+    fn lasts(&self) -> bool {
+        false
+    }
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
         let t = &session.signals.t;
         let phase = |t: &f64| TAU * (shape[0] * t).fract();

@@ -82,6 +82,18 @@ pub trait Effect: Sync {
     /// One term for each linear parameter.
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term>;
 
+    /// Whether the terms stay the same however large the parameters are.
+    fn is_linear(&self) -> bool {
+        true
+    }
+
+    /// Terms with which `sum_j c_j term_j` is what it predicts at these
+    /// parameters (`[stream]`, empty where it does not act), and nearly so
+    /// around them.
+    fn terms_about(&self, session: &Session, shape: &[f64], _: &[Vec<f64>]) -> Vec<Term> {
+        self.terms(session, shape)
+    }
+
     /// Which streams it can act on.
     fn acts_on(&self, _: &Stream) -> bool {
         true
@@ -91,6 +103,11 @@ pub trait Effect: Sync {
     /// tell by themselves.
     fn evidence_of_faults(&self, _: &Stream) -> f64 {
         0.0
+    }
+
+    /// Whether its parameters are those of the machine, and not of one recording.
+    fn lasts(&self) -> bool {
+        true
     }
 
     /// Latent degrees of freedom that its terms took from the data.

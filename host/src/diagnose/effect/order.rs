@@ -87,7 +87,7 @@ impl Effect for PlanetSharing {
         one_shape()
     }
     fn acts_on(&self, stream: &Stream) -> bool {
-        stream.over_angle && is_intermittent(&stream.map)
+        stream.over_angle() && is_intermittent(&stream.map)
     }
     fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
         waves(session, 1.0).map(Term::Gain).into()

@@ -4,8 +4,22 @@ use super::order::waves;
 use super::{Coupling, Effect, Linear, Shape};
 use crate::diagnose::stream::{Kind, Session, Stream, Term};
 
-/// Lost motion: the twist jumps by the play as the torque changes its sign,
-/// `a/2 level / sqrt(level^2 + width^2)`.
+/// Which shaft an effect is in.
+pub(super) const SHAFT: Shape = Shape {
+    name: "shaft",
+    unit: "number",
+    bounds: (0.0, 6.0),
+    step: 0.0,
+    logarithmic: false,
+};
+
+/// Level over which the flank changes where the chain's own response is not
+/// known, part of nominal.
+const FLANK: f64 = 0.005;
+
+/// Lost motion: what the shafts carry with play in one of them, less what they
+/// carry without; where their loads are not known, the twist that jumps by the
+/// play as the torque changes its sign.
 pub struct Backlash;
 
 impl Effect for Backlash {
@@ -20,42 +34,45 @@ impl Effect for Backlash {
     }
     fn linear(&self) -> &'static [Linear] {
         &[Linear {
-            name: "play, part of the twist at nominal torque",
+            name: "part of what such a play does",
             prior_std: 1.0,
         }]
     }
     fn shape(&self) -> &'static [Shape] {
         &[
+            SHAFT,
             Shape {
-                name: "shaft",
-                unit: "number",
-                bounds: (0.0, 6.0),
-                step: 0.0,
-                logarithmic: false,
-            },
-            Shape {
-                name: "level over which the flank changes",
-                unit: "part of nominal",
-                bounds: (1e-4, 0.1),
-                step: 0.7,
+                name: "play",
+                unit: "part of the twist at nominal torque",
+                bounds: (0.002, 2.0),
+                step: 0.3,
                 logarithmic: true,
             },
         ]
     }
     fn grid(&self, session: &Session) -> Vec<Vec<f64>> {
+        const PLAYS: [f64; 6] = [0.02, 0.05, 0.1, 0.18, 0.25, 0.35];
         (0..session.twist.len())
-            .flat_map(|i| [0.002, 0.01].map(|width| vec![i as f64, width]))
+            .flat_map(|i| PLAYS.map(|play| vec![i as f64, play]))
             .collect()
     }
-    fn acts_on(&self, stream: &Stream) -> bool {
-        stream.kind == Kind::Angle
-    }
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
-        let flank = |l: &f64| 0.5 * l / (l * l + shape[1] * shape[1]).sqrt();
-        vec![Term::Twist {
-            shaft: shape[0] as usize,
-            u: session.signals.level.iter().map(flank).collect(),
-        }]
+        let (signals, shaft) = (&session.signals, shape[0] as usize);
+        let Some(response) = &signals.response else {
+            let flank = |l: &f64| 0.5 * shape[1] * l / l.hypot(FLANK);
+            return vec![Term::Twist {
+                shaft,
+                u: signals.level.iter().map(flank).collect(),
+            }];
+        };
+        let mut driven = response.driven.clone();
+        driven.play = vec![0.0; session.twist.len()];
+        driven.play[shaft] = shape[1] * session.twist[shaft];
+        let mut change = driven.carried().less(&response.carried);
+        for torque in &mut change.torque {
+            *torque = signals.fast(torque);
+        }
+        vec![Term::Chain(change)]
     }
     fn experiment(&self) -> &'static str {
         "torque through zero both ways at low speed, with an encoder at both ends"
@@ -122,7 +139,6 @@ impl Effect for Ripple {
             .map(|u| Term::Brake {
                 body: shape[0] as usize,
                 u,
-                fast: true,
             })
             .into()
     }
