@@ -35,9 +35,7 @@ pub fn judge(
     let mut displacements = Displacements::new(machine)?;
     run_line(machine, &sensors, recording, |sample, estimate, line, _| {
         figures.push(sample, estimate);
-        if let Some(line) = line {
-            displacements.push(sample, line);
-        }
+        displacements.push(sample, line);
     })?;
     Ok(Judged {
         nis_mean: figures.nis_mean(),
