@@ -8,6 +8,7 @@ mod image;
 mod inversion;
 mod model;
 mod modes;
+mod plan;
 mod reduction;
 mod response;
 mod ross;
@@ -18,10 +19,11 @@ use thiserror::Error;
 
 pub use discrete::{Discrete, discrete, held, moved, turned};
 pub use element::{ElementMatrix, NODE, PartMatrices, ShaftElement};
-pub use image::RotorPlan;
+
 pub use inversion::PhasorInversion;
 pub use model::RotorModel;
 pub use modes::{Mode, UndampedModes, campbell, modes, undamped_modes};
+pub use plan::RotorPlan;
 pub use reduction::{Reduced, ReductionError};
 pub use response::TimeResponse;
 pub use ross::{RossError, read_ross};

@@ -1,0 +1,279 @@
+//! A rotor as its filter knows it: reduced, scaled, discretised.
+
+use faer::{Mat, c64};
+use loadtwin_common::line::ROTOR_SIZES;
+
+use super::RotorError;
+use super::convergence::triangle;
+use super::discrete::{Discrete, discrete, held, moved, turned};
+use super::image::bytes;
+use super::model::{BAND, RotorModel};
+use super::reduction::{Reduced, ReductionError};
+use super::unbalance::{Unbalance, unbalance_response};
+use crate::build::BuildError;
+use crate::machine::{Channel, LoadKind, Machine, Rotor, Senses};
+
+/// Speeds of the tables where the machine has a range of them.
+const SPEEDS: usize = 17;
+
+/// Readings are in micrometres.
+pub(super) const UNIT_M: f64 = 1e-6;
+
+/// Everything that the image of a rotor is made of.
+pub struct RotorPlan {
+    model: RotorModel,
+    reduced: Reduced,
+    /// Modal displacements and states of the filter.
+    pub(super) size: (usize, usize),
+    pub(super) scale: Vec<f64>,
+    pub(super) dt_s: f64,
+    pub(super) speeds: Vec<f64>,
+    pub(super) nominal_speed: f64,
+    forces: Vec<Vec<f64>>,
+    pub(super) turning: Vec<bool>,
+    pub(super) nominal: Vec<f64>,
+}
+
+impl RotorPlan {
+    /// Assembles and reduces `rotor`.
+    ///
+    /// # Errors
+    /// When it is not held, or is larger than an image.
+    pub fn new(machine: &Machine, rotor: &Rotor) -> Result<Self, BuildError> {
+        let model = RotorModel::new(rotor);
+        let forces: Vec<Vec<f64>> = (rotor.loads.iter())
+            .flat_map(|load| {
+                [0.0, std::f64::consts::FRAC_PI_2].map(|a| model.direction(load.node, a))
+            })
+            .collect();
+        let wanted = rotor.reduction.modes.map(|modes| modes + forces.len());
+        let [.., most] = ROTOR_SIZES;
+        let size = (ROTOR_SIZES.into_iter())
+            .find(|(nz, nx)| nx - 2 * nz >= forces.len() && *nz >= wanted.unwrap_or(*nz))
+            .ok_or(BuildError::TooManyModes {
+                found: rotor.reduction.modes.unwrap_or(2),
+                most: most.0 - forces.len(),
+                loads: rotor.loads.len(),
+            })?;
+        let kept = rotor.reduction.modes.unwrap_or(size.0 - forces.len());
+        let [low, high] = rotor.schedule();
+        let count = if high > low { SPEEDS } else { 1 };
+        let speeds = (0..count)
+            .map(|k| low + (high - low) * k as f64 / (count.max(2) - 1) as f64)
+            .collect::<Vec<f64>>();
+        let reduced = Reduced::new(&model, rotor.speed_rad_s, &speeds, kept, &forces)?;
+        let mut plan = Self {
+            model,
+            reduced,
+            size,
+            scale: Vec::new(),
+            dt_s: 1.0 / machine.rate_hz,
+            speeds,
+            nominal_speed: rotor.speed_rad_s,
+            turning: rotor
+                .loads
+                .iter()
+                .map(|l| l.kind == LoadKind::Unbalance)
+                .collect(),
+            nominal: rotor.loads.iter().flat_map(|l| [l.nominal_n; 2]).collect(),
+            forces,
+        };
+        plan.scale = plan.scales()?;
+        Ok(plan)
+    }
+
+    /// Bit k: pair k turns with the shaft.
+    pub(super) fn turning_bits(&self) -> u8 {
+        (self.turning.iter().enumerate())
+            .map(|(k, turns)| u8::from(*turns) << k)
+            .sum()
+    }
+
+    /// Modal displacements kept.
+    fn modes(&self) -> usize {
+        self.reduced.len()
+    }
+
+    /// Amplitude of each state under the nominal loads; 1 for a state that nothing depends on.
+    fn scales(&self) -> Result<Vec<f64>, BuildError> {
+        let (nz, nx) = self.size;
+        let mut scale = vec![1.0_f64; nx];
+        for i in 0..self.modes() {
+            scale[i] = 1e-12;
+        }
+        for speed in self.speeds.iter().chain([&self.nominal_speed]) {
+            for pair in 0..self.turning.len() {
+                let growth = if self.turning[pair] {
+                    (speed / self.nominal_speed).powi(2)
+                } else {
+                    1.0
+                };
+                let force = self.phasor(pair, growth * self.nominal[2 * pair]);
+                let q = self.reduced.response(&self.model, *speed, &force)?;
+                let mq = Mat::from_fn(q.len(), 1, |i, _| {
+                    let row = i.saturating_sub(BAND)..q.len().min(i + BAND + 1);
+                    row.map(|j| q[j] * self.model.mass[(i, j)]).sum::<c64>()
+                });
+                for i in 0..self.modes() {
+                    let z: c64 = (0..q.len())
+                        .map(|j| mq[(j, 0)] * self.reduced.basis[(j, i)])
+                        .sum();
+                    scale[i] = scale[i].max(z.re.hypot(z.im));
+                }
+            }
+        }
+        // The change in a sample is added to the displacement: in its unit.
+        scale.copy_within(0..nz, nz);
+        for (j, nominal) in self.nominal.iter().enumerate() {
+            scale[2 * nz + j] = *nominal;
+        }
+        Ok(scale)
+    }
+
+    /// A force of `size` [N] that turns with the shaft at the node of a pair.
+    fn phasor(&self, pair: usize, size: f64) -> Vec<c64> {
+        (self.forces[2 * pair].iter().zip(&self.forces[2 * pair + 1]))
+            .map(|(x, y)| c64::new(size * x, -size * y))
+            .collect()
+    }
+
+    /// Where reduced state `i` of `2 modes + loads` stands in the filter.
+    fn place(&self, i: usize) -> usize {
+        let (modes, nz) = (self.modes(), self.size.0);
+        match i {
+            _ if i < modes => i,
+            _ if i < 2 * modes => nz + i - modes,
+            _ => 2 * nz + i - 2 * modes,
+        }
+    }
+
+    pub(super) fn discrete(&self, speed: f64) -> Result<Discrete, BuildError> {
+        let held = held(
+            &self.model,
+            &self.reduced,
+            speed,
+            &self.forces,
+            &self.turning,
+            self.dt_s,
+        );
+        discrete(&held, &moved(&self.turning, speed * self.dt_s)).ok_or(BuildError::Sampled)
+    }
+
+    /// A matrix over the reduced states, in the scale and the places of the filter:
+    /// `m_ij s_j / s_i`, or `m_ij / (s_i s_j)` for a covariance.
+    pub(super) fn scaled(&self, m: &Mat<f64>, covariance: bool) -> Mat<f64> {
+        let nx = self.size.1;
+        let mut scaled = Mat::<f64>::zeros(nx, nx);
+        for i in 0..m.nrows() {
+            for j in 0..m.ncols() {
+                let (a, b) = (self.place(i), self.place(j));
+                let (si, sj) = (self.scale[a], self.scale[b]);
+                let factor = if covariance { 1.0 / (si * sj) } else { sj / si };
+                scaled[(a, b)] = m[(i, j)] * factor;
+            }
+        }
+        scaled
+    }
+
+    /// Row of a displacement sensor over the states of the filter [`UNIT_M`].
+    pub(super) fn row(&self, channel: &Channel) -> Vec<f64> {
+        let mut row = vec![0.0; self.size.1];
+        if let Senses::Displacement(at) = &channel.senses {
+            let direction = self.model.direction(at.node, at.direction_deg.to_radians());
+            for (i, value) in self.reduced.row(&direction).iter().enumerate() {
+                row[i] = channel.sensitivity.unwrap_or(1.0) * value * self.scale[i] / UNIT_M;
+            }
+        }
+        row
+    }
+
+    /// Displacements along x and y of every node [m], node by node, of the
+    /// filter's state in the image's scale.
+    pub fn displacements(&self, state: &[f32], into: &mut [f64]) {
+        let basis = &self.reduced.basis;
+        for (k, slot) in into.iter_mut().enumerate() {
+            let row = 4 * (k / 2) + k % 2;
+            *slot = (0..self.modes().min(state.len()))
+                .map(|i| basis[(row, i)] * self.scale[i] * f64::from(state[i]))
+                .sum();
+        }
+    }
+
+    /// Number of nodes.
+    pub fn nodes(&self) -> usize {
+        self.model.nodes
+    }
+
+    /// What the reduction loses of the response to nominal loads over the speeds.
+    ///
+    /// # Errors
+    /// [`RotorError::Resonance`] for an undamped rotor at its critical speed.
+    pub fn reduction_error(&self, rotor: &Rotor) -> Result<ReductionError, RotorError> {
+        let mut error = ReductionError::default();
+        let mut speeds = self.speeds.clone();
+        speeds.push(self.nominal_speed);
+        for speed in speeds.into_iter().filter(|speed| *speed > 0.0) {
+            for (pair, load) in rotor.loads.iter().enumerate() {
+                let growth = (speed / self.nominal_speed).powi(2);
+                let unbalance = Unbalance {
+                    node: load.node,
+                    moment_kg_m: load.nominal_n / self.nominal_speed.powi(2),
+                    phase_rad: 0.0,
+                };
+                let whole = unbalance_response(&self.model, speed, &[unbalance])?;
+                let force = self.phasor(pair, growth * load.nominal_n);
+                let reduced = self.reduced.response(&self.model, speed, &force)?;
+                error.push(speed, &whole, &reduced);
+            }
+        }
+        Ok(error)
+    }
+
+    /// Q and the covariance before the first sample, in the scale of the filter.
+    pub(super) fn covariances(&self, rotor: &Rotor, discrete: &Discrete) -> (Mat<f64>, Mat<f64>) {
+        let modes = self.modes();
+        let k = self.reduced.stiffness(&self.model, self.nominal_speed);
+        let n = 2 * modes + self.nominal.len();
+        let (mut q, mut p) = (Mat::<f64>::zeros(n, n), Mat::<f64>::zeros(n, n));
+        for i in 0..modes {
+            let (z, w2) = (self.scale[i].powi(2), k[(i, i)]);
+            let (model, start) = (
+                rotor.reduction.model_std.powi(2),
+                rotor.reduction.initial_std.powi(2),
+            );
+            q[(i, i)] = model * z;
+            q[(modes + i, modes + i)] = model * z * w2;
+            p[(i, i)] = start * z;
+            p[(modes + i, modes + i)] = start * z * w2;
+        }
+        for (j, nominal) in self.nominal.iter().enumerate() {
+            let walk = rotor.loads[j / 2].walk(self.nominal_speed);
+            q[(2 * modes + j, 2 * modes + j)] = walk * walk * self.dt_s;
+            p[(2 * modes + j, 2 * modes + j)] = nominal * nominal;
+        }
+        let t = &discrete.coordinates;
+        (
+            self.scaled(&turned(t, &q), true),
+            self.scaled(&turned(t, &p), true),
+        )
+    }
+
+    /// The transition at the machine's speed, in the scale of the filter.
+    ///
+    /// # Errors
+    /// [`BuildError::Sampled`] where a mode is sampled at a multiple of half its period.
+    pub fn transition(&self) -> Result<Mat<f64>, BuildError> {
+        let nominal = self.discrete(self.nominal_speed)?;
+        Ok(self.scaled(&nominal.transition, false))
+    }
+
+    /// Q and the covariance before the first sample as the image has them, with the noise of
+    /// `rotor`.
+    ///
+    /// # Errors
+    /// As [`RotorPlan::transition`].
+    pub fn noise(&self, rotor: &Rotor) -> Result<[Vec<u8>; 2], BuildError> {
+        let (q, p) = self.covariances(rotor, &self.discrete(self.nominal_speed)?);
+        Ok([&q, &p].map(|m| bytes(triangle(m))))
+    }
+}
