@@ -51,7 +51,7 @@ impl Diagnose {
         }
         let progress = Progress::new("diagnose");
         let diagnosis = diagnose::diagnose(&machine, &self.recordings, &self.validate, |part| {
-            progress.show(part)
+            progress.show(part);
         })?;
         drop(progress);
         if let Some(path) = &self.report {
