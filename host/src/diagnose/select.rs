@@ -25,7 +25,7 @@ const SAME: f64 = 0.001;
 
 /// Part of what is left of a residual that an effect must explain somewhere:
 /// what a simulated clean machine leaves is not known better. Where a machine has no effect,
-/// its steep maps alone came to 0.12; effects of 0.3 of their usual strength come to 0.9 at least.
+/// its steep maps alone came to 0.12.
 const MATERIAL: f64 = 0.15;
 
 /// Most effects that are named.
