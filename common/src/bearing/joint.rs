@@ -147,22 +147,8 @@ impl Belief {
             x[LOAD + i] = -x[LOAD + i];
         }
         let p = &mut self.gaussian.upper;
-        for row in 0..ROWS {
-            for j in 0..NX {
-                for i in [row, ROWS + row] {
-                    if i != j {
-                        p[i.max(j)][i.min(j)] = 0.0;
-                    }
-                }
-            }
-        }
-        for i in [1, 3, 4] {
-            let i = LOAD + i;
-            for j in 0..NX {
-                if i != j {
-                    p[i.max(j)][i.min(j)] = 0.0;
-                }
-            }
+        for i in (0..LOAD).chain([1, 3, 4].map(|i| LOAD + i)) {
+            uncouple(p, i);
         }
     }
 
@@ -172,9 +158,7 @@ impl Belief {
         let p = &mut self.gaussian.upper;
         for i in BIAS..NX {
             self.gaussian.state[i] = 0.0;
-            for j in 0..NX {
-                p[i.max(j)][i.min(j)] = 0.0;
-            }
+            uncouple(p, i);
             let std = if i < GAIN {
                 tuning.bias_std
             } else {
@@ -190,9 +174,7 @@ impl Belief {
         for i in 0..LOADS {
             let l = LOAD + i;
             self.gaussian.state[l] = tuning.load_mean[i];
-            for j in 0..NX {
-                p[l.max(j)][l.min(j)] = 0.0;
-            }
+            uncouple(p, l);
             p[l][l] = 0.0;
         }
         self.widen_loads(tuning, 1.0);
@@ -257,17 +239,13 @@ impl Belief {
         for (i, load) in loads.iter().enumerate() {
             let i = LOAD + i;
             self.gaussian.state[i] = *load;
-            for j in 0..NX {
-                p[i.max(j)][i.min(j)] = 0.0;
-            }
+            uncouple(p, i);
             p[i][i] = KNOWN_VARIANCE;
         }
         // Neither may preload and gains take up what the gauges' model lacks.
         for i in (GAIN..NX).chain([PRELOAD]) {
             self.gaussian.state[i] = 0.0;
-            for j in 0..NX {
-                p[i.max(j)][i.min(j)] = 0.0;
-            }
+            uncouple(p, i);
             p[i][i] = KNOWN_VARIANCE;
         }
         self.linearised_at = self.gaussian.state;
@@ -477,6 +455,19 @@ impl Belief {
             libm::sqrtf(told.local.1 / count),
         );
         told
+    }
+}
+
+/// Takes from state `i` what it has in common with the others; its variance stays.
+#[inline(never)]
+fn uncouple(p: &mut [[f32; NX]; NX], i: usize) {
+    for (j, column) in p.iter_mut().enumerate() {
+        // Column j ends at the diagonal.
+        if j == i {
+            column.iter_mut().take(i).for_each(|entry| *entry = 0.0);
+        } else if let Some(entry) = column.get_mut(i).filter(|_| j > i) {
+            *entry = 0.0;
+        }
     }
 }
 
