@@ -19,7 +19,8 @@
 //!     -kernel target/thumbv7em-none-eabihf/firmware/steps
 //! ```
 //!
-//! `samples`: 3000 samples of the bearing, postcard, one after the other.
+//! `samples`: more than 1000 samples of the bearing, postcard, one after the other; the last
+//! 1000 are counted.
 //!
 //! The innovations are computed within the step; `unscented` contains eleven
 //! times `unscented_observation`.
