@@ -20,6 +20,7 @@ pub use operating_point::OperatingPoint;
 pub use page::page;
 pub use parameter_noise::sampled_process_noise;
 pub use pattern_search::pattern_search;
+pub(crate) use trial::starts;
 pub use trial::{Outcome, Trial};
 
 use crate::build::BuildError;

@@ -51,20 +51,12 @@ impl<'a> Trial<'a> {
         recordings: &[PathBuf],
     ) -> Result<Self, TuneError> {
         let image = Image::from_bytes(payload).map_err(ReplayError::Image)?;
-        let mut all = Vec::new();
-        for recording in recordings {
-            let mut samples = Samples::open(machine, sensors, recording)?;
-            let mut raw = Vec::new();
-            while raw.len() < SAMPLES && samples.next_block(|sample| raw.push(sample.raw))? {}
-            raw.truncate(SAMPLES);
-            all.push(raw);
-        }
         let Model::Gearbox(model) = &image.model else {
             return Err(crate::calibrate::CalibrateError::NoDrivetrain.into());
         };
         Ok(Self {
             noise: noise(model),
-            recordings: all,
+            recordings: starts(machine, sensors, recordings)?,
             skip: (SETTLING_S * machine.rate_hz) as usize,
             image,
         })
@@ -151,4 +143,20 @@ fn noise(model: &GearboxModel<'_>) -> Vec<f64> {
     channels
         .chain(model.encoders.iter().map(|e| f64::from(e.variance).sqrt()))
         .collect()
+}
+
+/// The first samples of each recording, as many as are tried.
+pub(crate) fn starts(
+    machine: &Machine,
+    sensors: &Sensors,
+    recordings: &[PathBuf],
+) -> Result<Vec<Vec<RawSample>>, ReplayError> {
+    let start = |recording: &PathBuf| {
+        let mut samples = Samples::open(machine, sensors, recording)?;
+        let mut raw = Vec::new();
+        while raw.len() < SAMPLES && samples.next_block(|sample| raw.push(sample.raw))? {}
+        raw.truncate(SAMPLES);
+        Ok(raw)
+    };
+    recordings.iter().map(start).collect()
 }

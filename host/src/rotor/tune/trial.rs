@@ -12,12 +12,9 @@ use loadtwin_common::rotor::{Numbers, RotorModel as ImageModel};
 
 use crate::build::{BuildError, Sensors};
 use crate::machine::{Machine, Rotor};
-use crate::replay::{ReplayError, Samples};
+use crate::replay::ReplayError;
 use crate::rotor::RotorPlan;
-use crate::tune::TuneError;
-
-/// Samples of each recording that are tried.
-const SAMPLES: usize = 20_000;
+use crate::tune::{TuneError, starts};
 
 /// Largest spread before the first sample that a description may have.
 const MOST_INITIAL: f64 = 10.0;
@@ -64,14 +61,6 @@ impl<'a> Trial<'a> {
         recordings: &[PathBuf],
     ) -> Result<Self, TuneError> {
         let plan = RotorPlan::new(machine, rotor)?;
-        let mut all = Vec::new();
-        for recording in recordings {
-            let mut samples = Samples::open(machine, sensors, recording)?;
-            let mut raw = Vec::new();
-            while raw.len() < SAMPLES && samples.next_block(|sample| raw.push(sample.raw))? {}
-            raw.truncate(SAMPLES);
-            all.push(raw);
-        }
         Ok(Self {
             machine,
             rotor,
@@ -79,7 +68,7 @@ impl<'a> Trial<'a> {
             transition: plan.transition()?,
             plan,
             image: Image::from_bytes(payload).map_err(ReplayError::Image)?,
-            recordings: all,
+            recordings: starts(machine, sensors, recordings)?,
         })
     }
 
