@@ -131,11 +131,25 @@ pub(super) fn course_by_shaft(
 }
 
 /// Speed of inertia `body`, referred. Vibrations are in it: what keeps the
-/// speed is not to damp them.
+/// speed is not to damp them. At the ends by straight lines: an error of the
+/// first speed is carried on into the angle.
 fn tracked(recorded: &Recorded, motion: &Bodies, body: usize) -> Vec<f64> {
-    let width = (TRACKED_S / recorded.dt_s) as usize | 1;
+    let width = ((TRACKED_S / recorded.dt_s) as usize | 1).max(3);
     let angle = &recorded.encoders[motion.encoder[body]];
-    derivatives(angle, width.max(3), recorded.dt_s).0
+    let mut speed = derivatives(angle, width, recorded.dt_s).0;
+    // Where no mean is cut short, and a width further in.
+    let (n, edge) = (speed.len(), 2 * width);
+    if n > 4 * edge {
+        let line = |at: f64, a: f64, b: f64| a + (b - a) * at / width as f64;
+        let (first, second) = (speed[edge], speed[edge + width]);
+        let (last, before) = (speed[n - 1 - edge], speed[n - 1 - edge - width]);
+        for i in 0..edge {
+            let out = i as f64 - edge as f64;
+            speed[i] = line(out, first, second);
+            speed[n - 1 - i] = line(out, last, before);
+        }
+    }
+    speed
 }
 
 fn doing(recorded: &Recorded, demands: Vec<Demand>) -> Course {

@@ -243,8 +243,8 @@ pub(super) fn take_out_stuck(y: &mut [f64]) -> u64 {
 }
 
 /// Takes out samples of `residual` that stand out from their four neighbours
-/// alone by more than seven standard deviations; which.
-pub(super) fn take_out_spikes(residual: &mut [f64]) -> Vec<usize> {
+/// alone by more than seven standard deviations, theirs and `noise_std`; which.
+pub(super) fn take_out_spikes(residual: &mut [f64], noise_std: f64) -> Vec<usize> {
     let n = residual.len();
     if n < 16 {
         return Vec::new();
@@ -270,7 +270,8 @@ pub(super) fn take_out_spikes(residual: &mut [f64]) -> Vec<usize> {
     }
     let middle = sizes.len() / 2;
     let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
-    let limit = 7.0 * median / 0.6745;
+    // Without noise the counts of an encoder would stand out.
+    let limit = 7.0 * f64::max(median / 0.6745, noise_std);
     let out: Vec<usize> = deviations
         .iter()
         .enumerate()

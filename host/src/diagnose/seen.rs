@@ -148,7 +148,9 @@ impl Seen<'_> {
             slope[i] = dm / ratio * sensed[i];
             residual[i] = readings[i] - offset - reading[i];
         }
-        let spikes = take_out_spikes(&mut residual);
+        let noise = channel.noise_over_angle(machine)?;
+        let noise = (noise.iter().map(|s| s * s).sum::<f64>() / noise.len() as f64).sqrt();
+        let spikes = take_out_spikes(&mut residual, noise);
         let square = table.iter().map(|m| m * m).sum::<f64>() / table.len() as f64;
         let nominal = match &channel.senses {
             Senses::Speed(_) => drivetrain.nominal_speed_rad_s,
@@ -159,8 +161,6 @@ impl Seen<'_> {
                 .map_or(1.0, |l| l.nominal_nm),
             _ => self.nominal_torque(),
         };
-        let noise = channel.noise_over_angle(machine)?;
-        let noise = (noise.iter().map(|s| s * s).sum::<f64>() / noise.len() as f64).sqrt();
         let stream = Stream {
             name: channel.name.clone(),
             kind: Kind::Strain,

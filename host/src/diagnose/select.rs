@@ -24,9 +24,8 @@ const FORM: f64 = 0.15;
 const SAME: f64 = 0.001;
 
 /// Part of what is left of a residual that an effect must explain somewhere:
-/// what a simulated clean machine leaves is not known better. Where a machine has no effect,
-/// its steep maps alone came to 0.12.
-const MATERIAL: f64 = 0.15;
+/// what a simulated clean machine leaves is not known better.
+const MATERIAL: f64 = 0.02;
 
 /// Most effects that are named.
 const MOST: usize = 3;
