@@ -110,7 +110,6 @@ impl Seen<'_> {
             count: self.machine.encoders.first().map_or(0.0, |e| {
                 TAU / (e.counts_per_turn * self.torsion.ratio(&e.inertia)).abs()
             }),
-            home: self.machine.index.as_ref().map_or(0.0, |i| i.angle_rad),
             response,
         }
     }

@@ -58,8 +58,6 @@ pub struct Signals {
     pub smoothing: usize,
     /// Angle of one count of the encoder that tells the carrier angle [rad].
     pub count: f64,
-    /// Carrier angle of the index pulse, where the angle is without error [rad].
-    pub home: f64,
     /// None where the loads of the chain are not all known.
     pub response: Option<Response>,
 }

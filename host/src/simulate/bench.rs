@@ -108,7 +108,7 @@ impl Bench {
 
     /// Bandwidth of the speed control [rad/s].
     pub(super) fn bandwidth(&self) -> f64 {
-        if self.held_by == HeldBy::FirstLoad || self.demand.held.is_some() {
+        if self.held_by == HeldBy::FirstLoad {
             BANDWIDTH_OF_LOAD
         } else {
             BANDWIDTH

@@ -4,8 +4,8 @@ use super::order::waves;
 use super::{Coupling, Effect, Linear, Shape};
 use crate::diagnose::stream::{Kind, Session, Term};
 
-/// `a (cos(r angle) - cos(r home)) + b (sin(r angle) - sin(r home))` on the angle
-/// of an inertia with speed ratio `r`; the index pulse takes the error at home.
+/// `a cos(r angle) + b sin(r angle) + c` on the angle of an inertia with speed
+/// ratio `r`; `c` is what the index pulse takes of it, less what all maps told.
 pub struct Eccentricity;
 
 impl Effect for Eccentricity {
@@ -26,6 +26,10 @@ impl Effect for Eccentricity {
             },
             Linear {
                 name: "sine [rad of the main shaft]",
+                prior_std: 0.005,
+            },
+            Linear {
+                name: "at the index [rad of the main shaft]",
                 prior_std: 0.005,
             },
         ]
@@ -57,24 +61,19 @@ impl Effect for Eccentricity {
         self.terms_about(session, shape, &[])
     }
     fn terms_about(&self, session: &Session, shape: &[f64], parameters: &[Vec<f64>]) -> Vec<Term> {
-        let (body, signals) = (shape[0] as usize, &session.signals);
-        let home = signals.ratios[body] * signals.home;
-        let [cosine, sine] = waves(session, signals.ratios[body]);
-        let less = |wave: &[f64], home: f64| wave.iter().map(|u| u - home).collect::<Vec<f64>>();
-        let waves = [less(&cosine, home.cos()), less(&sine, home.sin())];
+        let body = shape[0] as usize;
+        let [cosine, sine] = waves(session, session.signals.ratios[body]);
+        let u = [cosine, sine, vec![1.0; session.signals.len()]];
         let now = parameters.iter().find(|p| !p.is_empty());
-        let about: Vec<f64> = waves[0]
-            .iter()
-            .zip(&waves[1])
-            .map(|(c, s)| now.map_or(0.0, |p| p[0] * c + p[1] * s))
+        let about: Vec<f64> = (0..session.signals.len())
+            .map(|i| now.map_or(0.0, |p| p.iter().zip(&u).map(|(p, u)| p * u[i]).sum()))
             .collect();
-        waves
-            .map(|u| Term::Angle {
-                body,
-                u,
-                about: about.clone(),
-            })
-            .into()
+        u.map(|u| Term::Angle {
+            body,
+            u,
+            about: about.clone(),
+        })
+        .into()
     }
     fn experiment(&self) -> &'static str {
         "constant speed over many turns with a second encoder"
