@@ -377,7 +377,10 @@ fn biases_of_sensors_are_estimated_where_asked() {
             "seed {seed}: settled {:.2} µm, force {:.2} % with biases, {:.2} µm, {:.2} % with states for them, {:.2} µm, {:.2} % without any",
             without.0, without.1, with.0, with.1, none.0, none.1
         );
-        assert!(with.0 < 0.2 && with.0 < 0.05 * without.0, "{with:?} {without:?}");
+        assert!(
+            with.0 < 0.2 && with.0 < 0.05 * without.0,
+            "{with:?} {without:?}"
+        );
         assert!(with.1 < 0.5, "{with:?}");
     }
 }
