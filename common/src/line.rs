@@ -12,9 +12,9 @@ use crate::rotor::{Rotor, RotorModel, RotorState};
 /// is filled up with states that nothing depends on.
 pub const STATES: [usize; 4] = [6, 8, 12, 16];
 
-/// Modal displacements and states of the filters of rotors; a model with fewer is filled
-/// up with states that nothing depends on. One more size takes 20 kB of flash.
-pub const ROTOR_SIZES: [(usize, usize); 1] = [(8, 20)];
+/// Modal displacements and states of the filters of rotors, without and with biases of
+/// sensors; a model with fewer is filled up with states that nothing depends on.
+pub const ROTOR_SIZES: [(usize, usize); 2] = [(8, 20), (8, 24)];
 
 /// The estimator of one machine and its state.
 ///
@@ -40,6 +40,7 @@ enum Kind<'a> {
     Gearbox12(Gearbox<'a, 12>, GearboxState<12>),
     Gearbox16(Gearbox<'a, 16>, GearboxState<16>),
     Rotor20(Rotor<'a, 8, 20>, RotorState<8, 20>),
+    Rotor24(Rotor<'a, 8, 24>, RotorState<8, 24>),
     Bearing(Bearing, BearingState),
 }
 
@@ -117,6 +118,7 @@ impl<'a> Line<'a> {
             },
             Model::Rotor(model) => match (model.modes, model.scale.len()) {
                 (8, 20) => start_rotor(model, Kind::Rotor20, place),
+                (8, 24) => start_rotor(model, Kind::Rotor24, place),
                 _ => Err(Error::OutOfRange("number of states")),
             },
             Model::Bearing(model) => start_bearing(model, image.rate_hz, place),
@@ -131,6 +133,7 @@ impl<'a> Line<'a> {
             Kind::Gearbox12(g, s) => g.step(s, raw),
             Kind::Gearbox16(g, s) => g.step(s, raw),
             Kind::Rotor20(r, s) => r.step(s, raw),
+            Kind::Rotor24(r, s) => r.step(s, raw),
             Kind::Bearing(b, s) => b.step(s, raw),
         }
     }
@@ -140,6 +143,7 @@ impl<'a> Line<'a> {
     pub fn rotor_state(&self) -> &[f32] {
         match &self.kind {
             Kind::Rotor20(_, s) => s.state(),
+            Kind::Rotor24(_, s) => s.state(),
             _ => &[],
         }
     }

@@ -21,7 +21,7 @@ use crate::innovation::Gate;
 use crate::measurement::{Converter, Counter, Measurement, Unwrap};
 use crate::phase::Phase;
 use crate::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
-use filter::{Belief, Turn, predict_covariance, predict_state, predicted, update};
+use filter::{Belief, FORCES, Row, Turn, predict_covariance, predict_state, predicted, update};
 use shaft::Shaft;
 
 use model::Between;
@@ -45,7 +45,7 @@ pub struct Rotor<'a, const NZ: usize, const NX: usize> {
     model: RotorModel<'a>,
     converters: Vec<Converter, MAX_CHANNELS>,
     counters: Vec<Counter, MAX_ENCODERS>,
-    rows: Vec<[f32; NZ], MAX_CHANNELS>,
+    rows: Vec<Row<f32, NZ>, MAX_CHANNELS>,
     gate: Gate,
     constant: Turn<f32>,
 }
@@ -84,11 +84,14 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         const { assert!(NZ <= MAX_MODES && NX <= MAX_STATES, "states of a rotor") };
         model.check(NZ, NX)?;
         let rows = model.channels.iter().map(|channel| {
-            let mut row = [0.0; NZ];
-            for (slot, value) in row.iter_mut().zip(&channel.row) {
+            let mut modal = [0.0; NZ];
+            for (slot, value) in modal.iter_mut().zip(&channel.row) {
                 *slot = *value;
             }
-            row
+            Row {
+                modal,
+                bias: channel.bias_state.map(usize::from),
+            }
         });
         let angle = model.speeds.nominal * model.sample_s;
         Ok(Self {
@@ -101,6 +104,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
                 pairs: model.loads.len() / 2,
                 cosine: libm::cosf(angle),
                 sine: libm::sinf(angle),
+                left: model.left,
             },
             model,
         })
@@ -159,7 +163,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             part,
         };
         for row in &mut active.dense {
-            between.read(row);
+            between.read(row.get_mut(..2 * NZ + FORCES).unwrap_or_default());
         }
         let channels = self.model.channels.len();
         let mut row = [0.0; MAX_CHANNELS];

@@ -222,7 +222,9 @@ pub fn image(machine: &Machine, sensors: &Sensors) -> Result<Vec<u8>, BuildError
     match machine.kind() {
         Some(Kind::Drivetrain(drivetrain)) => gearbox::image(machine, drivetrain, sensors),
         Some(_) if sensors.filter == Filter::Steady => Err(BuildError::OnlyDrivetrains),
-        Some(Kind::Rotor(rotor)) => RotorPlan::new(machine, rotor)?.image(machine, rotor, sensors),
+        Some(Kind::Rotor(rotor)) => {
+            RotorPlan::new(machine, rotor, &sensors.channels)?.image(machine, rotor, sensors)
+        }
         Some(Kind::Bearing(bearing)) => bearing::image(machine, bearing, sensors),
         None => Err(BuildError::NoEstimator(machine.path.clone())),
     }

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use faer::Mat;
 use loadtwin::build::{self, Sensors};
-use loadtwin::machine::{LoadKind, Machine};
+use loadtwin::machine::{Drift, LoadKind, Machine};
 use loadtwin::replay::{Displacements, Figures, run_line};
 use loadtwin::rotor::discrete;
 use loadtwin::simulate::{AppliedUnbalance, RotorScenario, RotorSimulation};
@@ -15,7 +15,7 @@ use loadtwin_common::image::{Image, Model};
 use loadtwin_common::line::Line;
 use loadtwin_common::raw::RawSample;
 use loadtwin_common::rotor::filter::{
-    Belief, Real, Turn, predict_covariance, predict_state, update,
+    BIASES, Belief, Real, Row, Turn, predict_covariance, predict_state, update,
 };
 use serde_json::Value;
 
@@ -66,10 +66,14 @@ fn golden<T: Real>(run: &str, from: fn(f64) -> T, into: fn(T) -> f64) -> f64 {
         pairs: 2,
         cosine: from((omega * dt).cos()),
         sine: from((omega * dt).sin()),
+        left: [T::ZERO; BIASES],
     };
     let unit = 1e-6;
-    let rows: Vec<[T; NZ]> = (matrix(&file["D"]).iter())
-        .map(|row| std::array::from_fn(|j| from(row[j] * scale[j] / unit)))
+    let rows: Vec<Row<T, NZ>> = (matrix(&file["D"]).iter())
+        .map(|row| Row {
+            modal: std::array::from_fn(|j| from(row[j] * scale[j] / unit)),
+            bias: None,
+        })
         .collect();
     let variances: Vec<T> = (vector(&case["R_diag"]).iter())
         .map(|r| from(r / (unit * unit)))
@@ -138,13 +142,18 @@ fn machine() -> Machine {
 }
 
 fn replayed(machine: &Machine, scenario: RotorScenario) -> Outcome {
+    replayed_as(machine, machine, scenario)
+}
+
+/// What `machine` makes of a recording of `real`.
+fn replayed_as(machine: &Machine, real: &Machine, scenario: RotorScenario) -> Outcome {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rotor.parquet");
-    let rotor = machine.rotor.as_ref().unwrap();
-    let simulation = RotorSimulation::new(machine, rotor, scenario).unwrap();
+    let rotor = real.rotor.as_ref().unwrap();
+    let simulation = RotorSimulation::new(real, rotor, scenario).unwrap();
     simulation.write(&path, |_| ()).unwrap();
     let sensors = Sensors::choose(machine, None).unwrap();
-    let mut displacements = Displacements::new(machine).unwrap();
+    let mut displacements = Displacements::new(machine, &sensors).unwrap();
     let mut figures = Figures::new(machine);
     let (mut squares, mut truth) = (0.0, 0.0);
     let from_s = machine.segments[1].from_s;
@@ -336,6 +345,44 @@ fn a_run_up_through_the_first_critical_speed() {
     );
     assert!(outcome.peak_um > 3000.0 && part <= 0.002, "{part}");
     assert!(outcome.force_percent <= 0.5, "{}", outcome.force_percent);
+}
+
+/// Sensors that read some micrometres more or less than is described: with a state for each
+/// bias the error is nearly what it is without any.
+#[test]
+fn biases_of_sensors_are_estimated_where_asked() {
+    let mut described = machine();
+    let mut drifting = machine();
+    for channel in &mut drifting.channels {
+        channel.drift = Some(Drift {
+            std: 2e-5,
+            time_s: 3600.0,
+        });
+    }
+    for seed in 3..7 {
+        let mut real = machine();
+        let offsets = [12e-6, -25e-6, 7e-6, 18e-6];
+        for (i, channel) in real.channels.iter_mut().enumerate() {
+            channel.offset = offsets[(i + seed as usize) % 4];
+        }
+        let run = |machine: &Machine, real: &Machine| {
+            let outcome = replayed_as(machine, real, paper(1.0, seed));
+            (outcome.settled_um, outcome.force_percent)
+        };
+        described.name = "as described".into();
+        let none = run(&described, &described);
+        let without = run(&described, &real);
+        let with = run(&drifting, &real);
+        println!(
+            "seed {seed}: settled {:.2} µm, force {:.2} % with biases, {:.2} µm, {:.2} % with states for them, {:.2} µm, {:.2} % without any",
+            without.0, without.1, with.0, with.1, none.0, none.1
+        );
+        assert!(
+            with.0 < 0.2 && with.0 < 0.05 * without.0,
+            "{with:?} {without:?}"
+        );
+        assert!(with.1 < 0.5, "{with:?}");
+    }
 }
 
 /// From the description to the image, and the full recursion of 20 states and 4 sensors.

@@ -1,12 +1,13 @@
 //! The augmented filter of a reduced rotor, in any precision.
 //!
 //! States: modal displacements `z` (NZ), their change to the next sample `e`
-//! (NZ), and what drives them `s` (NX - 2 NZ): forces in pairs (x, y).
+//! (NZ), forces `f` in pairs (x, y) that drive them ([`FORCES`]), and what is left, the
+//! biases `b` of sensors (NX - 2 NZ - [`FORCES`]).
 //!
-//! `z+ = z + e`, `e+ = D (z, e, s)`, `s+ = R s`
+//! `z+ = z + e`, `e+ = D (z, e, f)`, `s+ = R s` with `s = (f, b)`; a sensor reads `h z + b`
 //!
 //! Any discretised second-order system takes this form (with
-//! `e = (A_11 - I) z + A_12 z' + B_1 s`), and of its transition only `D`, NZ x NX, is dense:
+//! `e = (A_11 - I) z + A_12 z' + B_1 f`), and of its transition only `D` is dense:
 //! the prediction of `P` takes less than half of what it takes with (z, z').
 //!
 //! Source: Rezende et al. 2023, eq. (7), (10)-(12).
@@ -16,6 +17,12 @@
 )]
 
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+
+/// States that are forces, two for each load.
+pub const FORCES: usize = 4;
+
+/// Most biases that a filter has states for.
+pub const BIASES: usize = 4;
 
 /// Rows of `D` that are multiplied at once: as many as share a loaded column.
 const ROWS: usize = 4;
@@ -69,17 +76,39 @@ pub struct Belief<T, const NX: usize> {
     pub covariance: [[T; NX]; NX],
 }
 
-/// How the driving states move in one sample.
+/// How a sensor reads the state: `y = h z + b`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row<T, const NZ: usize> {
+    /// `h`, over the modal displacements.
+    pub modal: [T; NZ],
+    /// The state that is its bias, in the unit of its reading.
+    pub bias: Option<usize>,
+}
+
+impl<T, const NZ: usize> Row<T, NZ> {
+    /// Its bias among NX states; none in a filter without.
+    fn bias<const NX: usize>(&self) -> Option<usize> {
+        if NX > 2 * NZ + FORCES {
+            self.bias.filter(|bias| *bias < NX)
+        } else {
+            None
+        }
+    }
+}
+
+/// How forces and biases move in one sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turn<T> {
     /// Bit k: pair k turns with the shaft and grows with its speed squared.
     pub turning: u8,
-    /// Pairs among the driving states.
+    /// Pairs of forces.
     pub pairs: usize,
     /// Cosine of the shaft's angle in the sample, times the growth.
     pub cosine: T,
     /// Sine of it, times the growth.
     pub sine: T,
+    /// Part of each bias that is left after the sample.
+    pub left: [T; BIASES],
 }
 
 impl<T: Real> Turn<T> {
@@ -92,6 +121,9 @@ impl<T: Real> Turn<T> {
                     self.sine * *x + self.cosine * *y,
                 );
             }
+        }
+        for (bias, left) in s.iter_mut().skip(FORCES).zip(&self.left) {
+            *bias = *left * *bias;
         }
     }
 }
@@ -116,7 +148,7 @@ pub fn predict_state<T: Real, const NZ: usize, const NX: usize>(
     let mut next = [T::ZERO; NZ];
     for i in 0..NZ {
         let mut sum = dense[i][0] * state[0];
-        for k in 1..NX {
+        for k in 1..2 * NZ + FORCES {
             sum += dense[i][k] * state[k];
         }
         next[i] = sum;
@@ -143,13 +175,16 @@ pub fn predict_covariance<T: Real, const NZ: usize, const NX: usize>(
     noise: impl Fn(usize) -> T,
 ) {
     const {
-        assert!(NZ.is_multiple_of(ROWS) && 2 * NZ < NX, "states of a rotor");
+        assert!(
+            NZ.is_multiple_of(ROWS) && 2 * NZ + FORCES <= NX && NX <= 2 * NZ + FORCES + BIASES,
+            "states of a rotor"
+        );
     };
     let mut w = [[T::ZERO; NX]; NZ];
     for i in (0..NZ).step_by(ROWS) {
         for j in 0..NX {
             let (mut a, mut b, mut c, mut d) = (T::ZERO, T::ZERO, T::ZERO, T::ZERO);
-            for k in 0..NX {
+            for k in 0..2 * NZ + FORCES {
                 let column = p[j][k];
                 a += dense[i][k] * column;
                 b += dense[i + 1][k] * column;
@@ -188,7 +223,7 @@ pub fn predict_covariance<T: Real, const NZ: usize, const NX: usize>(
     for i in 0..NZ {
         for j in 0..i + 1 {
             let mut sum = w[i][0] * dense[j][0];
-            for k in 1..NX {
+            for k in 1..2 * NZ + FORCES {
                 sum += w[i][k] * dense[j][k];
             }
             p[NZ + i][NZ + j] = sum;
@@ -218,16 +253,22 @@ pub fn predict_covariance<T: Real, const NZ: usize, const NX: usize>(
     }
 }
 
-/// `h x` over the modal displacements.
-pub fn predicted<T: Real, const NZ: usize, const NX: usize>(state: &[T; NX], row: &[T; NZ]) -> T {
-    let mut sum = row[0] * state[0];
+/// `h z + b`.
+pub fn predicted<T: Real, const NZ: usize, const NX: usize>(
+    state: &[T; NX],
+    row: &Row<T, NZ>,
+) -> T {
+    let mut sum = row.modal[0] * state[0];
     for i in 1..NZ {
-        sum += row[i] * state[i];
+        sum += row.modal[i] * state[i];
+    }
+    if let Some(bias) = row.bias::<NX>() {
+        sum += state[bias];
     }
     sum
 }
 
-/// Measurement update by one scalar channel `y = h z + v`.
+/// Measurement update by one scalar channel `y = h z + b + v`.
 ///
 /// `s = h P h' + r`, `k = P h' / s`, `x+ = x + k nu`, `P+ = P - k s k'`
 ///
@@ -238,13 +279,14 @@ pub fn predicted<T: Real, const NZ: usize, const NX: usize>(state: &[T; NX], row
 #[inline(never)]
 pub fn update<T: Real, const NZ: usize, const NX: usize>(
     belief: &mut Belief<T, NX>,
-    row: &[T; NZ],
+    row: &Row<T, NZ>,
     measured: T,
     variance: T,
     admits: impl FnOnce(T) -> bool,
 ) -> (Told<T>, bool) {
     let innovation = measured - predicted(&belief.state, row);
     let p = &mut belief.covariance;
+    let (bias, row) = (row.bias::<NX>(), &row.modal);
     let mut w = [T::ZERO; NX];
     let mut scale = T::ZERO;
     for i in 0..NX {
@@ -252,12 +294,19 @@ pub fn update<T: Real, const NZ: usize, const NX: usize>(
         for j in 1..NZ {
             sum += p[i][j] * row[j];
         }
+        if let Some(bias) = bias {
+            sum += p[i][bias];
+        }
         w[i] = sum;
     }
     let mut s = T::ZERO;
     for i in 0..NZ {
         scale += p[i][i] * row[i] * row[i];
         s += row[i] * w[i];
+    }
+    if let Some(bias) = bias {
+        scale += p[bias][bias];
+        s += w[bias];
     }
     let floor = scale * T::RESOLUTION;
     s += if variance < floor { floor } else { variance };

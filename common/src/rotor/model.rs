@@ -3,6 +3,7 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
+use super::filter::{BIASES, FORCES};
 use crate::Error;
 use crate::estimate::MAX_LOADS;
 use crate::image::LoadSignal;
@@ -13,7 +14,7 @@ use crate::raw::MAX_CHANNELS;
 pub const MAX_MODES: usize = 8;
 
 /// Most states that a model can have.
-pub const MAX_STATES: usize = 20;
+pub const MAX_STATES: usize = 24;
 
 /// Numbers that stay where the image lies (flash): f32, little endian.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -88,7 +89,7 @@ pub struct RotorModel<'a> {
     pub sample_s: f32,
     /// Speeds that the tables hold, evenly spaced.
     pub speeds: Speeds,
-    /// For each speed: `D` by rows, the steady gain `K` by rows, the variance of each
+    /// For each speed: `D` by rows over modal displacements, their changes and forces, the steady gain `K` by rows, the variance of each
     /// channel's innovation, the steady standard deviation of each load.
     #[serde(borrow)]
     pub tables: Numbers<'a>,
@@ -104,6 +105,8 @@ pub struct RotorModel<'a> {
     pub gate_nis: f32,
     /// Bit k: load pair k turns with the shaft.
     pub turning: u8,
+    /// Part of each sensor's bias that is left after a sample, 0 to 1.
+    pub left: [f32; BIASES],
     /// The loads in pairs along x and y.
     pub loads: Vec<LoadSignal, MAX_LOADS>,
     /// Displacement sensors in the order of the raw words.
@@ -140,6 +143,8 @@ pub struct RotorChannel {
     pub row: Vec<f32, MAX_MODES>,
     /// Variance of the reading, > 0.
     pub variance: f32,
+    /// The state that is its bias; behind those of the forces.
+    pub bias_state: Option<u8>,
 }
 
 /// The shaft's encoder in the image.
@@ -161,7 +166,7 @@ impl RotorModel<'_> {
             self.scale.len(),
             self.channels.len(),
         );
-        nz * nx + nx * ny + ny + self.loads.len()
+        nz * (2 * nz + FORCES) + nx * ny + ny + self.loads.len()
     }
 
     /// Checks every length and range for `modes` modes and `states` states.
@@ -201,7 +206,7 @@ impl RotorModel<'_> {
             )?;
         }
         positive([self.gate_nis], "gate_nis")?;
-        if nd == 0 || !nd.is_multiple_of(2) || 2 * modes + nd > states {
+        if nd == 0 || !nd.is_multiple_of(2) || nd > FORCES {
             return Err(Error::OutOfRange("loads"));
         }
         for load in &self.loads {
@@ -210,6 +215,10 @@ impl RotorModel<'_> {
         if ny == 0 {
             return Err(Error::OutOfRange("channels"));
         }
+        if !self.left.iter().all(|left| (0.0..=1.0).contains(left)) {
+            return Err(Error::OutOfRange("left"));
+        }
+        let biases = 2 * modes + FORCES..states;
         for channel in &self.channels {
             positive([channel.unit, channel.variance], "channel")?;
             let gain = channel.converter.gain;
@@ -218,6 +227,9 @@ impl RotorModel<'_> {
             }
             if channel.row.len() != modes || !channel.row.iter().all(|c| c.is_finite()) {
                 return Err(Error::OutOfRange("channel row"));
+            }
+            if (channel.bias_state).is_some_and(|bias| !biases.contains(&usize::from(bias))) {
+                return Err(Error::OutOfRange("channel bias"));
             }
         }
         if let Some(encoder) = &self.encoder {

@@ -9,9 +9,11 @@
 //! loadtwin build examples/gearbox/calibrated.toml -o line.image
 //! loadtwin build examples/gearbox/calibrated.toml --filter steady -o steady.image
 //! loadtwin build examples/rotor/machine.toml -o rotor.image
+//! loadtwin build rotor-with-drifts.toml -o biased.image
 //! loadtwin build examples/bearing/calibrated.toml -o bearing.image
 //! LOADTWIN_IMAGE=$PWD/line.image LOADTWIN_STEADY_IMAGE=$PWD/steady.image \
-//!     LOADTWIN_ROTOR_IMAGE=$PWD/rotor.image LOADTWIN_BEARING_IMAGE=$PWD/bearing.image \
+//!     LOADTWIN_ROTOR_IMAGE=$PWD/rotor.image LOADTWIN_BIASED_ROTOR_IMAGE=$PWD/biased.image \
+//!     LOADTWIN_BEARING_IMAGE=$PWD/bearing.image \
 //!     LOADTWIN_BEARING_SAMPLES=$PWD/samples cargo build --profile firmware \
 //!     --target thumbv7em-none-eabihf -p loadtwin-firmware --features emulated,peers --bin steps
 //! qemu-system-arm -M mps2-an386 -cpu cortex-m4 -display none -monitor none -icount shift=10 \
@@ -49,7 +51,10 @@ use loadtwin_common::kalman::{predict, predict_constant, update};
 use loadtwin_common::line::Line;
 use loadtwin_common::phase::Phase;
 use loadtwin_common::raw::RawSample;
-use loadtwin_common::rotor::filter::{self, Belief, Turn, predict_covariance, predict_state};
+use loadtwin_common::rotor::MAX_STATES;
+use loadtwin_common::rotor::filter::{
+    self, BIASES, Belief, FORCES, Row, Turn, predict_covariance, predict_state,
+};
 use loadtwin_common::scheduled_gain::{GainBin, GainSchedule};
 use loadtwin_common::sealed;
 use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
@@ -293,11 +298,11 @@ fn line(name: &str, sealed: &[u8]) {
 }
 
 /// The filter of a rotor alone: 8 modal displacements that everything couples with, two
-/// loads that turn, 4 sensors; by the full recursion, and by a gain.
+/// loads that turn, 4 sensors, each with a bias where there are states for it; by the full
+/// recursion, and by a gain.
 #[inline(never)]
-fn rotor_filter() {
+fn rotor_filter<const NX: usize>([full, scheduled]: [&str; 2]) {
     const NZ: usize = 8;
-    const NX: usize = 20;
     let dense: [[f32; NX]; NZ] = core::array::from_fn(|i| {
         core::array::from_fn(|j| match j {
             _ if j == i => -0.05,
@@ -305,29 +310,32 @@ fn rotor_filter() {
             _ => 1e-3,
         })
     });
-    let rows: [[f32; NZ]; 4] =
-        core::array::from_fn(|i| core::array::from_fn(|j| 1.0 / (1.0 + (i + 2 * j) as f32)));
+    let rows: [Row<f32, NZ>; 4] = core::array::from_fn(|i| Row {
+        modal: core::array::from_fn(|j| 1.0 / (1.0 + (i + 2 * j) as f32)),
+        bias: (NX > 2 * NZ + FORCES).then_some(2 * NZ + FORCES + i),
+    });
     let gain: [[f32; NX]; 4] = [[1e-3; NX]; 4];
     let turn = Turn {
         turning: 3,
         pairs: 2,
         cosine: 0.999,
         sine: 0.044,
+        left: [0.999; BIASES],
     };
-    let noise = [1e-6_f32; NX * (NX + 1) / 2];
+    let noise = [1e-6_f32; MAX_STATES * (MAX_STATES + 1) / 2];
     let (dense, rows, gain, turn, samples) = black_box((dense, rows, gain, turn, samples::<4>()));
     let mut belief = Belief {
         state: [0.0; NX],
         covariance: core::array::from_fn(|i| core::array::from_fn(|j| f32::from(u8::from(i == j)))),
     };
-    report("rotor_20_4", |k| {
+    report(full, |k| {
         predict_state(&mut belief.state, &dense, &turn);
         predict_covariance(&mut belief.covariance, &dense, &turn, |i| noise[i]);
         for (row, y) in rows.iter().zip(&samples[k as usize % 16]) {
             black_box(filter::update(&mut belief, row, *y, 0.01, |nis| nis < 1e6));
         }
     });
-    report("rotor_scheduled_gain_20_4", |k| {
+    report(scheduled, |k| {
         predict_state(&mut belief.state, &dense, &turn);
         let y = &samples[k as usize % 16];
         let nu: [f32; 4] =
@@ -341,8 +349,8 @@ fn rotor_filter() {
     black_box(belief);
 }
 
-/// The rotor line, raw words to estimate: 20 states, 4 sensors at rest but for noise; by
-/// the full recursion throughout, or after it has converged.
+/// The rotor line, raw words to estimate: 4 sensors at rest but for noise; by the full
+/// recursion throughout, or after it has converged.
 #[inline(never)]
 fn rotor_line(name: &str, sealed: &[u8], full: bool) {
     let (_, payload) = sealed::open(sealed).unwrap();
@@ -463,10 +471,14 @@ fn main() -> ! {
         "gearbox_steady_line",
         include_bytes!(env!("LOADTWIN_STEADY_IMAGE")),
     );
-    rotor_filter();
+    rotor_filter::<20>(["rotor_20_4", "rotor_scheduled_gain_20_4"]);
+    rotor_filter::<24>(["rotor_24_4", "rotor_scheduled_gain_24_4"]);
     let rotor = include_bytes!(env!("LOADTWIN_ROTOR_IMAGE"));
     rotor_line("rotor_line", rotor, true);
     rotor_line("rotor_steady_line", rotor, false);
+    let rotor = include_bytes!(env!("LOADTWIN_BIASED_ROTOR_IMAGE"));
+    rotor_line("biased_rotor_line", rotor, true);
+    rotor_line("biased_rotor_steady_line", rotor, false);
     bearing_line(
         include_bytes!(env!("LOADTWIN_BEARING_IMAGE")),
         include_bytes!(env!("LOADTWIN_BEARING_SAMPLES")),

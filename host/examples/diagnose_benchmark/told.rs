@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::time::Instant;
 
-use loadtwin::diagnose::{Diagnosis, Residuals, Verdict, effect};
+use loadtwin::diagnose::{Diagnosis, Observed, Session, Verdict, by_name, effect};
 use loadtwin::machine::Machine;
 
 use crate::cases::Case;
@@ -20,7 +20,7 @@ pub fn told(number: usize, case: &Case, machine: &Machine) -> Result<Row, Box<dy
     case.record(machine, &seen, &unseen)?;
     let (seen, unseen) = (vec![seen], vec![unseen]);
     let started = Instant::now();
-    let residuals = Residuals::read(machine, &seen, &unseen, |_| ())?;
+    let residuals = Session::read(machine, &seen, &unseen, |_| ())?;
     let diagnosis = residuals.explained_by(effect::LIBRARY, |_| ());
     let seconds = started.elapsed().as_secs_f64();
     let said = match &diagnosis.verdict {
@@ -30,7 +30,7 @@ pub fn told(number: usize, case: &Case, machine: &Machine) -> Result<Row, Box<dy
     let true_effects: Option<Vec<_>> = case
         .effects
         .iter()
-        .map(|(name, _)| effect::by_name(name))
+        .map(|(name, _)| by_name::<Session>(name))
         .collect();
     let given = match true_effects {
         Some(effects) if !effects.is_empty() => after(&residuals.explained_by(&effects, |_| ())),

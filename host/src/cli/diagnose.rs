@@ -10,7 +10,8 @@ use super::balance;
 use super::output::say;
 use super::progress::Progress;
 use crate::balance::Request;
-use crate::diagnose::{self, Diagnosis, Told, Verdict, effect};
+use crate::diagnose::effect::Effect;
+use crate::diagnose::{self, Diagnosis, Observed, Session, Verdict};
 use crate::machine::Machine;
 
 /// Find which physical effect a model lacks, and add it.
@@ -49,10 +50,20 @@ impl Diagnose {
         if machine.balance.is_some() {
             return self.run_balance(&machine, as_json);
         }
+        self.run_kind::<Session>(&machine, started, as_json)
+    }
+
+    fn run_kind<S: Observed>(
+        &self,
+        machine: &Machine,
+        started: Instant,
+        as_json: bool,
+    ) -> anyhow::Result<()> {
         let progress = Progress::new("diagnose");
-        let diagnosis = diagnose::diagnose(&machine, &self.recordings, &self.validate, |part| {
-            progress.show(part);
-        })?;
+        let diagnosis: Diagnosis<S> =
+            diagnose::diagnose(machine, &self.recordings, &self.validate, |part| {
+                progress.show(part);
+            })?;
         drop(progress);
         if let Some(path) = &self.report {
             let names: Vec<String> = self
@@ -60,7 +71,7 @@ impl Diagnose {
                 .iter()
                 .map(|r| r.display().to_string())
                 .collect();
-            diagnose::page(&machine, &names.join(", "), &diagnosis).write(path)?;
+            diagnose::page(machine, &names.join(", "), &diagnosis).write(path)?;
         }
         // Nothing is written of what is not known.
         let written = match &self.out {
@@ -70,7 +81,7 @@ impl Diagnose {
                     Verdict::Effects(_) | Verdict::Inseparable(_)
                 ) =>
             {
-                let absent = diagnose::write(&machine, &diagnosis, path)?;
+                let absent = S::write(machine, &diagnosis, path)?;
                 if !absent.is_empty() {
                     eprintln!(
                         "loadtwin: not in {}: {}: the line has no place for it yet",
@@ -83,7 +94,7 @@ impl Diagnose {
             _ => None,
         };
         if as_json {
-            let mut out = diagnose::report(&machine, &diagnosis, &self.validate, written);
+            let mut out = diagnose::report(machine, &diagnosis, &self.validate, written);
             if let Some(object) = out.as_object_mut() {
                 object.insert("seconds".into(), json!(started.elapsed().as_secs_f64()));
             }
@@ -119,10 +130,10 @@ impl Diagnose {
     }
 }
 
-fn print(diagnosis: &Diagnosis) {
+fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
     say!("{}", diagnose::sentence(&diagnosis.verdict));
     if let Verdict::Inseparable(names) = &diagnosis.verdict
-        && let Some(effect) = names.first().and_then(|n| effect::by_name(n))
+        && let Some(effect) = names.first().and_then(|n| diagnose::by_name::<S>(n))
     {
         say!("what would: {}", effect.experiment());
     }
@@ -133,8 +144,8 @@ fn print(diagnosis: &Diagnosis) {
             silent.join(", ")
         );
     }
-    if diagnosis.sessions[0].told == Told::Gauges {
-        say!("no reference load: what all gauges have in common cannot be told from the torque");
+    if let Some(note) = diagnosis.sessions[0].note(&silent) {
+        say!("{note}");
     }
     say!("{:<26}{:>12}{:>12}", "candidate", "evidence", "by chance");
     for ranked in diagnosis.selection.ranking.iter().take(8) {
@@ -179,9 +190,10 @@ fn print(diagnosis: &Diagnosis) {
 
 /// The effects, for the long help.
 fn library() -> String {
-    let mut text = "Effects:\n".to_owned();
-    for effect in effect::LIBRARY {
-        text += &format!("  {:<26}{}\n", effect.name(), effect.about());
-    }
-    text
+    format!("Effects:\n{}", listed::<Session>())
+}
+
+fn listed<S: Observed>() -> String {
+    let line = |effect: &&dyn Effect<S>| format!("  {:<26}{}\n", effect.name(), effect.about());
+    S::library().iter().map(line).collect()
 }

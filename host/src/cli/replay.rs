@@ -155,7 +155,7 @@ fn one_set(
     let started = Instant::now();
     let progress = Progress::new("replay");
     let mut figures = Figures::new(machine);
-    let mut displacements = Displacements::new(machine)?;
+    let mut displacements = Displacements::new(machine, sensors)?;
     let mut phasor = Phasor::new(machine, sensors);
     let mut speeds = Speeds::new(machine);
     replay::run_line(

@@ -73,7 +73,7 @@ pub fn corrected(
             if !found.parameters[k].is_empty() && found.effect.coupling() == Coupling::Own {
                 moved |= found
                     .effect
-                    .gauge(&found.shape, &found.parameters[k], &mut gauge);
+                    .mend(&found.shape, &found.parameters[k], &mut gauge);
             }
         }
         let slot = &mut changed.channels[number];
@@ -106,7 +106,7 @@ pub fn corrected(
             let referred = part * signals.nominal_torque / signals.nominal_speed;
             inertia.drag_nm_s_per_rad =
                 (inertia.drag_nm_s_per_rad + referred / inertia.speed_ratio.powi(2)).max(0.0);
-        } else if !found.effect.gauge(&found.shape, &zero, &mut scratch) {
+        } else if !found.effect.mend(&found.shape, &zero, &mut scratch) {
             absent.push(found.effect.name());
         }
     }

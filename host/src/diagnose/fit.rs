@@ -8,11 +8,9 @@
 use faer::Mat;
 
 use super::effect::{Coupling, Effect};
-use super::stream::{Columns, Kind, Session};
+use super::observed::Observed;
+use super::stream::Columns;
 use super::sums::{Sums, add, dot, left_out, mirror, solved, test_error, totals};
-
-/// Blocks are this long [s]: long against the correlation of the noise.
-pub const BLOCK_S: f64 = 1.5;
 
 /// Folds of the cross-validation.
 pub const FOLDS: usize = 8;
@@ -76,12 +74,12 @@ pub struct Trial {
 
 impl Data {
     /// Lays out `sessions`; `draws[m][session][stream]` are residuals without effect.
-    pub fn new(sessions: &[Session], draws: &[Vec<Vec<Vec<f64>>>]) -> Self {
+    pub fn new<S: Observed>(sessions: &[S], draws: &[Vec<Vec<Vec<f64>>>]) -> Self {
         let mut blocks = Vec::new();
         let mut from = 0;
         for session in sessions {
-            let length = ((BLOCK_S / session.signals.dt_s) as usize).max(2);
-            let n = session.signals.len();
+            let length = session.block();
+            let n = session.speed().len();
             for (number, start) in (0..n).step_by(length).enumerate() {
                 // Neighbours fall into different folds, without a period.
                 let fold = (number * 5 + number / FOLDS * 3) % FOLDS;
@@ -89,12 +87,12 @@ impl Data {
             }
             from += n;
         }
-        let streams = (0..sessions[0].streams.len())
+        let streams = (0..sessions[0].streams().len())
             .map(|k| {
                 let joined = |of: &dyn Fn(usize) -> Vec<f64>| -> Vec<f64> {
                     (0..sessions.len()).flat_map(of).collect()
                 };
-                let residual = joined(&|s| sessions[s].streams[k].residual.clone());
+                let residual = joined(&|s| sessions[s].residual(k).to_vec());
                 let mask: Vec<f64> = residual
                     .iter()
                     .map(|r| f64::from(u8::from(r.is_finite())))
@@ -113,13 +111,13 @@ impl Data {
                     }
                     right.push(drawn);
                 }
-                let stream = &sessions[0].streams[k];
+                let noise_std = sessions[0].noise_std(k);
                 StreamData {
                     count: mask.iter().sum(),
                     mask,
                     right,
-                    inflation: inflation(&sessions[0], k),
-                    variance: stream.noise_std * stream.noise_std,
+                    inflation: sessions[0].inflation(k),
+                    variance: noise_std * noise_std,
                 }
             })
             .collect();
@@ -237,10 +235,10 @@ impl Data {
 
     /// Evidence of `effect` with the columns of its linear parameters
     /// (`columns[parameter][stream]`), beside `base`; with draws or without.
-    pub fn trial(
+    pub fn trial<S: Observed>(
         &self,
         base: &Base,
-        effect: &dyn Effect,
+        effect: &dyn Effect<S>,
         shape: &[f64],
         columns: &[Columns],
         with_draws: bool,
@@ -278,10 +276,10 @@ impl Data {
 
     /// Linear parameters of `effect` beside `base`, by all the data: for each
     /// stream, empty where it does not act.
-    pub fn parameters(
+    pub fn parameters<S: Observed>(
         &self,
         base: &Base,
-        effect: &dyn Effect,
+        effect: &dyn Effect<S>,
         columns: &[Columns],
     ) -> Vec<Vec<f64>> {
         let columns = self.by_stream(columns);
@@ -459,15 +457,5 @@ impl Data {
             reduced.push(Some((by, free)));
         }
         (solved(normal, &right, &vec![0.0; c]), reduced)
-    }
-}
-
-/// Samples of stream `k` for one that tells something new.
-pub fn inflation(session: &Session, k: usize) -> f64 {
-    match session.streams[k].kind {
-        Kind::Balance => 1.5 * session.signals.smoothing as f64,
-        // Counts err alike for a while at a steady speed.
-        Kind::Angle => 16.0,
-        Kind::Strain => 1.0,
     }
 }

@@ -12,12 +12,14 @@ mod columns;
 mod consensus;
 mod correct;
 mod doubt;
+mod drivetrain;
 pub mod effect;
 mod error;
 mod fit;
 mod known;
 mod null;
 mod observe;
+mod observed;
 mod page;
 mod recorded;
 mod refit;
@@ -35,15 +37,16 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-pub use correct::{corrected, write};
+pub use correct::corrected;
 pub use error::{Interval, LoadErrors, load_errors};
 pub use observe::observe;
+pub use observed::{Abscissa, Observed};
 pub use page::{page, sentence};
 pub use select::{Found, Ranked, Selection};
 pub use signals::Signals;
 pub use stream::{Kind, Session, Stream, Term, Told};
 pub use structure::{Oddity, oddities};
-pub use verdict::{Verdict, cannot_show, report};
+pub use verdict::{Verdict, by_name, cannot_show, report};
 
 use crate::calibrate::CalibrateError;
 use crate::machine::{Machine, MachineError};
@@ -83,13 +86,13 @@ pub enum DiagnoseError {
 }
 
 /// What a diagnosis found.
-pub struct Diagnosis {
+pub struct Diagnosis<S: Observed = Session> {
     /// The residuals that it rests on.
-    pub sessions: Vec<Session>,
+    pub sessions: Vec<S>,
     /// Those that took no part in it.
-    pub unseen: Vec<Session>,
+    pub unseen: Vec<S>,
     /// What explains them.
-    pub selection: Selection,
+    pub selection: Selection<S>,
     /// What is left and unlike the machine without effect.
     pub oddities: Vec<Oddity>,
     /// What is said.
@@ -101,74 +104,39 @@ pub struct Diagnosis {
 /// Seed of the draws without effect.
 const SEED: u64 = 20_261_121;
 
-/// Diagnoses `machine` on `recordings` with the whole [`effect::LIBRARY`];
+/// Diagnoses `machine` on `recordings` with the whole library of its kind;
 /// errors are told on `validation`, or, where there is none, on the fitted
 /// recordings themselves.
 ///
 /// # Errors
 /// [`DiagnoseError`] when the machine has no residuals, or a recording cannot
 /// be read or says too little.
-pub fn diagnose(
+pub fn diagnose<S: Observed>(
     machine: &Machine,
     recordings: &[PathBuf],
     validation: &[PathBuf],
     progress: impl Fn(f64),
-) -> Result<Diagnosis, DiagnoseError> {
-    let residuals = Residuals::read(machine, recordings, validation, |part| {
+) -> Result<Diagnosis<S>, DiagnoseError> {
+    let residuals = S::read(machine, recordings, validation, |part| {
         progress(0.5 * part);
     })?;
-    Ok(residuals.explained_by(effect::LIBRARY, |part| progress(0.5 + 0.5 * part)))
+    Ok(residuals.explained_by(S::library(), |part| progress(0.5 + 0.5 * part)))
 }
 
 /// What recordings show, and what they would show without any effect.
-pub struct Residuals {
-    sessions: Vec<Session>,
-    unseen: Vec<Session>,
+pub struct Residuals<S: Observed = Session> {
+    sessions: Vec<S>,
+    unseen: Vec<S>,
     draws: null::Draws,
 }
 
-impl Residuals {
-    /// Reads `recordings` and `validation`, and simulates the machine without effect.
-    ///
-    /// # Errors
-    /// As [`diagnose`].
-    pub fn read(
-        machine: &Machine,
-        recordings: &[PathBuf],
-        validation: &[PathBuf],
-        progress: impl Fn(f64),
-    ) -> Result<Self, DiagnoseError> {
-        let mut sessions = read(machine, &[recordings, validation].concat())?;
-        let mut unseen = sessions.split_off(recordings.len());
-        let mut end = 0.0;
-        for session in sessions.iter_mut().chain(&mut unseen) {
-            for t in &mut session.signals.t {
-                *t += end;
-            }
-            end = session.signals.t.last().copied().unwrap_or(0.0) + session.signals.dt_s;
-        }
-        progress(0.2);
-        let draws = null::draws(machine, &mut sessions, SEED);
-        for session in &mut sessions {
-            observe::home(&mut session.streams, session.signals.count);
-        }
-        for session in sessions.iter_mut().chain(&mut unseen) {
-            session.forget_coarse_angles();
-        }
-        progress(1.0);
-        Ok(Self {
-            sessions,
-            unseen,
-            draws,
-        })
-    }
-
+impl<S: Observed> Residuals<S> {
     /// What of `candidates` explains them.
     pub fn explained_by(
         &self,
-        candidates: &[&'static dyn Effect],
+        candidates: &[&'static dyn Effect<S>],
         progress: impl Fn(f64),
-    ) -> Diagnosis {
+    ) -> Diagnosis<S> {
         let (sessions, unseen, draws) = (&self.sessions, &self.unseen, &self.draws);
         let mut selection = select::select(sessions, draws, candidates, progress);
         if !unseen.is_empty() {
@@ -177,10 +145,10 @@ impl Residuals {
         let oddities = oddities(sessions, &selection, draws);
         let verdict = Verdict::of(sessions, &selection, &oddities, draws);
         let errors = if unseen.is_empty() {
-            load_errors(sessions, &selection.found, SEED)
+            S::errors(sessions, &selection.found)
         } else {
             let lasting = selection.found.iter().filter(|f| f.effect.lasts());
-            load_errors(unseen, &lasting.cloned().collect::<Vec<_>>(), SEED)
+            S::errors(unseen, &lasting.cloned().collect::<Vec<_>>())
         };
         Diagnosis {
             sessions: sessions.clone(),
@@ -191,19 +159,4 @@ impl Residuals {
             errors,
         }
     }
-}
-
-/// All recordings, given the torque in the same way.
-fn read(machine: &Machine, paths: &[PathBuf]) -> Result<Vec<Session>, DiagnoseError> {
-    let by = |told: Told| {
-        paths
-            .iter()
-            .map(|path| observe::observe_given(machine, path, told))
-            .collect::<Result<Vec<_>, _>>()
-    };
-    let sessions = by(Told::References)?;
-    if sessions.iter().all(|s| s.told == sessions[0].told) {
-        return Ok(sessions);
-    }
-    by(Told::Gauges)
 }

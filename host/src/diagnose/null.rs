@@ -6,8 +6,8 @@ use rayon::prelude::*;
 
 use super::DiagnoseError;
 use super::chain::{DAMPING_TOLERANCE, TOLERANCE};
-use super::fit::BLOCK_S;
 use super::observe::{home, observe_given};
+use super::observed::Observed;
 use super::stream::Session;
 use crate::machine::Machine;
 use crate::simulate::{Scenario, Simulation};
@@ -83,7 +83,7 @@ pub fn draws(machine: &Machine, sessions: &mut [Session], seed: u64) -> Draws {
 
 fn drawn(session: &Session, clean: Option<&[Session]>, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
     let n = session.signals.len();
-    let length = ((BLOCK_S / session.signals.dt_s) as usize).max(2);
+    let length = session.block();
     let blocks = n.div_ceil(length);
     let choice: Vec<usize> = (0..blocks)
         .map(|_| rng.random_range(0..SIMULATIONS as usize))

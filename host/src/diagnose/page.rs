@@ -1,7 +1,7 @@
 //! The page of a diagnosis.
 
 use super::effect::Coupling;
-use super::stream::Kind;
+use super::observed::Observed;
 use super::{Diagnosis, Interval, Verdict};
 use crate::machine::Machine;
 use crate::report::{
@@ -12,9 +12,9 @@ use crate::report::{
 /// Points of a plot.
 const POINTS: usize = 3000;
 
-/// Verdict, ranking, errors, and the residuals before and after over time,
-/// torque, speed, angle and temperature.
-pub fn page(machine: &Machine, recording: &str, diagnosis: &Diagnosis) -> Report {
+/// Verdict, ranking, errors, and the residuals before and after over all that the recording
+/// shows.
+pub fn page<S: Observed>(machine: &Machine, recording: &str, diagnosis: &Diagnosis<S>) -> Report {
     let errors = &diagnosis.errors;
     Report {
         title: format!("{}: diagnosis", machine.name),
@@ -66,11 +66,11 @@ fn note(figure: Interval) -> String {
     figure
         .interval_percent
         .map_or_else(String::new, |[low, high]| {
-            format!("{low:.3} to {high:.3} %, mean absolute error over nominal torque")
+            format!("{low:.3} to {high:.3} %, mean absolute error over nominal")
         })
 }
 
-fn ranking(diagnosis: &Diagnosis) -> Table {
+fn ranking<S: Observed>(diagnosis: &Diagnosis<S>) -> Table {
     Table {
         caption: "Candidates: logarithm of the evidence on blocks left out".into(),
         head: ["Candidate", "what it is", "evidence", "by chance"]
@@ -92,7 +92,7 @@ fn ranking(diagnosis: &Diagnosis) -> Table {
     }
 }
 
-fn rests(diagnosis: &Diagnosis) -> Table {
+fn rests<S: Observed>(diagnosis: &Diagnosis<S>) -> Table {
     Table {
         caption: "Residuals: mean square over that of the machine without effect".into(),
         head: ["Residual", "before", "after", "Hz", "per turn"]
@@ -115,7 +115,7 @@ fn rests(diagnosis: &Diagnosis) -> Table {
 }
 
 /// The residuals in which something was found, the three most telling.
-fn worst(diagnosis: &Diagnosis) -> Vec<usize> {
+fn worst<S: Observed>(diagnosis: &Diagnosis<S>) -> Vec<usize> {
     let mut order: Vec<usize> = (0..diagnosis.oddities.len()).collect();
     let told = |k: &usize| {
         let o = &diagnosis.oddities[*k];
@@ -126,44 +126,26 @@ fn worst(diagnosis: &Diagnosis) -> Vec<usize> {
     order
 }
 
-fn section(diagnosis: &Diagnosis, k: usize) -> Section {
+fn section<S: Observed>(diagnosis: &Diagnosis<S>, k: usize) -> Section {
     let session = &diagnosis.sessions[0];
-    let (signals, stream) = (&session.signals, &session.streams[k]);
-    let after = &diagnosis.selection.rest[0][k];
-    let unit = match stream.kind {
-        Kind::Strain => "",
-        Kind::Balance => "N m",
-        Kind::Angle => "rad",
-    };
-    let turn: Vec<f64> = signals
-        .angle
-        .iter()
-        .map(|a| a.rem_euclid(std::f64::consts::TAU))
-        .collect();
-    let mut over: Vec<(&str, &str, &[f64])> = vec![
-        ("Time", "s", &signals.t),
-        ("Torque over nominal", "", &signals.level),
-        ("Speed of the main shaft", "rad/s", &signals.speed),
-        ("Carrier angle", "rad", &turn),
-    ];
-    if let Some(temperature) = &signals.temperature {
-        over.push(("Temperature since the start", "K", temperature));
-    }
-    let plots = over
+    let (before, after) = (session.residual(k), &diagnosis.selection.rest[0][k]);
+    let unit = session.unit(k);
+    let plots = session
+        .abscissae()
         .into_iter()
-        .map(|(quantity, x_unit, x)| {
+        .map(|over| {
             let mut sample = ScatterSample::new(POINTS);
-            for i in 0..signals.len() {
-                if stream.residual[i].is_finite() {
-                    sample.push(&[x[i], stream.residual[i], after[i]]);
+            for (i, x) in over.values.iter().enumerate() {
+                if before[i].is_finite() {
+                    sample.push(&[*x, before[i], after[i]]);
                 }
             }
             let mut columns = sample.columns().into_iter();
             let mut next = || columns.next().unwrap_or_default();
             Plot {
-                title: format!("over {}", quantity.to_lowercase()),
+                title: format!("over {}", over.quantity.to_lowercase()),
                 size: PlotSize::Half,
-                x: Axis::new(quantity, x_unit),
+                x: Axis::new(over.quantity, over.unit),
                 y: Axis::new("Residual", unit),
                 data: Data::Own {
                     x: next(),
@@ -185,7 +167,7 @@ fn section(diagnosis: &Diagnosis, k: usize) -> Section {
         .iter()
         .any(|f| f.effect.coupling() == Coupling::Shared);
     Section {
-        title: format!("Residual {}", stream.name),
+        title: format!("Residual {}", session.name(k)),
         note: if shared {
             "One set of parameters explains all residuals together.".into()
         } else {

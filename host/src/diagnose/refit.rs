@@ -2,8 +2,9 @@
 
 use super::columns::{base_columns, columns, joined};
 use super::effect::Coupling;
+use super::observed::Observed;
 use super::select::{Found, RELINEARISED};
-use super::stream::{Columns, Session};
+use super::stream::Columns;
 use super::sums::{mirror, solved};
 
 /// Evidence that a stream must give for an effect with parameters of its own
@@ -16,16 +17,16 @@ const ACTS: f64 = 4.0;
     clippy::too_many_lines,
     reason = "the two halves of a step share all that they change"
 )]
-pub(super) fn refit(
-    sessions: &[Session],
-    found: &mut [Found],
+pub(super) fn refit<S: Observed>(
+    sessions: &[S],
+    found: &mut [Found<S>],
     newest: Option<&[f64]>,
 ) -> Vec<Vec<f64>> {
     const ROUNDS: usize = 25;
-    let streams = sessions[0].streams.len();
+    let streams = sessions[0].streams().len();
     let base = base_columns(sessions, &[]);
     let residuals: Vec<Vec<f64>> = (0..streams)
-        .map(|k| joined(sessions, |s| s.streams[k].residual.clone()))
+        .map(|k| joined(sessions, |s| s.residual(k).to_vec()))
         .collect();
     if let (Some(gains), Some(last)) = (newest, found.last_mut()) {
         // Which streams the newest one acts on.
@@ -37,10 +38,8 @@ pub(super) fn refit(
             })
             .collect();
     }
-    let weight: Vec<f64> = sessions[0]
-        .streams
-        .iter()
-        .map(|s| 1.0 / (s.noise_std * s.noise_std))
+    let weight: Vec<f64> = (0..streams)
+        .map(|k| sessions[0].noise_std(k).powi(-2))
         .collect();
     let subtract = |rest: &mut [f64], column: &[f64], by: f64| {
         for (r, c) in rest.iter_mut().zip(column) {
@@ -113,7 +112,12 @@ pub(super) fn refit(
 }
 
 /// Parameters of stream `k` as they stand, in the order of its columns.
-fn current(nuisance: &[f64], found: &[Found], all: &[Vec<Columns>], k: usize) -> Vec<f64> {
+fn current<S: Observed>(
+    nuisance: &[f64],
+    found: &[Found<S>],
+    all: &[Vec<Columns>],
+    k: usize,
+) -> Vec<f64> {
     let own = found
         .iter()
         .zip(all)
@@ -144,7 +148,12 @@ fn least_squares(columns: &[(&[f64], f64)], rest: &[f64], weight: f64, now: &[f6
     (0..p).map(|a| step[(a, 0)]).collect()
 }
 
-fn shared_step(f: &mut Found, columns: &[Columns], rest: &mut [Vec<f64>], weight: &[f64]) {
+fn shared_step<S: Observed>(
+    f: &mut Found<S>,
+    columns: &[Columns],
+    rest: &mut [Vec<f64>],
+    weight: &[f64],
+) {
     let c = columns.len();
     let mut gram = faer::Mat::<f64>::zeros(c, c);
     let mut right = faer::Mat::<f64>::zeros(c, 1);
@@ -178,9 +187,9 @@ fn shared_step(f: &mut Found, columns: &[Columns], rest: &mut [Vec<f64>], weight
 }
 
 /// Residuals of `sessions` less nuisances and effects: `[session][stream]`.
-pub(super) fn rest(
-    sessions: &[Session],
-    found: &[Found],
+pub(super) fn rest<S: Observed>(
+    sessions: &[S],
+    found: &[Found<S>],
     nuisance: &[Vec<f64>],
 ) -> Vec<Vec<Vec<f64>>> {
     sessions
@@ -192,9 +201,9 @@ pub(super) fn rest(
                 .iter()
                 .map(|f| columns(one, f.effect, &f.shape, &f.parameters))
                 .collect();
-            (0..session.streams.len())
+            (0..session.streams().len())
                 .map(|k| {
-                    let mut rest = session.streams[k].residual.clone();
+                    let mut rest = session.residual(k).to_vec();
                     let mut subtract = |column: &[f64], by: f64| {
                         for (r, c) in rest.iter_mut().zip(column) {
                             *r -= by * c;

@@ -5,8 +5,9 @@ use rayon::prelude::*;
 
 use super::columns::{base_columns, columns};
 use super::effect::Effect;
-use super::fit::{Base, Data, Trial, inflation};
+use super::fit::{Base, Data, Trial};
 use super::null::Draws;
+use super::observed::Observed;
 use super::refit::{refit, rest};
 use super::stream::{Columns, Session};
 
@@ -38,9 +39,9 @@ const REFINED: usize = 6;
 
 /// An effect with its parameters.
 #[derive(Clone)]
-pub struct Found {
+pub struct Found<S: Observed = Session> {
     /// The effect.
-    pub effect: &'static dyn Effect,
+    pub effect: &'static dyn Effect<S>,
     /// Its shape.
     pub shape: Vec<f64>,
     /// Linear parameters of each stream; empty where it does not act.
@@ -55,9 +56,9 @@ pub struct Found {
 
 /// A candidate with its evidence.
 #[derive(Clone)]
-pub struct Ranked {
+pub struct Ranked<S: Observed = Session> {
     /// The effect.
-    pub effect: &'static dyn Effect,
+    pub effect: &'static dyn Effect<S>,
     /// Its best trial.
     pub trial: Trial,
     /// Evidence that chance alone does not reach.
@@ -66,7 +67,7 @@ pub struct Ranked {
     null: Vec<f64>,
 }
 
-impl Ranked {
+impl<S: Observed> Ranked<S> {
     /// Evidence beyond what the machine without effect shows.
     pub fn margin(&self) -> f64 {
         self.trial.score - self.threshold
@@ -79,24 +80,24 @@ impl Ranked {
 }
 
 /// What the search came to.
-pub struct Selection {
+pub struct Selection<S: Observed = Session> {
     /// Effects, the first found first.
-    pub found: Vec<Found>,
+    pub found: Vec<Found<S>>,
     /// All candidates for the first effect, the best first.
-    pub ranking: Vec<Ranked>,
+    pub ranking: Vec<Ranked<S>>,
     /// Candidates that the data cannot tell from the first one.
-    pub alike: Vec<Ranked>,
+    pub alike: Vec<Ranked<S>>,
     /// Nuisance parameters of each stream (zero first).
     pub nuisance: Vec<Vec<f64>>,
     /// Residuals after everything found: `[session][stream]`.
     pub rest: Vec<Vec<Vec<f64>>>,
 }
 
-impl Selection {
+impl<S: Observed> Selection<S> {
     /// Keeps of the further effects those that explain recordings which took
     /// no part in the search.
-    pub fn confirm(&mut self, sessions: &[Session], unseen: &[Session]) {
-        let mut kept: Vec<Found> = Vec::new();
+    pub fn confirm(&mut self, sessions: &[S], unseen: &[S]) {
+        let mut kept: Vec<Found<S>> = Vec::new();
         for found in &self.found {
             let mut with = kept.clone();
             with.push(found.clone());
@@ -117,8 +118,8 @@ impl Selection {
 
 /// Half the logarithm of the mean squares that are left of `unseen`, each as
 /// often as it has independent samples.
-fn size(sessions: &[Session], unseen: &[Session], found: &[Found]) -> f64 {
-    let mut found: Vec<Found> = found.iter().filter(|f| f.effect.lasts()).cloned().collect();
+fn size<S: Observed>(sessions: &[S], unseen: &[S], found: &[Found<S>]) -> f64 {
+    let mut found: Vec<Found<S>> = found.iter().filter(|f| f.effect.lasts()).cloned().collect();
     let nuisance = refit(sessions, &mut found, None);
     unseen
         .iter()
@@ -130,27 +131,27 @@ fn size(sessions: &[Session], unseen: &[Session], found: &[Found]) -> f64 {
                 // Zeros differ from recording to recording.
                 let mean = known.clone().sum::<f64>() / n;
                 let square = known.map(|r| (r - mean).powi(2)).sum::<f64>() / n;
-                0.5 * n / inflation(session, k) * square.max(1e-300).ln()
+                0.5 * n / session.inflation(k) * square.max(1e-300).ln()
             })
         })
         .sum()
 }
 
 /// Searches `candidates` for what explains the residuals of `sessions`.
-pub fn select(
-    sessions: &[Session],
+pub fn select<S: Observed>(
+    sessions: &[S],
     draws: &Draws,
-    candidates: &[&'static dyn Effect],
+    candidates: &[&'static dyn Effect<S>],
     progress: impl Fn(f64),
-) -> Selection {
+) -> Selection<S> {
     let mut data = Data::new(sessions, draws);
-    let mut found: Vec<Found> = Vec::new();
+    let mut found: Vec<Found<S>> = Vec::new();
     let mut ranking = Vec::new();
     let mut alike = Vec::new();
     let mut working = sessions.to_vec();
     for round in 0..MOST {
         let base = data.base(base_columns(sessions, &found));
-        let left: Vec<&'static dyn Effect> = candidates
+        let left: Vec<&'static dyn Effect<S>> = candidates
             .iter()
             .copied()
             .filter(|e| !found.iter().any(|f| f.effect.name() == e.name()))
@@ -190,8 +191,8 @@ pub fn select(
         settle(&data, sessions, &mut found);
         let nuisance = refit(sessions, &mut found, None);
         for (session, rest) in working.iter_mut().zip(rest(sessions, &found, &nuisance)) {
-            for (stream, rest) in session.streams.iter_mut().zip(rest) {
-                stream.residual = rest;
+            for (k, rest) in rest.into_iter().enumerate() {
+                session.set_residual(k, rest);
             }
         }
         data = Data::new(sessions, draws);
@@ -209,7 +210,7 @@ pub fn select(
 }
 
 /// Whether a candidate explains a part of some residual that is worth a name.
-fn is_material(data: &Data, candidate: &Ranked) -> bool {
+fn is_material<S: Observed>(data: &Data, candidate: &Ranked<S>) -> bool {
     let mut gains = candidate.trial.streams.iter().enumerate();
     gains.any(|(k, gain)| (2.0 * gain / data.independent(k)).exp() > 1.0 + MATERIAL)
 }
@@ -217,7 +218,7 @@ fn is_material(data: &Data, candidate: &Ranked) -> bool {
 /// Whether a candidate explains more, in the streams on which it acts, than a
 /// form that is not quite right leaves of the effects found before; in squares
 /// over what is left in the end.
-fn brings_more(data: &Data, candidate: &Ranked, found: &[Found]) -> bool {
+fn brings_more<S: Observed>(data: &Data, candidate: &Ranked<S>, found: &[Found<S>]) -> bool {
     let (mut brought, mut before) = (0.0, 0.0);
     for (k, gain) in candidate.trial.streams.iter().enumerate() {
         if *gain > 0.02 * candidate.trial.score {
@@ -233,7 +234,7 @@ fn brings_more(data: &Data, candidate: &Ranked, found: &[Found]) -> bool {
 
 /// The first of `ranked`, or one that explains the same with fewer parameters:
 /// a gauge that came loose before the recording began has another gain.
-fn simplest<'a>(ranked: impl Iterator<Item = &'a Ranked>) -> Option<&'a Ranked> {
+fn simplest<'a, S: Observed>(ranked: impl Iterator<Item = &'a Ranked<S>>) -> Option<&'a Ranked<S>> {
     let mut ranked = ranked.peekable();
     let best = ranked.peek()?.trial.score;
     ranked
@@ -242,19 +243,19 @@ fn simplest<'a>(ranked: impl Iterator<Item = &'a Ranked>) -> Option<&'a Ranked> 
 }
 
 /// Whether what tells `other` from `best` could be chance.
-fn indistinct(best: &Ranked, other: &Ranked) -> bool {
+fn indistinct<S: Observed>(best: &Ranked<S>, other: &Ranked<S>) -> bool {
     let gap = best.margin() - other.margin();
     other.margin() > 0.0 && gap < 4.0_f64.max(0.002 * best.margin())
 }
 
 /// Candidates on the grid of their shapes, the best evidence first; without
 /// those that the recording cannot show.
-fn rank(
+fn rank<S: Observed>(
     data: &Data,
     base: &Base,
-    sessions: &[Session],
-    candidates: &[&'static dyn Effect],
-) -> Vec<Ranked> {
+    sessions: &[S],
+    candidates: &[&'static dyn Effect<S>],
+) -> Vec<Ranked<S>> {
     let jobs: Vec<(usize, Vec<f64>)> = candidates
         .iter()
         .enumerate()
@@ -284,7 +285,7 @@ fn rank(
             Some((*i, trial))
         })
         .collect();
-    let mut ranked: Vec<Ranked> = Vec::new();
+    let mut ranked: Vec<Ranked<S>> = Vec::new();
     for (i, effect) in candidates.iter().enumerate() {
         let own: Vec<&Trial> = trials
             .iter()
@@ -310,11 +311,11 @@ fn rank(
 
 /// A trial of an effect that is not linear in its parameters: its terms are
 /// taken about what the fit says, in turn.
-fn relinearised(
+fn relinearised<S: Observed>(
     data: &Data,
     base: &Base,
-    sessions: &[Session],
-    effect: &dyn Effect,
+    sessions: &[S],
+    effect: &dyn Effect<S>,
     shape: &[f64],
     linear: Vec<Columns>,
 ) -> Trial {
@@ -341,12 +342,12 @@ fn by_chance(draws: &[f64], candidates: usize) -> f64 {
 
 /// Evidence less what latent degrees of freedom cost; a signal that is free to
 /// explain anything has to explain twice as much.
-fn charged(effect: &dyn Effect, sessions: &[Session], score: f64) -> f64 {
+fn charged<S: Observed>(effect: &dyn Effect<S>, sessions: &[S], score: f64) -> f64 {
     let latent: f64 = sessions.iter().map(|s| effect.latent(s)).sum();
     if latent == 0.0 {
         return score;
     }
-    let samples: f64 = sessions.iter().map(|s| s.signals.len() as f64).sum();
+    let samples: f64 = sessions.iter().map(|s| s.speed().len() as f64).sum();
     0.5 * (score - 0.5 * latent * samples.ln())
 }
 
@@ -365,11 +366,11 @@ fn gumbel(draws: &[f64], probability: f64) -> f64 {
 
 /// Refines the shapes of the best candidates by a pattern search; draws without
 /// effect may take the shape found as well.
-fn refine(
+fn refine<S: Observed>(
     data: &Data,
     base: &Base,
-    sessions: &[Session],
-    ranked: &mut [Ranked],
+    sessions: &[S],
+    ranked: &mut [Ranked<S>],
     candidates: usize,
 ) {
     let best = ranked.first().map_or(0.0, Ranked::margin);
@@ -396,11 +397,11 @@ fn refine(
 }
 
 /// The shape that explains most beside `base`, by a pattern search from that of `trial`.
-fn best_shape(
+fn best_shape<S: Observed>(
     data: &Data,
     base: &Base,
-    sessions: &[Session],
-    effect: &dyn Effect,
+    sessions: &[S],
+    effect: &dyn Effect<S>,
     mut best: Trial,
 ) -> Vec<f64> {
     const ROUNDS: usize = 5;
@@ -446,10 +447,10 @@ fn best_shape(
 
 /// Takes out effects without which the evidence is hardly less; the others take
 /// the shape that is best beside the rest.
-fn settle(data: &Data, sessions: &[Session], found: &mut Vec<Found>) {
+fn settle<S: Observed>(data: &Data, sessions: &[S], found: &mut Vec<Found<S>>) {
     let mut i = 0;
     while found.len() > 1 && i < found.len() {
-        let others: Vec<Found> = found
+        let others: Vec<Found<S>> = found
             .iter()
             .enumerate()
             .filter(|(j, _)| *j != i)

@@ -134,7 +134,7 @@ pub type Columns = Vec<Vec<f64>>;
 
 impl Session {
     /// The column of `term` in each stream.
-    pub fn columns(&self, term: &Term) -> Columns {
+    pub fn columns_of(&self, term: &Term) -> Columns {
         match term {
             Term::Zero(u) => self.each(|s| match s.kind {
                 Kind::Strain => scaled(u, s.scale),

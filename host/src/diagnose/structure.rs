@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use super::null::Draws;
+use super::observed::Observed;
 use super::select::Selection;
-use super::stream::Session;
 
 /// A stream whose rest is larger than that of the machine without effect.
 #[derive(Clone, Debug, Serialize)]
@@ -31,12 +31,16 @@ pub struct Oddity {
 const PIECE_S: f64 = 0.5;
 
 /// What is left in each stream, in the order of the streams.
-pub fn oddities(sessions: &[Session], selection: &Selection, draws: &Draws) -> Vec<Oddity> {
-    (0..sessions[0].streams.len())
+pub fn oddities<S: Observed>(
+    sessions: &[S],
+    selection: &Selection<S>,
+    draws: &Draws,
+) -> Vec<Oddity> {
+    (0..sessions[0].streams().len())
         .map(|k| {
             let (mut before, mut after, mut clean) = (Vec::new(), Vec::new(), Vec::new());
             for (s, session) in sessions.iter().enumerate() {
-                let known = &session.streams[k].residual;
+                let known = session.residual(k);
                 before.extend(known);
                 after.extend(&selection.rest[s][k]);
                 for draw in draws {
@@ -50,18 +54,13 @@ pub fn oddities(sessions: &[Session], selection: &Selection, draws: &Draws) -> V
                 }
             }
             let reference = variance(&clean).max(1e-300);
-            let dt = sessions[0].signals.dt_s;
+            let dt = sessions[0].dt_s();
             let (concentration, at_s) = concentration(&after, dt);
             let frequency_hz = frequency(&after, dt);
-            let speed: f64 = sessions[0]
-                .signals
-                .speed
-                .iter()
-                .map(|w| w.abs())
-                .sum::<f64>()
-                / sessions[0].signals.len() as f64;
+            let speed = sessions[0].speed();
+            let speed = speed.iter().map(|w| w.abs()).sum::<f64>() / speed.len() as f64;
             Oddity {
-                channel: sessions[0].streams[k].name.clone(),
+                channel: sessions[0].name(k).to_owned(),
                 before: variance(&before) / reference,
                 after: variance(&after) / reference,
                 concentration,

@@ -4,13 +4,12 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use super::effect::{Coupling, LIBRARY};
-use super::fit::inflation;
+use super::Diagnosis;
+use super::effect::{Coupling, Effect};
 use super::null::Draws;
+use super::observed::Observed;
 use super::select::{Found, Selection};
-use super::stream::Session;
 use super::structure::Oddity;
-use super::{Diagnosis, effect};
 use crate::machine::Machine;
 
 /// Part of the excess that what was found must explain, or something else is missing.
@@ -42,13 +41,13 @@ pub enum Verdict {
 
 impl Verdict {
     /// Judges what the search found and what it left.
-    pub fn of(
-        sessions: &[Session],
-        selection: &Selection,
+    pub fn of<S: Observed>(
+        sessions: &[S],
+        selection: &Selection<S>,
         oddities: &[Oddity],
         draws: &Draws,
     ) -> Self {
-        let faults: Vec<&'static str> = LIBRARY
+        let faults: Vec<&'static str> = S::library()
             .iter()
             .filter(|e| evidence_of_faults(**e, sessions) > FAULTS)
             .map(|e| e.name())
@@ -84,10 +83,10 @@ impl Verdict {
 
 /// Whether more is left than chance leaves, and more than what a form that is
 /// not quite right leaves of an effect.
-fn unexplained(sessions: &[Session], oddities: &[Oddity], draws: &Draws) -> bool {
-    let samples: f64 = sessions.iter().map(|s| s.signals.len() as f64).sum();
+fn unexplained<S: Observed>(sessions: &[S], oddities: &[Oddity], draws: &Draws) -> bool {
+    let samples: f64 = sessions.iter().map(|s| s.speed().len() as f64).sum();
     let weight = |k: usize| {
-        let n = samples / inflation(&sessions[0], k);
+        let n = samples / sessions[0].inflation(k);
         // What a mean square differs by from draw to draw, at least that of white noise.
         let values: Vec<f64> = draws
             .iter()
@@ -114,18 +113,18 @@ fn unexplained(sessions: &[Session], oddities: &[Oddity], draws: &Draws) -> bool
 }
 
 /// Logarithm of the odds that faulty samples give for an effect.
-fn evidence_of_faults(effect: &dyn effect::Effect, sessions: &[Session]) -> f64 {
+fn evidence_of_faults<S: Observed>(effect: &dyn Effect<S>, sessions: &[S]) -> f64 {
     sessions
         .iter()
-        .flat_map(|s| &s.streams)
+        .flat_map(|s| s.streams())
         .map(|s| effect.evidence_of_faults(s))
         .sum()
 }
 
 /// The object that `--json` prints.
-pub fn report(
+pub fn report<S: Observed>(
     machine: &Machine,
-    diagnosis: &Diagnosis,
+    diagnosis: &Diagnosis<S>,
     validated_on: &[std::path::PathBuf],
     machine_out: Option<&Path>,
 ) -> Value {
@@ -141,14 +140,12 @@ pub fn report(
     } else {
         selection.found.iter().map(|f| found(f, sessions)).collect()
     };
-    for effect in LIBRARY {
+    for effect in S::library() {
         let evidence = evidence_of_faults(*effect, sessions);
         if evidence > FAULTS {
-            let channels: Vec<&str> = sessions[0]
-                .streams
-                .iter()
-                .filter(|s| effect.evidence_of_faults(s) > 0.0)
-                .map(|s| s.name.as_str())
+            let channels: Vec<&str> = (sessions[0].streams().iter().enumerate())
+                .filter(|(_, s)| effect.evidence_of_faults(s) > 0.0)
+                .map(|(k, _)| sessions[0].name(k))
                 .collect();
             effects.push(json!({
                 "name": effect.name(), "about": effect.about(), "channels": channels,
@@ -171,14 +168,13 @@ pub fn report(
     let next_experiment = match verdict {
         Verdict::Inseparable(names) => names
             .first()
-            .and_then(|n| effect::by_name(n))
-            .map(effect::Effect::experiment),
+            .and_then(|n| by_name::<S>(n))
+            .map(Effect::experiment),
         _ => None,
     };
-    json!({
+    let mut out = json!({
         "machine": machine.name,
         "verdict": verdict.word(),
-        "torque_told_by": sessions[0].told,
         "cannot_show": cannot_show(selection),
         "effects": effects,
         "alternatives": alternatives,
@@ -187,12 +183,21 @@ pub fn report(
         "validated_on": validated_on,
         "machine_out": machine_out,
         "unexplained": if unknown { json!(strangest(&diagnosis.oddities)) } else { Value::Null },
-    })
+    });
+    if let Some(object) = out.as_object_mut() {
+        object.extend(sessions[0].particulars());
+    }
+    out
+}
+
+/// The effect of that name.
+pub fn by_name<S: Observed>(name: &str) -> Option<&'static dyn Effect<S>> {
+    S::library().iter().copied().find(|e| e.name() == name)
 }
 
 /// The effects of which the recordings show nothing, whether they are there or not.
-pub fn cannot_show(selection: &Selection) -> Vec<&'static str> {
-    LIBRARY
+pub fn cannot_show<S: Observed>(selection: &Selection<S>) -> Vec<&'static str> {
+    S::library()
         .iter()
         .filter(|e| !e.linear().is_empty())
         .map(|e| e.name())
@@ -208,24 +213,21 @@ pub fn strangest(oddities: &[Oddity]) -> Vec<&Oddity> {
     worst
 }
 
-fn acting(gains: &[f64], sessions: &[Session]) -> Vec<String> {
+fn acting<S: Observed>(gains: &[f64], sessions: &[S]) -> Vec<String> {
     let most = gains.iter().copied().fold(0.0, f64::max);
-    sessions[0]
-        .streams
-        .iter()
-        .zip(gains)
+    (gains.iter().enumerate())
         .filter(|(_, g)| **g > 4.0 && **g > 0.01 * most)
-        .map(|(s, _)| s.name.clone())
+        .map(|(k, _)| sessions[0].name(k).to_owned())
         .collect()
 }
 
-fn found(f: &Found, sessions: &[Session]) -> Value {
-    let streams = &sessions[0].streams;
+fn found<S: Observed>(f: &Found<S>, sessions: &[S]) -> Value {
+    let name = |k: &usize| sessions[0].name(*k).to_owned();
     let mut parameters = serde_json::Map::new();
     for (shape, value) in f.effect.shape().iter().zip(&f.shape) {
         parameters.insert(format!("{} [{}]", shape.name, shape.unit), json!(value));
     }
-    let acting: Vec<usize> = (0..streams.len())
+    let acting: Vec<usize> = (0..sessions[0].streams().len())
         .filter(|k| !f.parameters[*k].is_empty())
         .collect();
     let value = |k: usize, j: usize| json!(f.parameters[k][j]);
@@ -234,7 +236,7 @@ fn found(f: &Found, sessions: &[Session]) -> Value {
             Coupling::Shared => acting.first().map_or(Value::Null, |k| value(*k, j)),
             Coupling::Own => acting
                 .iter()
-                .map(|k| (streams[*k].name.clone(), value(*k, j)))
+                .map(|k| (name(k), value(*k, j)))
                 .collect::<serde_json::Map<_, _>>()
                 .into(),
         };
@@ -243,7 +245,7 @@ fn found(f: &Found, sessions: &[Session]) -> Value {
     json!({
         "name": f.effect.name(),
         "about": f.effect.about(),
-        "channels": acting.iter().map(|k| &streams[*k].name).collect::<Vec<_>>(),
+        "channels": acting.iter().map(name).collect::<Vec<_>>(),
         "parameters": parameters,
         "evidence": f.evidence,
         "threshold": f.threshold,

@@ -4,7 +4,7 @@ use super::rule::{Checked, at_most, finite, nonzero, one_of, positive, refuse, w
 use super::{Machine, Rotor, Senses};
 use crate::recording::Quantity;
 
-/// Largest standard deviation and coarsest count of a displacement sensor [m].
+/// Largest standard deviation, of noise and of drift, and coarsest count of a sensor [m].
 const COARSEST_M: f64 = 1e-3;
 
 /// Longest range of a displacement sensor [m].
@@ -43,6 +43,14 @@ impl Machine {
                 positive(&field("sensitivity"), sensitivity)?;
             }
             // A value in mm under the unit m is too large by a thousand.
+            if let Some(drift) = &channel.drift {
+                within(
+                    &field("drift.std"),
+                    format!("{} {}", drift.std, channel.unit),
+                    channel.to_si(drift.std) <= COARSEST_M,
+                    "at most 1 mm: is it in another unit than `unit`?",
+                )?;
+            }
             let noise_m = channel.to_si(channel.noise_std);
             let unit = channel.unit;
             within(

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::Sample;
 use super::orbits::Orbits;
-use crate::build::BuildError;
+use crate::build::{BuildError, Sensors};
 use crate::machine::{Kind, Machine};
 use crate::metrics::Segment;
 use crate::report::Section;
@@ -55,12 +55,14 @@ impl Displacements {
     ///
     /// # Errors
     /// When no model can be made of the rotor.
-    pub fn new(machine: &Machine) -> Result<Self, BuildError> {
+    pub fn new(machine: &Machine, sensors: &Sensors) -> Result<Self, BuildError> {
         let rotor = match machine.kind() {
             Some(Kind::Rotor(rotor)) => Some(rotor),
             _ => None,
         };
-        let plan = rotor.map(|r| RotorPlan::new(machine, r)).transpose()?;
+        let plan = rotor
+            .map(|r| RotorPlan::new(machine, r, &sensors.channels))
+            .transpose()?;
         let nodes = plan.as_ref().map_or(0, RotorPlan::nodes);
         let mut segments = vec![Segment {
             name: "full".into(),

@@ -1,7 +1,7 @@
 //! How long the full recursion of a rotor's filter runs.
 
 use faer::Mat;
-use loadtwin_common::rotor::filter::{Belief, Turn, predict_covariance, update};
+use loadtwin_common::rotor::filter::{Belief, Row, Turn, predict_covariance, update};
 
 /// Relative difference of every variance to its last at which the gain has converged.
 const CONVERGED: f64 = 0.02;
@@ -15,6 +15,8 @@ pub(super) struct Recursion<'a> {
     pub f: &'a Mat<f64>,
     /// Row of each sensor.
     pub rows: &'a [Vec<f64>],
+    /// State of each sensor's bias.
+    pub biases: &'a [Option<usize>],
     /// Variance of each sensor.
     pub variances: &'a [f64],
     /// Process noise.
@@ -33,6 +35,7 @@ impl Recursion<'_> {
     pub fn converged_after(&self, (modes, states): (usize, usize)) -> u32 {
         match (modes, states) {
             (8, 20) => self.sized::<8, 20>(),
+            (8, 24) => self.sized::<8, 24>(),
             _ => self.most(),
         }
     }
@@ -44,8 +47,11 @@ impl Recursion<'_> {
     fn sized<const NZ: usize, const NX: usize>(&self) -> u32 {
         let dense: [[f64; NX]; NZ] =
             std::array::from_fn(|i| std::array::from_fn(|j| self.f[(NZ + i, j)]));
-        let rows: Vec<[f64; NZ]> = (self.rows.iter())
-            .map(|row| std::array::from_fn(|j| row[j]))
+        let rows: Vec<Row<f64, NZ>> = (self.rows.iter().zip(self.biases))
+            .map(|(row, bias)| Row {
+                modal: std::array::from_fn(|j| row[j]),
+                bias: *bias,
+            })
             .collect();
         let q = triangle(self.q);
         let mut belief = Belief::<f64, NX> {

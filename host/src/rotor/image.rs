@@ -5,7 +5,7 @@ use heapless::Vec as FixedVec;
 use loadtwin_common::image::{LoadSignal, Model};
 use loadtwin_common::measurement::{Converter, Counter, IndexPulse};
 use loadtwin_common::phase::{Phase, PhaseStep};
-use loadtwin_common::rotor::filter::Turn;
+use loadtwin_common::rotor::filter::{FORCES, Turn};
 use loadtwin_common::rotor::{
     Numbers, RotorChannel, RotorModel as ImageModel, ShaftEncoder, Speeds,
 };
@@ -39,6 +39,9 @@ impl RotorPlan {
     ) -> Result<Vec<u8>, BuildError> {
         let (nz, nx) = self.size;
         let rows: Vec<Vec<f64>> = sensors.channels.iter().map(|c| self.row(c)).collect();
+        let biases: Vec<Option<usize>> = (sensors.channels.iter())
+            .map(|c| self.bias_state(c))
+            .collect();
         let h = Mat::from_fn(rows.len(), nx, |i, j| rows[i][j]);
         let variances: Vec<f64> = (sensors.channels.iter())
             .map(|c| (c.to_si(c.noise_std) / UNIT_M).powi(2))
@@ -46,11 +49,12 @@ impl RotorPlan {
         let nominal = self.discrete(self.nominal_speed)?;
         let (q, p) = self.covariances(rotor, &nominal);
         let tables = self.tables(&h, &q, &variances)?;
-        let f = self.scaled(&nominal.transition, false);
+        let f = self.transition_of(&nominal);
         let angle = self.nominal_speed * self.dt_s;
         let recursion = Recursion {
             f: &f,
             rows: &rows,
+            biases: &biases,
             variances: &variances,
             q: &q,
             p: &p,
@@ -59,6 +63,7 @@ impl RotorPlan {
                 pairs: self.turning.len(),
                 cosine: angle.cos(),
                 sine: angle.sin(),
+                left: self.left(),
             },
             dt_s: self.dt_s,
         };
@@ -86,6 +91,7 @@ impl RotorPlan {
             full_samples,
             gate_nis: machine.tuning.gate_nis as f32,
             turning: self.turning_bits(),
+            left: self.left().map(|left| left as f32),
             loads: Self::loads(rotor)?,
             channels: (sensors.channels.iter().zip(&rows).zip(&variances))
                 .map(|((channel, row), variance)| self.channel(channel, row, *variance))
@@ -112,12 +118,12 @@ impl RotorPlan {
         let mut tables = Vec::new();
         for speed in &self.speeds {
             let discrete = self.discrete(*speed)?;
-            let f = self.scaled(&discrete.transition, false);
+            let f = self.transition_of(&discrete);
             let steady = steady_covariance(&f, h, q, variances).ok_or(BuildError::NotObserved)?;
             let k = gain(&steady, h, variances);
             tables.extend(
                 (0..nz)
-                    .flat_map(|i| (0..nx).map(move |j| (nz + i, j)))
+                    .flat_map(|i| (0..2 * nz + FORCES).map(move |j| (nz + i, j)))
                     .map(|at| f[at]),
             );
             tables.extend(
@@ -183,6 +189,7 @@ impl RotorPlan {
             offset: (channel.to_si(channel.offset) / UNIT_M) as f32,
             row: fixed(&row[..self.size.0])?,
             variance: variance as f32,
+            bias_state: self.bias_state(channel).map(|state| state as u8),
         })
     }
 }

@@ -2,6 +2,7 @@
 
 use faer::{Mat, c64};
 use loadtwin_common::line::ROTOR_SIZES;
+use loadtwin_common::rotor::filter::{BIASES, FORCES};
 
 use super::RotorError;
 use super::convergence::triangle;
@@ -11,7 +12,7 @@ use super::model::{BAND, RotorModel};
 use super::reduction::{Reduced, ReductionError};
 use super::unbalance::{Unbalance, unbalance_response};
 use crate::build::BuildError;
-use crate::machine::{Channel, LoadKind, Machine, Rotor, Senses};
+use crate::machine::{Channel, Drift, LoadKind, Machine, Rotor, Senses};
 
 /// Speeds of the tables where the machine has a range of them.
 const SPEEDS: usize = 17;
@@ -32,24 +33,40 @@ pub struct RotorPlan {
     forces: Vec<Vec<f64>>,
     pub(super) turning: Vec<bool>,
     pub(super) nominal: Vec<f64>,
+    /// Drifts of the sensors that have one [SI], by name.
+    drifts: Vec<(String, Drift)>,
 }
 
 impl RotorPlan {
-    /// Assembles and reduces `rotor`.
+    /// Assembles and reduces `rotor`, seen by `channels`.
     ///
     /// # Errors
     /// When it is not held, or is larger than an image.
-    pub fn new(machine: &Machine, rotor: &Rotor) -> Result<Self, BuildError> {
+    pub fn new(machine: &Machine, rotor: &Rotor, channels: &[Channel]) -> Result<Self, BuildError> {
         let model = RotorModel::new(rotor);
         let forces: Vec<Vec<f64>> = (rotor.loads.iter())
             .flat_map(|load| {
                 [0.0, std::f64::consts::FRAC_PI_2].map(|a| model.direction(load.node, a))
             })
             .collect();
+        let drifts: Vec<(String, Drift)> = (channels.iter())
+            .filter_map(|channel| {
+                let drift = channel.drift?;
+                let std = channel.to_si(drift.std);
+                Some((channel.name.clone(), Drift { std, ..drift }))
+            })
+            .collect();
+        if drifts.len() > BIASES {
+            return Err(BuildError::TooMany {
+                what: "channels with a drift",
+                found: drifts.len(),
+                most: BIASES,
+            });
+        }
         let wanted = rotor.reduction.modes.map(|modes| modes + forces.len());
         let [.., most] = ROTOR_SIZES;
         let size = (ROTOR_SIZES.into_iter())
-            .find(|(nz, nx)| nx - 2 * nz >= forces.len() && *nz >= wanted.unwrap_or(*nz))
+            .find(|(nz, nx)| nx - 2 * nz >= FORCES + drifts.len() && *nz >= wanted.unwrap_or(*nz))
             .ok_or(BuildError::TooManyModes {
                 found: rotor.reduction.modes.unwrap_or(2),
                 most: most.0 - forces.len(),
@@ -77,6 +94,7 @@ impl RotorPlan {
                 .collect(),
             nominal: rotor.loads.iter().flat_map(|l| [l.nominal_n; 2]).collect(),
             forces,
+            drifts,
         };
         plan.scale = plan.scales()?;
         Ok(plan)
@@ -127,7 +145,37 @@ impl RotorPlan {
         for (j, nominal) in self.nominal.iter().enumerate() {
             scale[2 * nz + j] = *nominal;
         }
+        // A bias is in the unit of the reading.
+        for state in self.first_bias()..self.first_bias() + self.drifts.len() {
+            scale[state] = UNIT_M;
+        }
         Ok(scale)
+    }
+
+    fn first_bias(&self) -> usize {
+        2 * self.size.0 + FORCES
+    }
+
+    /// The state that is the bias of `channel`.
+    pub(super) fn bias_state(&self, channel: &Channel) -> Option<usize> {
+        let at = (self.drifts.iter()).position(|(name, _)| *name == channel.name)?;
+        Some(self.first_bias() + at)
+    }
+
+    /// Part of each bias that is left after a sample.
+    pub(super) fn left(&self) -> [f64; BIASES] {
+        let left = |at: usize| (self.drifts.get(at)).map(|(_, drift)| -self.dt_s / drift.time_s);
+        std::array::from_fn(|at| left(at).map_or(0.0, f64::exp))
+    }
+
+    /// `m` with what `of` gives for each bias: what is left of it after a sample, and its
+    /// variance in the long run [`UNIT_M`].
+    fn with_biases(&self, mut m: Mat<f64>, of: impl Fn(f64, f64) -> f64) -> Mat<f64> {
+        for (at, ((_, drift), left)) in self.drifts.iter().zip(self.left()).enumerate() {
+            let state = self.first_bias() + at;
+            m[(state, state)] = of(left, (drift.std / UNIT_M).powi(2));
+        }
+        m
     }
 
     /// A force of `size` [N] that turns with the shaft at the node of a pair.
@@ -175,7 +223,7 @@ impl RotorPlan {
         scaled
     }
 
-    /// Row of a displacement sensor over the states of the filter [`UNIT_M`].
+    /// Row of a displacement sensor over the states of the filter [`UNIT_M`]; its bias has 1.
     pub(super) fn row(&self, channel: &Channel) -> Vec<f64> {
         let mut row = vec![0.0; self.size.1];
         if let Senses::Displacement(at) = &channel.senses {
@@ -183,6 +231,9 @@ impl RotorPlan {
             for (i, value) in self.reduced.row(&direction).iter().enumerate() {
                 row[i] = channel.sensitivity.unwrap_or(1.0) * value * self.scale[i] / UNIT_M;
             }
+        }
+        if let Some(state) = self.bias_state(channel) {
+            row[state] = 1.0;
         }
         row
     }
@@ -252,10 +303,18 @@ impl RotorPlan {
             p[(2 * modes + j, 2 * modes + j)] = nominal * nominal;
         }
         let t = &discrete.coordinates;
+        let (q, p) = (turned(t, &q), turned(t, &p));
         (
-            self.scaled(&turned(t, &q), true),
-            self.scaled(&turned(t, &p), true),
+            self.with_biases(self.scaled(&q, true), |left, variance| {
+                variance * (1.0 - left * left)
+            }),
+            self.with_biases(self.scaled(&p, true), |_, variance| variance),
         )
+    }
+
+    /// The transition that `discrete` is, in the scale of the filter.
+    pub(super) fn transition_of(&self, discrete: &Discrete) -> Mat<f64> {
+        self.with_biases(self.scaled(&discrete.transition, false), |left, _| left)
     }
 
     /// The transition at the machine's speed, in the scale of the filter.
@@ -263,8 +322,7 @@ impl RotorPlan {
     /// # Errors
     /// [`BuildError::Sampled`] where a mode is sampled at a multiple of half its period.
     pub fn transition(&self) -> Result<Mat<f64>, BuildError> {
-        let nominal = self.discrete(self.nominal_speed)?;
-        Ok(self.scaled(&nominal.transition, false))
+        Ok(self.transition_of(&self.discrete(self.nominal_speed)?))
     }
 
     /// Q and the covariance before the first sample as the image has them, with the noise of

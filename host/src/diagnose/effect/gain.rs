@@ -25,7 +25,7 @@ impl Effect for GainError {
     fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
         vec![Term::Gain(vec![1.0; session.signals.len()])]
     }
-    fn gauge(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+    fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
         gauge.map.iter_mut().for_each(|m| *m *= 1.0 + parameters[0]);
         true
     }
@@ -87,7 +87,7 @@ impl Effect for Position {
             .unzip();
         vec![Term::Each(turned), Term::Each(larger)]
     }
-    fn gauge(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+    fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
         let map = gauge.map.clone();
         let n = map.len();
         let turned = |angle: f64| {

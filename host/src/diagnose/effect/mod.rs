@@ -14,7 +14,8 @@ mod thermal;
 mod torsion;
 mod word;
 
-use super::stream::{Session, Stream, Term};
+use super::observed::Observed;
+use super::stream::Session;
 use crate::machine::MAP_ENTRIES;
 
 /// Whether an effect has its parameters in each channel or once for all.
@@ -55,7 +56,7 @@ pub struct Shape {
 ///
 /// The residual is `sum_j c_j term_j(shape)` with linear parameters `c`, found
 /// by least squares, and a shape that is found by search.
-pub trait Effect: Sync {
+pub trait Effect<S: Observed = Session>: Sync {
     /// Name in verdicts.
     fn name(&self) -> &'static str;
 
@@ -77,10 +78,10 @@ pub trait Effect: Sync {
 
     /// Shapes from which the search starts; none where the recording cannot
     /// show the effect.
-    fn grid(&self, session: &Session) -> Vec<Vec<f64>>;
+    fn grid(&self, session: &S) -> Vec<Vec<f64>>;
 
     /// One term for each linear parameter.
-    fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term>;
+    fn terms(&self, session: &S, shape: &[f64]) -> Vec<S::Term>;
 
     /// Whether the terms stay the same however large the parameters are.
     fn is_linear(&self) -> bool {
@@ -90,18 +91,18 @@ pub trait Effect: Sync {
     /// Terms with which `sum_j c_j term_j` is what it predicts at these
     /// parameters (`[stream]`, empty where it does not act), and nearly so
     /// around them.
-    fn terms_about(&self, session: &Session, shape: &[f64], _: &[Vec<f64>]) -> Vec<Term> {
+    fn terms_about(&self, session: &S, shape: &[f64], _: &[Vec<f64>]) -> Vec<S::Term> {
         self.terms(session, shape)
     }
 
     /// Which streams it can act on.
-    fn acts_on(&self, _: &Stream) -> bool {
+    fn acts_on(&self, _: &S::Stream) -> bool {
         true
     }
 
     /// Natural logarithm of the odds for it that a stream's faulty samples
     /// tell by themselves.
-    fn evidence_of_faults(&self, _: &Stream) -> f64 {
+    fn evidence_of_faults(&self, _: &S::Stream) -> f64 {
         0.0
     }
 
@@ -111,13 +112,13 @@ pub trait Effect: Sync {
     }
 
     /// Latent degrees of freedom that its terms took from the data.
-    fn latent(&self, _: &Session) -> f64 {
+    fn latent(&self, _: &S) -> f64 {
         0.0
     }
 
-    /// Takes its parameters into a gauge's zero and map, so that the line runs
-    /// it; false where these have no place for it.
-    fn gauge(&self, _shape: &[f64], _parameters: &[f64], _gauge: &mut GaugeModel) -> bool {
+    /// Takes its parameters into the description, so that the line runs it; false where that
+    /// has no place for it.
+    fn mend(&self, _shape: &[f64], _parameters: &[f64], _place: &mut S::Place) -> bool {
         false
     }
 
@@ -191,11 +192,6 @@ pub static LIBRARY: &[&dyn Effect] = &[
     &word::DROPPED_BITS,
     &word::STUCK,
 ];
-
-/// The effect of that name.
-pub fn by_name(name: &str) -> Option<&'static dyn Effect> {
-    LIBRARY.iter().copied().find(|e| e.name() == name)
-}
 
 /// The grid of an effect without shape.
 fn one_shape() -> Vec<Vec<f64>> {

@@ -48,7 +48,7 @@ impl Effect for CarrierOrder {
             .map(|wave| Term::Zero(product(&wave, level)))
             .into()
     }
-    fn gauge(&self, shape: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+    fn mend(&self, shape: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
         let (full, order) = (gauge.rms(), shape[0]);
         gauge.over_angle(|m, angle| {
             m + full
@@ -92,7 +92,7 @@ impl Effect for PlanetSharing {
     fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
         waves(session, 1.0).map(Term::Gain).into()
     }
-    fn gauge(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+    fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
         gauge.over_angle(|m, angle| {
             m * (1.0 + parameters[0] * angle.cos() + parameters[1] * angle.sin())
         });

@@ -69,7 +69,7 @@ impl Effect for Sudden {
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
         vec![(self.term)(after(session, shape[0]))]
     }
-    fn gauge(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+    fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
         (self.mend)(gauge, parameters[0]);
         true
     }

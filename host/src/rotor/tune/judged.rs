@@ -32,7 +32,7 @@ pub fn judge(
 ) -> Result<Judged, ReplayError> {
     let sensors = Sensors::choose(machine, set)?;
     let mut figures = Figures::new(machine);
-    let mut displacements = Displacements::new(machine)?;
+    let mut displacements = Displacements::new(machine, &sensors)?;
     run_line(machine, &sensors, recording, |sample, estimate, line, _| {
         figures.push(sample, estimate);
         displacements.push(sample, line);

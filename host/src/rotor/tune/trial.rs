@@ -60,7 +60,7 @@ impl<'a> Trial<'a> {
         payload: &'a [u8],
         recordings: &[PathBuf],
     ) -> Result<Self, TuneError> {
-        let plan = RotorPlan::new(machine, rotor)?;
+        let plan = RotorPlan::new(machine, rotor, &sensors.channels)?;
         Ok(Self {
             machine,
             rotor,
@@ -165,9 +165,17 @@ fn moved(f: &Mat<f64>, x: &[f64]) -> Vec<f64> {
     next
 }
 
+/// How a sensor reads the state.
+struct SensorRow {
+    modal: Vec<f64>,
+    bias: Option<usize>,
+    /// Size of its unit [m].
+    unit: f64,
+}
+
 /// Sums of which `R^2` is made, of the readings and of two estimates of each.
 struct Fit {
-    rows: Vec<(Vec<f64>, f64)>,
+    rows: Vec<SensorRow>,
     /// States that are forces.
     driving: Range<usize>,
     count: f64,
@@ -177,9 +185,10 @@ struct Fit {
 
 impl Fit {
     fn new(model: &ImageModel<'_>) -> Self {
-        let rows = model.channels.iter().map(|channel| {
-            let row = channel.row.iter().map(|c| f64::from(*c)).collect();
-            (row, f64::from(channel.unit))
+        let rows = model.channels.iter().map(|channel| SensorRow {
+            modal: channel.row.iter().map(|c| f64::from(*c)).collect(),
+            bias: channel.bias_state.map(usize::from),
+            unit: f64::from(channel.unit),
         });
         let first = 2 * usize::from(model.modes);
         Self {
@@ -192,15 +201,16 @@ impl Fit {
 
     fn push(&mut self, estimate: &Estimate, state: &[f32], forced: &[f64]) {
         self.count += 1.0;
-        for ((sums, (row, unit)), sensor) in
-            self.sums.iter_mut().zip(&self.rows).zip(&estimate.sensors)
-        {
+        for ((sums, row), sensor) in self.sums.iter_mut().zip(&self.rows).zip(&estimate.sensors) {
             if !sensor.fault.is_none() {
                 continue;
             }
-            let reading = f64::from(sensor.measured) / unit;
-            let estimated: f64 = row.iter().zip(state).map(|(c, x)| c * f64::from(*x)).sum();
-            let by_force: f64 = row.iter().zip(forced).map(|(c, x)| c * x).sum();
+            // A bias is no displacement.
+            let bias = row.bias.map_or(0.0, |bias| f64::from(state[bias]));
+            let reading = f64::from(sensor.measured) / row.unit - bias;
+            let modal = || row.modal.iter();
+            let estimated: f64 = modal().zip(state).map(|(c, x)| c * f64::from(*x)).sum();
+            let by_force: f64 = modal().zip(forced).map(|(c, x)| c * x).sum();
             sums[0] += reading;
             sums[1] += reading * reading;
             sums[2] += (reading - estimated).powi(2);

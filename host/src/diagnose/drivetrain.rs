@@ -1,0 +1,232 @@
+//! A recording of a drivetrain as the judgement sees it.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value, json};
+
+use super::effect::{Effect, GaugeModel, LIBRARY};
+use super::error::{LoadErrors, load_errors};
+use super::fit::Prior;
+use super::observed::{Abscissa, Observed};
+use super::select::Found;
+use super::stream::{Columns, Kind, Session, Stream, Term, Told};
+use super::{DiagnoseError, Diagnosis, Residuals, SEED, correct, null, observe};
+use crate::machine::Machine;
+
+/// Blocks are this long [s].
+const BLOCK_S: f64 = 1.5;
+
+impl Observed for Session {
+    type Stream = Stream;
+    type Term = Term;
+    type Place = GaugeModel;
+
+    fn library() -> &'static [&'static dyn Effect] {
+        LIBRARY
+    }
+
+    fn read(
+        machine: &Machine,
+        recordings: &[PathBuf],
+        validation: &[PathBuf],
+        progress: impl Fn(f64),
+    ) -> Result<Residuals, DiagnoseError> {
+        let mut sessions = read(machine, &[recordings, validation].concat())?;
+        let mut unseen = sessions.split_off(recordings.len());
+        let mut end = 0.0;
+        for session in sessions.iter_mut().chain(&mut unseen) {
+            for t in &mut session.signals.t {
+                *t += end;
+            }
+            end = session.signals.t.last().copied().unwrap_or(0.0) + session.signals.dt_s;
+        }
+        progress(0.2);
+        let draws = null::draws(machine, &mut sessions, SEED);
+        for session in &mut sessions {
+            observe::home(&mut session.streams, session.signals.count);
+        }
+        for session in sessions.iter_mut().chain(&mut unseen) {
+            session.forget_coarse_angles();
+        }
+        progress(1.0);
+        Ok(Residuals {
+            sessions,
+            unseen,
+            draws,
+        })
+    }
+
+    fn write(
+        machine: &Machine,
+        diagnosis: &Diagnosis,
+        path: &Path,
+    ) -> Result<Vec<&'static str>, DiagnoseError> {
+        correct::write(machine, diagnosis, path)
+    }
+
+    fn errors(sessions: &[Self], found: &[Found]) -> LoadErrors {
+        load_errors(sessions, found, SEED)
+    }
+
+    fn dt_s(&self) -> f64 {
+        self.signals.dt_s
+    }
+
+    fn speed(&self) -> &[f64] {
+        &self.signals.speed
+    }
+
+    fn block(&self) -> usize {
+        ((BLOCK_S / self.signals.dt_s) as usize).max(2)
+    }
+
+    fn streams(&self) -> &[Stream] {
+        &self.streams
+    }
+
+    fn name(&self, k: usize) -> &str {
+        &self.streams[k].name
+    }
+
+    fn unit(&self, k: usize) -> &'static str {
+        match self.streams[k].kind {
+            Kind::Strain => "",
+            Kind::Balance => "N m",
+            Kind::Angle => "rad",
+        }
+    }
+
+    fn residual(&self, k: usize) -> &[f64] {
+        &self.streams[k].residual
+    }
+
+    fn set_residual(&mut self, k: usize, residual: Vec<f64>) {
+        self.streams[k].residual = residual;
+    }
+
+    fn noise_std(&self, k: usize) -> f64 {
+        self.streams[k].noise_std
+    }
+
+    fn inflation(&self, k: usize) -> f64 {
+        match self.streams[k].kind {
+            Kind::Balance => 1.5 * self.signals.smoothing as f64,
+            // Counts err alike for a while at a steady speed.
+            Kind::Angle => 16.0,
+            Kind::Strain => 1.0,
+        }
+    }
+
+    /// A zero for each strain and angle, the reference's zero and an error of the inertia in
+    /// the balance, an error of the stiffness in an angle; what is only known roughly; and
+    /// what a clean machine leaves when it does the same.
+    fn nuisances(&self, k: usize) -> Vec<Prior> {
+        let (stream, signals) = (&self.streams[k], &self.signals);
+        let n = signals.len();
+        let constant = |part: f64| Prior {
+            column: vec![1.0; n],
+            std: part * stream.scale,
+        };
+        let mut own = match stream.kind {
+            Kind::Strain => vec![constant(1.0)],
+            Kind::Balance => {
+                let moment: f64 = signals
+                    .response
+                    .as_ref()
+                    .map_or(0.0, |r| r.bodies.iter().map(|b| b.0).sum());
+                vec![
+                    constant(1e-3),
+                    Prior {
+                        column: signals.acceleration.iter().map(|a| a * moment).collect(),
+                        std: 0.02,
+                    },
+                ]
+            }
+            Kind::Angle => vec![
+                constant(1e3),
+                Prior {
+                    column: signals.level.iter().map(|l| l * stream.scale).collect(),
+                    std: 0.1,
+                },
+            ],
+        };
+        own.extend(stream.roughly.iter().map(|column| Prior {
+            column: column.clone(),
+            std: 1.0,
+        }));
+        let mut clean = stream.clean.clone();
+        clean.resize(n, 0.0);
+        own.push(Prior {
+            column: clean,
+            std: 1.0,
+        });
+        own
+    }
+
+    fn columns(&self, effect: &dyn Effect, shape: &[f64], parameters: &[Vec<f64>]) -> Vec<Columns> {
+        effect
+            .terms_about(self, shape, parameters)
+            .iter()
+            .map(|term| {
+                let mut columns = self.columns_of(term);
+                for (stream, column) in self.streams.iter().zip(&mut columns) {
+                    if !effect.acts_on(stream) {
+                        column.clear();
+                    }
+                }
+                columns
+            })
+            .collect()
+    }
+
+    fn abscissae(&self) -> Vec<Abscissa<'_>> {
+        let signals = &self.signals;
+        let turn = |angle: &f64| angle.rem_euclid(std::f64::consts::TAU);
+        let mut all = vec![
+            Abscissa::new("Time", "s", &signals.t),
+            Abscissa::new("Torque over nominal", "", &signals.level),
+            Abscissa::new("Speed of the main shaft", "rad/s", &signals.speed),
+            Abscissa::new(
+                "Carrier angle",
+                "rad",
+                signals.angle.iter().map(turn).collect::<Vec<f64>>(),
+            ),
+        ];
+        if let Some(temperature) = &signals.temperature {
+            all.push(Abscissa::new(
+                "Temperature since the start",
+                "K",
+                temperature,
+            ));
+        }
+        all
+    }
+
+    fn particulars(&self) -> Map<String, Value> {
+        [("torque_told_by".to_owned(), json!(self.told))]
+            .into_iter()
+            .collect()
+    }
+
+    fn note(&self, _: &[&'static str]) -> Option<String> {
+        (self.told == Told::Gauges).then(|| {
+            "no reference load: what all gauges have in common cannot be told from the torque"
+                .into()
+        })
+    }
+}
+
+/// All recordings, given the torque in the same way.
+fn read(machine: &Machine, paths: &[PathBuf]) -> Result<Vec<Session>, DiagnoseError> {
+    let by = |told: Told| {
+        paths
+            .iter()
+            .map(|path| observe::observe_given(machine, path, told))
+            .collect::<Result<Vec<_>, _>>()
+    };
+    let sessions = by(Told::References)?;
+    if sessions.iter().all(|s| s.told == sessions[0].told) {
+        return Ok(sessions);
+    }
+    by(Told::Gauges)
+}

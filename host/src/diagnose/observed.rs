@@ -1,0 +1,130 @@
+//! What the judgement needs to know of a kind of machine.
+
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value};
+
+use super::effect::Effect;
+use super::error::LoadErrors;
+use super::fit::Prior;
+use super::select::Found;
+use super::stream::Columns;
+use super::{DiagnoseError, Diagnosis, Residuals};
+use crate::machine::Machine;
+
+/// What residuals are drawn over.
+pub struct Abscissa<'a> {
+    /// Its name.
+    pub quantity: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Sample by sample.
+    pub values: Cow<'a, [f64]>,
+}
+
+impl<'a> Abscissa<'a> {
+    /// `quantity` [`unit`] sample by sample.
+    pub fn new(
+        quantity: &'static str,
+        unit: &'static str,
+        values: impl Into<Cow<'a, [f64]>>,
+    ) -> Self {
+        Self {
+            quantity,
+            unit,
+            values: values.into(),
+        }
+    }
+}
+
+/// A recording of one kind of machine as residuals, a stream for each thing that is measured,
+/// and what effects predict for them.
+pub trait Observed: Clone + Send + Sync + 'static {
+    /// One stream, as effects see it.
+    type Stream;
+    /// A way in which an effect enters the residuals.
+    type Term;
+    /// What of a description takes an effect.
+    type Place;
+
+    /// Every effect that is tried on such a machine.
+    fn library() -> &'static [&'static dyn Effect<Self>];
+
+    /// Reads `recordings` and `validation`, and simulates the machine without effect.
+    ///
+    /// # Errors
+    /// As [`super::diagnose`].
+    fn read(
+        machine: &Machine,
+        recordings: &[PathBuf],
+        validation: &[PathBuf],
+        progress: impl Fn(f64),
+    ) -> Result<Residuals<Self>, DiagnoseError>;
+
+    /// Writes `machine` with the effects found to `path`; gives the names of those that the
+    /// line has no place for.
+    ///
+    /// # Errors
+    /// When a file cannot be read or written.
+    fn write(
+        machine: &Machine,
+        diagnosis: &Diagnosis<Self>,
+        path: &Path,
+    ) -> Result<Vec<&'static str>, DiagnoseError>;
+
+    /// Errors of `sessions` without and with what was found.
+    fn errors(sessions: &[Self], found: &[Found<Self>]) -> LoadErrors;
+
+    /// Sample period [s].
+    fn dt_s(&self) -> f64;
+
+    /// Speed of the main shaft, sample by sample [rad/s].
+    fn speed(&self) -> &[f64];
+
+    /// Samples of the blocks that are left out: long against the correlation of the noise.
+    fn block(&self) -> usize;
+
+    /// The streams.
+    fn streams(&self) -> &[Self::Stream];
+
+    /// Name of stream `k`.
+    fn name(&self, k: usize) -> &str;
+
+    /// Unit of stream `k`.
+    fn unit(&self, k: usize) -> &'static str;
+
+    /// Residual of stream `k`: measured less predicted; NaN where there is none.
+    fn residual(&self, k: usize) -> &[f64];
+
+    /// Puts another residual in its place.
+    fn set_residual(&mut self, k: usize, residual: Vec<f64>);
+
+    /// Standard deviation of a sample of stream `k` that the description expects.
+    fn noise_std(&self, k: usize) -> f64;
+
+    /// Samples of stream `k` for one that tells something new.
+    fn inflation(&self, k: usize) -> f64;
+
+    /// Columns that are in the model of stream `k` anyway.
+    fn nuisances(&self, k: usize) -> Vec<Prior>;
+
+    /// What `effect`, taken as linear about `parameters` (`[stream]`), predicts for each of
+    /// its linear parameters.
+    fn columns(
+        &self,
+        effect: &dyn Effect<Self>,
+        shape: &[f64],
+        parameters: &[Vec<f64>],
+    ) -> Vec<Columns>;
+
+    /// What residuals are drawn over, time first.
+    fn abscissae(&self) -> Vec<Abscissa<'_>>;
+
+    /// Keys of the JSON that only this kind of machine has.
+    fn particulars(&self) -> Map<String, Value>;
+
+    /// What such a recording cannot tell, and why, beside the effects of which it
+    /// shows nothing.
+    fn note(&self, silent: &[&'static str]) -> Option<String>;
+}
