@@ -10,7 +10,7 @@ use faer::Mat;
 use super::effect::{Coupling, Effect};
 use super::observed::Observed;
 use super::stream::Columns;
-use super::sums::{Sums, add, dot, left_out, mirror, solved, test_error, totals};
+use super::sums::{Sums, dot, left_out, mirror, solved, totals};
 
 /// Folds of the cross-validation.
 pub const FOLDS: usize = 8;
@@ -27,34 +27,30 @@ pub struct Prior {
 /// All recordings, stream by stream, one after another.
 pub struct Data {
     /// Residual, and draws of the residual without any effect.
-    streams: Vec<StreamData>,
+    pub(super) streams: Vec<StreamData>,
     /// Runs of samples of one fold.
     blocks: Vec<(std::ops::Range<usize>, usize)>,
     draws: usize,
 }
 
-struct StreamData {
+pub(super) struct StreamData {
     /// 1 where the residual is known, else 0.
     mask: Vec<f64>,
-    count: f64,
+    pub(super) count: f64,
     /// Residual first, then the draws; 0 where not known.
     right: Vec<Vec<f64>>,
     /// Samples of noise for one that tells something new.
-    inflation: f64,
+    pub(super) inflation: f64,
     variance: f64,
 }
 
 /// What is in the model already: nuisances and accepted effects.
 pub struct Base {
-    columns: Vec<Vec<Prior>>,
+    pub(super) columns: Vec<Vec<Prior>>,
     sums: Vec<Sums>,
     /// Squared errors on left-out folds, for each stream and right-hand side.
-    errors: Vec<Vec<f64>>,
+    pub(super) errors: Vec<Vec<f64>>,
 }
-
-/// What the base of a stream makes of the candidate's columns, and of the
-/// right-hand sides.
-type Eliminated = (Mat<f64>, Mat<f64>);
 
 /// How well a candidate did.
 #[derive(Clone, Debug)]
@@ -70,6 +66,9 @@ pub struct Trial {
     pub null: Vec<f64>,
     /// Part of each stream.
     pub streams: Vec<f64>,
+    /// By how much what each stream says of shared parameters spreads more than
+    /// its noise, from draw to draw without effect; 1 or more.
+    pub spread: Vec<f64>,
 }
 
 impl Data {
@@ -161,7 +160,7 @@ impl Data {
         }
     }
 
-    fn ridge(&self, k: usize, columns: &[Prior]) -> Vec<f64> {
+    pub(super) fn ridge(&self, k: usize, columns: &[Prior]) -> Vec<f64> {
         columns
             .iter()
             .map(|p| self.streams[k].variance / (p.std * p.std))
@@ -234,25 +233,34 @@ impl Data {
     }
 
     /// Evidence of `effect` with the columns of its linear parameters
-    /// (`columns[parameter][stream]`), beside `base`; with draws or without.
+    /// (`columns[parameter][stream]`), beside `base`: with the draws, or without them
+    /// where their `spread` is known.
     pub fn trial<S: Observed>(
         &self,
         base: &Base,
         effect: &dyn Effect<S>,
         shape: &[f64],
         columns: &[Columns],
-        with_draws: bool,
+        spread: Option<&[f64]>,
     ) -> Trial {
-        let sides = if with_draws { self.sides() } else { 1 };
+        let sides = if spread.is_none() { self.sides() } else { 1 };
         let stream_columns = self.by_stream(columns);
         let priors: Vec<f64> = effect.linear().iter().map(|l| l.prior_std).collect();
-        let errors = match effect.coupling() {
-            Coupling::Own => self.own(base, &stream_columns, &priors, sides),
-            Coupling::Shared => self.shared(base, &stream_columns, &priors, sides),
+        let sums = self.sums_by_stream(base, &stream_columns, sides);
+        let (errors, spread) = match effect.coupling() {
+            Coupling::Own => (
+                self.own(base, &sums, &priors),
+                vec![1.0; self.streams.len()],
+            ),
+            Coupling::Shared => {
+                let spread = spread.map_or_else(|| self.spread(base, &sums), <[f64]>::to_vec);
+                (self.shared(base, &sums, &priors, &spread), spread)
+            }
         };
         let gain = |k: usize, r: usize| match &errors[k] {
             Some(errors) => {
-                0.5 * self.independent(k) * (base.errors[k][r] / errors[r].max(1e-300)).ln()
+                let independent = self.independent(k) / spread[k];
+                0.5 * independent * (base.errors[k][r] / errors[r].max(1e-300)).ln()
             }
             None => 0.0,
         };
@@ -271,6 +279,7 @@ impl Data {
             score: sum(0),
             null: (1..sides).map(sum).collect(),
             streams: (0..self.streams.len()).map(|k| gain(k, 0)).collect(),
+            spread,
         }
     }
 
@@ -281,6 +290,7 @@ impl Data {
         base: &Base,
         effect: &dyn Effect<S>,
         columns: &[Columns],
+        spread: &[f64],
     ) -> Vec<Vec<f64>> {
         let columns = self.by_stream(columns);
         let priors: Vec<f64> = effect.linear().iter().map(|l| l.prior_std).collect();
@@ -300,7 +310,7 @@ impl Data {
                 })
                 .collect(),
             Coupling::Shared => {
-                let (shared, _) = self.shared_solution(base, &sums, &priors, None, 1);
+                let (shared, _) = self.shared_solution(base, &sums, &priors, spread, None);
                 let all: Vec<f64> = (0..priors.len()).map(|i| shared[(i, 0)]).collect();
                 sums.iter()
                     .map(|s| s.as_ref().map_or(Vec::new(), |_| all.clone()))
@@ -346,116 +356,13 @@ impl Data {
         ridge
     }
 
-    fn own(
-        &self,
-        base: &Base,
-        columns: &[Vec<&[f64]>],
-        priors: &[f64],
-        sides: usize,
-    ) -> Vec<Option<Vec<f64>>> {
-        self.sums_by_stream(base, columns, sides)
-            .iter()
+    fn own(&self, base: &Base, sums: &[Option<Sums>], priors: &[f64]) -> Vec<Option<Vec<f64>>> {
+        sums.iter()
             .enumerate()
             .map(|(k, sums)| {
                 sums.as_ref()
                     .map(|sums| left_out(sums, &self.ridge_with(base, k, priors)))
             })
             .collect()
-    }
-
-    /// One set of parameters for all streams.
-    fn shared(
-        &self,
-        base: &Base,
-        columns: &[Vec<&[f64]>],
-        priors: &[f64],
-        sides: usize,
-    ) -> Vec<Option<Vec<f64>>> {
-        let c = priors.len();
-        let sums = self.sums_by_stream(base, columns, sides);
-        let mut errors: Vec<Option<Vec<f64>>> = sums
-            .iter()
-            .map(|s| s.as_ref().map(|_| vec![0.0; sides]))
-            .collect();
-        for fold in 0..FOLDS {
-            let (shared, reduced) = self.shared_solution(base, &sums, priors, Some(fold), sides);
-            for (k, sums) in sums.iter().enumerate() {
-                if let (Some(sums), Some((by, free)), Some(errors)) =
-                    (sums, &reduced[k], errors[k].as_mut())
-                {
-                    let q = base.columns[k].len();
-                    let based = free - by * &shared;
-                    let solution = Mat::from_fn(q + c, sides, |i, r| {
-                        if i < q {
-                            based[(i, r)]
-                        } else {
-                            shared[(i - q, r)]
-                        }
-                    });
-                    add(errors, &test_error(sums, fold, &solution));
-                }
-            }
-        }
-        errors
-    }
-
-    /// The shared parameters without `fold`: each stream's base is eliminated,
-    /// what is left is summed over the streams. With it, for each stream, what
-    /// the base makes of the candidate and of the right-hand sides.
-    fn shared_solution(
-        &self,
-        base: &Base,
-        sums: &[Option<Sums>],
-        priors: &[f64],
-        fold: Option<usize>,
-        sides: usize,
-    ) -> (Mat<f64>, Vec<Option<Eliminated>>) {
-        let c = priors.len();
-        let mut normal = Mat::<f64>::zeros(c, c);
-        for (i, prior) in priors.iter().enumerate() {
-            normal[(i, i)] = 1.0 / (prior * prior);
-        }
-        let mut right = Mat::<f64>::zeros(c, sides);
-        let mut reduced = Vec::new();
-        for (k, sums) in sums.iter().enumerate() {
-            let Some(sums) = sums else {
-                reduced.push(None);
-                continue;
-            };
-            let q = base.columns[k].len();
-            let (mut gram, mut rhs) = totals(sums);
-            if let Some(fold) = fold {
-                gram -= &sums.gram[fold];
-                rhs -= &sums.right[fold];
-            }
-            let ridge = self.ridge(k, &base.columns[k]);
-            let inner = gram.submatrix(0, 0, q, q).to_owned();
-            let cross = gram.submatrix(0, q, q, c).to_owned();
-            // Columns: what the base makes of the candidate, and of the sides.
-            let both = Mat::from_fn(q, c + sides, |i, j| {
-                if j < c {
-                    cross[(i, j)]
-                } else {
-                    rhs[(i, j - c)]
-                }
-            });
-            let solution = solved(inner, &both, &ridge);
-            let by = solution.submatrix(0, 0, q, c).to_owned();
-            let free = solution.submatrix(0, c, q, sides).to_owned();
-            let weight =
-                self.streams[k].count / (base.errors[k][0].max(1e-300) * self.streams[k].inflation);
-            let own = gram.submatrix(q, q, c, c) - cross.transpose() * &by;
-            let told = rhs.submatrix(q, 0, c, sides) - cross.transpose() * &free;
-            for i in 0..c {
-                for j in 0..c {
-                    normal[(i, j)] += weight * own[(i, j)];
-                }
-                for r in 0..sides {
-                    right[(i, r)] += weight * told[(i, r)];
-                }
-            }
-            reduced.push(Some((by, free)));
-        }
-        (solved(normal, &right, &vec![0.0; c]), reduced)
     }
 }

@@ -25,6 +25,7 @@ mod recorded;
 mod refit;
 mod seen;
 mod select;
+mod shared;
 mod signals;
 mod stream;
 mod structure;

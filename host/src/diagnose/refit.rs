@@ -1,7 +1,10 @@
 //! All parameters together, and what they leave of the residuals.
 
+use faer::{Mat, MatRef};
+
 use super::columns::{base_columns, columns, joined};
 use super::effect::Coupling;
+use super::fit::Prior;
 use super::observed::Observed;
 use super::select::{Found, RELINEARISED};
 use super::stream::Columns;
@@ -11,18 +14,13 @@ use super::sums::{mirror, solved};
 /// to be taken to act on it.
 const ACTS: f64 = 4.0;
 
-/// Fits all parameters together: nuisances of each stream and effects in
-/// turn, until they agree.
-#[allow(
-    clippy::too_many_lines,
-    reason = "the two halves of a step share all that they change"
-)]
+/// Fits all parameters together: nuisances of each stream, effects of each stream
+/// by itself, and effects that the streams share; gives the nuisances.
 pub(super) fn refit<S: Observed>(
     sessions: &[S],
     found: &mut [Found<S>],
     newest: Option<&[f64]>,
 ) -> Vec<Vec<f64>> {
-    const ROUNDS: usize = 25;
     let streams = sessions[0].streams().len();
     let base = base_columns(sessions, &[]);
     let residuals: Vec<Vec<f64>> = (0..streams)
@@ -38,14 +36,6 @@ pub(super) fn refit<S: Observed>(
             })
             .collect();
     }
-    let weight: Vec<f64> = (0..streams)
-        .map(|k| sessions[0].noise_std(k).powi(-2))
-        .collect();
-    let subtract = |rest: &mut [f64], column: &[f64], by: f64| {
-        for (r, c) in rest.iter_mut().zip(column) {
-            *r -= by * c;
-        }
-    };
     let turns = if found.iter().all(|f| f.effect.is_linear()) {
         1
     } else {
@@ -57,133 +47,164 @@ pub(super) fn refit<S: Observed>(
             .iter()
             .map(|f| columns(sessions, f.effect, &f.shape, &f.parameters))
             .collect();
-        let mut rest = residuals.clone();
-        nuisance = base.iter().map(|b| vec![0.0; b.len()]).collect();
-        for f in found.iter_mut() {
-            for parameters in &mut f.parameters {
-                parameters.fill(0.0);
-            }
-        }
-        for _ in 0..ROUNDS {
-            for k in 0..streams {
-                // Nuisances and the stream's own parameters together.
-                let mut own: Vec<(&[f64], f64)> = base[k]
-                    .iter()
-                    .map(|p| (p.column.as_slice(), p.std))
-                    .collect();
-                for (f, columns) in found.iter().zip(&all) {
-                    if f.effect.coupling() == Coupling::Own && !f.parameters[k].is_empty() {
-                        for (linear, c) in f.effect.linear().iter().zip(columns) {
-                            if !c[k].is_empty() {
-                                own.push((&c[k], linear.prior_std));
-                            }
-                        }
-                    }
-                }
-                let step = least_squares(
-                    &own,
-                    &rest[k],
-                    weight[k],
-                    &current(&nuisance[k], found, &all, k),
-                );
-                for ((column, _), by) in own.iter().zip(&step) {
-                    subtract(&mut rest[k], column, *by);
-                }
-                let mut steps = step.into_iter();
-                for value in &mut nuisance[k] {
-                    *value += steps.next().unwrap_or(0.0);
-                }
+        let normals: Vec<Normal> = (0..streams)
+            .map(|k| {
+                let weight = sessions[0].noise_std(k).powi(-2);
+                let independent = 1.0 / sessions[0].inflation(k);
+                Normal::new(k, weight, independent, &base[k], &residuals[k], found, &all)
+            })
+            .collect();
+        let shared = shared_parameters(found, &normals);
+        nuisance = normals
+            .iter()
+            .enumerate()
+            .map(|(k, normal)| {
+                let own = normal.own(&shared);
+                let (zeros, mut own) = (own[..base[k].len()].to_vec(), &own[base[k].len()..]);
+                let mut all_shared = shared.as_slice();
                 for (f, columns) in found.iter_mut().zip(&all) {
-                    if f.effect.coupling() == Coupling::Own && !columns[0][k].is_empty() {
-                        for value in &mut f.parameters[k] {
-                            *value += steps.next().unwrap_or(0.0);
+                    let count = columns.len();
+                    match f.effect.coupling() {
+                        Coupling::Own if acts(f, columns, k) => {
+                            f.parameters[k] = own[..count].to_vec();
+                            own = &own[count..];
+                        }
+                        Coupling::Own => {}
+                        Coupling::Shared => {
+                            let known = acts(f, columns, k);
+                            f.parameters[k] = all_shared[..if known { count } else { 0 }].to_vec();
+                            all_shared = &all_shared[count..];
                         }
                     }
                 }
-            }
-            for (f, columns) in found.iter_mut().zip(&all) {
-                if f.effect.coupling() == Coupling::Shared {
-                    shared_step(f, columns, &mut rest, &weight);
-                }
-            }
-        }
+                zeros
+            })
+            .collect();
     }
     nuisance
 }
 
-/// Parameters of stream `k` as they stand, in the order of its columns.
-fn current<S: Observed>(
-    nuisance: &[f64],
-    found: &[Found<S>],
-    all: &[Vec<Columns>],
-    k: usize,
-) -> Vec<f64> {
-    let own = found
-        .iter()
-        .zip(all)
-        .filter(|(f, c)| f.effect.coupling() == Coupling::Own && !c[0][k].is_empty())
-        .flat_map(|(f, _)| f.parameters[k].iter().copied());
-    nuisance.iter().copied().chain(own).collect()
+/// Whether `f` predicts stream `k`.
+fn acts<S: Observed>(f: &Found<S>, columns: &[Columns], k: usize) -> bool {
+    !f.parameters[k].is_empty() && columns.iter().all(|c| !c[k].is_empty())
 }
 
-/// Step towards the minimum of `weight |rest - columns step|^2 + |(now + step)/std|^2`.
-fn least_squares(columns: &[(&[f64], f64)], rest: &[f64], weight: f64, now: &[f64]) -> Vec<f64> {
+/// Normal equations of one stream, its own columns eliminated from the shared ones.
+struct Normal {
+    /// Own parameters where the shared ones are zero.
+    free: Mat<f64>,
+    /// What the own parameters make of each shared column.
+    by: Mat<f64>,
+    /// Place of each shared column among all shared parameters.
+    places: Vec<usize>,
+    /// Products of the shared columns with each other, and with the residual.
+    gram: Mat<f64>,
+    right: Mat<f64>,
+}
+
+impl Normal {
+    /// Of stream `k` with `weight` for each sample, of which the part `independent` is new.
+    fn new<S: Observed>(
+        k: usize,
+        weight: f64,
+        independent: f64,
+        base: &[Prior],
+        residual: &[f64],
+        found: &[Found<S>],
+        all: &[Vec<Columns>],
+    ) -> Self {
+        let mut own: Vec<(&[f64], f64)> =
+            base.iter().map(|p| (p.column.as_slice(), p.std)).collect();
+        let (mut shared, mut places) = (Vec::new(), Vec::new());
+        let (mut place, mut spread) = (0, 1.0_f64);
+        for (f, columns) in found.iter().zip(all) {
+            let is_shared = f.effect.coupling() == Coupling::Shared;
+            if acts(f, columns, k) {
+                if is_shared {
+                    shared.extend(columns.iter().map(|c| c[k].as_slice()));
+                    places.extend(place..place + columns.len());
+                    spread = spread.max(f.spread[k]);
+                } else {
+                    let linear = f.effect.linear().iter();
+                    own.extend(
+                        linear
+                            .zip(columns)
+                            .map(|(l, c)| (c[k].as_slice(), l.prior_std)),
+                    );
+                }
+            }
+            place += if is_shared { columns.len() } else { 0 };
+        }
+        let (q, c) = (own.len(), shared.len());
+        let columns: Vec<&[f64]> = own.iter().map(|o| o.0).chain(shared).collect();
+        let (gram, right) = products(&columns, residual, weight);
+        let ridge: Vec<f64> = own.iter().map(|(_, std)| 1.0 / (std * std)).collect();
+        let cross = gram.submatrix(0, q, q, c);
+        let solve = |right: MatRef<'_, f64>| {
+            let inner = gram.submatrix(0, 0, q, q).to_owned();
+            solved(inner, &right.to_owned(), &ridge)
+        };
+        let (by, free) = (solve(cross), solve(right.submatrix(0, 0, q, 1)));
+        let told = independent / spread;
+        Self {
+            gram: told * (gram.submatrix(q, q, c, c) - cross.transpose() * &by),
+            right: told * (right.submatrix(q, 0, c, 1) - cross.transpose() * &free),
+            free,
+            by,
+            places,
+        }
+    }
+
+    /// Own parameters beside the shared ones.
+    fn own(&self, shared: &[f64]) -> Vec<f64> {
+        (0..self.free.nrows())
+            .map(|i| {
+                let taken = self.places.iter().enumerate();
+                let taken: f64 = taken.map(|(j, p)| self.by[(i, j)] * shared[*p]).sum();
+                self.free[(i, 0)] - taken
+            })
+            .collect()
+    }
+}
+
+/// `w X'X` and `w X'r` over the samples that are known.
+fn products(columns: &[&[f64]], residual: &[f64], weight: f64) -> (Mat<f64>, Mat<f64>) {
     let p = columns.len();
-    let mut gram = faer::Mat::<f64>::zeros(p, p);
-    let mut right = faer::Mat::<f64>::zeros(p, 1);
-    for (i, r) in rest.iter().enumerate().filter(|(_, r)| r.is_finite()) {
-        for (a, (x, _)) in columns.iter().enumerate() {
+    let mut gram = Mat::<f64>::zeros(p, p);
+    let mut right = Mat::<f64>::zeros(p, 1);
+    for (i, r) in residual.iter().enumerate().filter(|(_, r)| r.is_finite()) {
+        for (a, x) in columns.iter().enumerate() {
             right[(a, 0)] += weight * x[i] * r;
-            for (b, (y, _)) in columns[..=a].iter().enumerate() {
+            for (b, y) in columns[..=a].iter().enumerate() {
                 gram[(a, b)] += weight * x[i] * y[i];
             }
         }
     }
     mirror(&mut gram);
-    let ridge: Vec<f64> = columns.iter().map(|(_, std)| 1.0 / (std * std)).collect();
-    for (a, ridge) in ridge.iter().enumerate() {
-        right[(a, 0)] -= ridge * now.get(a).copied().unwrap_or(0.0);
-    }
-    let step = solved(gram, &right, &ridge);
-    (0..p).map(|a| step[(a, 0)]).collect()
+    (gram, right)
 }
 
-fn shared_step<S: Observed>(
-    f: &mut Found<S>,
-    columns: &[Columns],
-    rest: &mut [Vec<f64>],
-    weight: &[f64],
-) {
-    let c = columns.len();
-    let mut gram = faer::Mat::<f64>::zeros(c, c);
-    let mut right = faer::Mat::<f64>::zeros(c, 1);
-    for (k, rest) in rest.iter().enumerate() {
-        if columns.iter().any(|x| x[k].is_empty()) {
-            continue;
-        }
-        for (i, r) in rest.iter().enumerate().filter(|(_, r)| r.is_finite()) {
-            for a in 0..c {
-                right[(a, 0)] += weight[k] * columns[a][k][i] * r;
-                for b in 0..=a {
-                    gram[(a, b)] += weight[k] * columns[a][k][i] * columns[b][k][i];
-                }
+/// The parameters that all streams share, effect by effect.
+fn shared_parameters<S: Observed>(found: &[Found<S>], normals: &[Normal]) -> Vec<f64> {
+    let ridge: Vec<f64> = found
+        .iter()
+        .filter(|f| f.effect.coupling() == Coupling::Shared)
+        .flat_map(|f| f.effect.linear())
+        .map(|l| 1.0 / (l.prior_std * l.prior_std))
+        .collect();
+    let c = ridge.len();
+    let mut gram = Mat::<f64>::zeros(c, c);
+    let mut right = Mat::<f64>::zeros(c, 1);
+    for normal in normals {
+        for (i, a) in normal.places.iter().enumerate() {
+            right[(*a, 0)] += normal.right[(i, 0)];
+            for (j, b) in normal.places.iter().enumerate() {
+                gram[(*a, *b)] += normal.gram[(i, j)];
             }
         }
     }
-    mirror(&mut gram);
-    let step = solved(gram, &right, &vec![0.0; c]);
-    for (k, rest) in rest.iter_mut().enumerate() {
-        if columns.iter().any(|x| x[k].is_empty()) {
-            f.parameters[k].clear();
-            continue;
-        }
-        for a in 0..c {
-            f.parameters[k][a] += step[(a, 0)];
-            for (r, x) in rest.iter_mut().zip(&columns[a][k]) {
-                *r -= step[(a, 0)] * x;
-            }
-        }
-    }
+    let solution = solved(gram, &right, &ridge);
+    (0..c).map(|i| solution[(i, 0)]).collect()
 }
 
 /// Residuals of `sessions` less nuisances and effects: `[session][stream]`.

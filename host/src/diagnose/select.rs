@@ -52,6 +52,9 @@ pub struct Found<S: Observed = Session> {
     pub threshold: f64,
     /// Evidence of each stream.
     pub streams: Vec<f64>,
+    /// By how much what each stream says of shared parameters spreads more than
+    /// its noise.
+    pub spread: Vec<f64>,
 }
 
 /// A candidate with its evidence.
@@ -186,6 +189,7 @@ pub fn select<S: Observed>(
             evidence: best.trial.score,
             threshold: best.threshold,
             streams: best.trial.streams.clone(),
+            spread: best.trial.spread.clone(),
         });
         refit(sessions, &mut found, Some(&best.trial.streams));
         settle(&data, sessions, &mut found);
@@ -274,9 +278,9 @@ fn rank<S: Observed>(
             if linear.iter().flatten().all(Vec::is_empty) {
                 return None;
             }
-            let mut trial = data.trial(base, effect, shape, &linear, true);
+            let mut trial = data.trial(base, effect, shape, &linear, None);
             if !effect.is_linear() {
-                let bent = relinearised(data, base, sessions, effect, shape, linear);
+                let bent = relinearised(data, base, sessions, effect, &trial, linear);
                 if bent.score > trial.score {
                     trial = bent;
                 }
@@ -316,18 +320,19 @@ fn relinearised<S: Observed>(
     base: &Base,
     sessions: &[S],
     effect: &dyn Effect<S>,
-    shape: &[f64],
+    at_first: &Trial,
     linear: Vec<Columns>,
 ) -> Trial {
+    let shape = &at_first.shape;
     let mut about = Vec::new();
     let mut terms = linear;
     for _ in 0..RELINEARISED {
-        about = data.parameters(base, effect, &terms);
+        about = data.parameters(base, effect, &terms, &at_first.spread);
         terms = columns(sessions, effect, shape, &about);
     }
     Trial {
         about,
-        ..data.trial(base, effect, shape, &terms, true)
+        ..data.trial(base, effect, shape, &terms, None)
     }
 }
 
@@ -386,7 +391,7 @@ fn refine<S: Observed>(
                 return;
             }
             let columns = columns(sessions, effect, &shape, &[]);
-            candidate.trial = data.trial(base, effect, &shape, &columns, true);
+            candidate.trial = data.trial(base, effect, &shape, &columns, None);
             candidate.trial.score = charged(effect, sessions, candidate.trial.score);
             for (most, here) in candidate.null.iter_mut().zip(&candidate.trial.null) {
                 *most = most.max(*here);
@@ -406,9 +411,10 @@ fn best_shape<S: Observed>(
 ) -> Vec<f64> {
     const ROUNDS: usize = 5;
     best.score = f64::NEG_INFINITY;
+    let spread = best.spread.clone();
     let evaluate = |shape: &[f64]| {
         let columns = columns(sessions, effect, shape, &[]);
-        data.trial(base, effect, shape, &columns, false)
+        data.trial(base, effect, shape, &columns, Some(&spread))
     };
     for (j, parameter) in effect.shape().iter().enumerate() {
         let mut step = parameter.step;
@@ -459,7 +465,7 @@ fn settle<S: Observed>(data: &Data, sessions: &[S], found: &mut Vec<Found<S>>) {
         let base = data.base(base_columns(sessions, &others));
         let f = &mut found[i];
         let columns = columns(sessions, f.effect, &f.shape, &f.parameters);
-        let trial = data.trial(&base, f.effect, &f.shape, &columns, false);
+        let trial = data.trial(&base, f.effect, &f.shape, &columns, Some(&f.spread));
         if trial.score < f.threshold {
             found.remove(i);
         } else {

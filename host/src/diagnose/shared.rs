@@ -1,0 +1,142 @@
+//! Parameters that all streams share.
+
+use faer::{Mat, MatRef};
+
+use super::fit::{Base, Data, FOLDS};
+use super::sums::{Sums, add, solved, test_error, totals};
+
+/// What a stream says of a candidate once its base has taken what it explains.
+pub(super) struct Reduced {
+    /// What the base makes of the candidate's columns.
+    by: Mat<f64>,
+    /// What the base makes of the right-hand sides.
+    free: Mat<f64>,
+    /// Products of the candidate's columns.
+    own: Mat<f64>,
+    /// Products of the candidate's columns with the right-hand sides.
+    told: Mat<f64>,
+}
+
+impl Data {
+    /// Squared errors on left-out folds with one set of parameters for all streams.
+    pub(super) fn shared(
+        &self,
+        base: &Base,
+        sums: &[Option<Sums>],
+        priors: &[f64],
+        spread: &[f64],
+    ) -> Vec<Option<Vec<f64>>> {
+        let c = priors.len();
+        let mut errors: Vec<Option<Vec<f64>>> = sums
+            .iter()
+            .map(|s| s.as_ref().map(|s| vec![0.0; s.square[0].len()]))
+            .collect();
+        for fold in 0..FOLDS {
+            let (shared, reduced) = self.shared_solution(base, sums, priors, spread, Some(fold));
+            for (k, sums) in sums.iter().enumerate() {
+                if let (Some(sums), Some(Reduced { by, free, .. }), Some(errors)) =
+                    (sums, &reduced[k], errors[k].as_mut())
+                {
+                    let q = base.columns[k].len();
+                    let based = free - by * &shared;
+                    let solution = Mat::from_fn(q + c, free.ncols(), |i, r| {
+                        if i < q {
+                            based[(i, r)]
+                        } else {
+                            shared[(i - q, r)]
+                        }
+                    });
+                    add(errors, &test_error(sums, fold, &solution));
+                }
+            }
+        }
+        errors
+    }
+
+    /// The shared parameters without `fold`: each stream's base is eliminated,
+    /// what is left is summed over the streams. With it, what each stream says.
+    pub(super) fn shared_solution(
+        &self,
+        base: &Base,
+        sums: &[Option<Sums>],
+        priors: &[f64],
+        spread: &[f64],
+        fold: Option<usize>,
+    ) -> (Mat<f64>, Vec<Option<Reduced>>) {
+        let c = priors.len();
+        let sides = sums.iter().flatten().map(|s| s.square[0].len()).max();
+        let mut normal = Mat::<f64>::zeros(c, c);
+        for (i, prior) in priors.iter().enumerate() {
+            normal[(i, i)] = 1.0 / (prior * prior);
+        }
+        let mut right = Mat::<f64>::zeros(c, sides.unwrap_or(1));
+        let reduced: Vec<Option<Reduced>> = sums
+            .iter()
+            .enumerate()
+            .map(|(k, sums)| sums.as_ref().map(|s| self.reduced(base, k, s, fold)))
+            .collect();
+        for (k, reduced) in reduced.iter().enumerate() {
+            if let Some(Reduced { own, told, .. }) = reduced {
+                let weight = self.weight(base, k, 0) / spread[k];
+                normal += weight * own;
+                right += weight * told;
+            }
+        }
+        (solved(normal, &right, &vec![0.0; c]), reduced)
+    }
+
+    /// By how much what each stream says of shared parameters spreads more than
+    /// its noise from draw to draw, where the truth is none; 1 or more:
+    ///
+    /// `mean(b' A^-1 b) / c`, `A` and `b` the normal equations of c parameters.
+    ///
+    /// Vibrations are simulated less well than the noise of a gauge would tell.
+    pub(super) fn spread(&self, base: &Base, sums: &[Option<Sums>]) -> Vec<f64> {
+        sums.iter()
+            .enumerate()
+            .map(|(k, sums)| {
+                let Some(sums) = sums else { return 1.0 };
+                let Reduced { own, told, .. } = self.reduced(base, k, sums, None);
+                let (c, sides) = (told.nrows(), told.ncols());
+                let solution = solved(own, &told, &vec![0.0; c]);
+                let distances = (1..sides).map(|r| {
+                    let dot: f64 = (0..c).map(|i| told[(i, r)] * solution[(i, r)]).sum();
+                    self.weight(base, k, r) * dot
+                });
+                let mean = distances.sum::<f64>() / (c * (sides - 1).max(1)) as f64;
+                mean.max(1.0)
+            })
+            .collect()
+    }
+
+    /// Inverse variance of what is new in a sample of stream `k` by what the base
+    /// leaves of right-hand side `r`.
+    fn weight(&self, base: &Base, k: usize, r: usize) -> f64 {
+        let stream = &self.streams[k];
+        stream.count / (base.errors[k][r].max(1e-300) * stream.inflation)
+    }
+
+    /// Eliminates the base of stream `k`, without `fold`.
+    fn reduced(&self, base: &Base, k: usize, sums: &Sums, fold: Option<usize>) -> Reduced {
+        let q = base.columns[k].len();
+        let (mut gram, mut rhs) = totals(sums);
+        if let Some(fold) = fold {
+            gram -= &sums.gram[fold];
+            rhs -= &sums.right[fold];
+        }
+        let (c, sides) = (gram.nrows() - q, rhs.ncols());
+        let cross = gram.submatrix(0, q, q, c);
+        let solve = |right: MatRef<'_, f64>| {
+            let inner = gram.submatrix(0, 0, q, q).to_owned();
+            solved(inner, &right.to_owned(), &self.ridge(k, &base.columns[k]))
+        };
+        let by = solve(cross);
+        let free = solve(rhs.submatrix(0, 0, q, sides));
+        Reduced {
+            own: gram.submatrix(q, q, c, c) - cross.transpose() * &by,
+            told: rhs.submatrix(q, 0, c, sides) - cross.transpose() * &free,
+            by,
+            free,
+        }
+    }
+}
