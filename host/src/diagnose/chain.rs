@@ -179,7 +179,7 @@ impl Carried {
 }
 
 /// Torque of each shaft as a row over the states, referred.
-pub(super) fn shaft_rows(torsion: &Torsion, drivetrain: &Drivetrain) -> Vec<Vec<f64>> {
+fn shaft_rows(torsion: &Torsion, drivetrain: &Drivetrain) -> Vec<Vec<f64>> {
     drivetrain
         .shafts
         .iter()

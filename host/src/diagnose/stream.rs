@@ -82,8 +82,8 @@ pub enum Term {
     /// `reading u`: a response that changes by the part `u`.
     Gain(Vec<f64>),
     /// A torque `u` in parts of nominal that brakes inertia `body`: in the
-    /// balance, and in each strain as far as neither the loads of the known
-    /// side nor the chain's own response to the loads tell it.
+    /// balance, and in each strain whose torque is told by the loads of that side.
+    /// Its vibrations are left out: they hang on how it sticks at standstill.
     Brake {
         /// Number of the inertia.
         body: usize,
@@ -180,12 +180,12 @@ impl Session {
 
     fn brake(&self, body: usize, u: &[f64]) -> Columns {
         let signals = &self.signals;
-        let brake = scaled(u, signals.nominal_torque);
-        let slow = smooth(&brake, signals.smoothing);
-        let unexplained = signals.unexplained_torque(body, &brake);
-        self.each(|s| match (s.kind, &unexplained, s.shaft) {
+        let slow = smooth(&scaled(u, signals.nominal_torque), signals.smoothing);
+        self.each(|s| match (s.kind, &signals.response, s.shaft) {
             (Kind::Balance, ..) => slow.clone(),
-            (Kind::Strain, Some(torques), Some(shaft)) => product(&s.map, &torques[shaft]),
+            (Kind::Strain, Some(response), Some(shaft)) if response.side[shaft][body] != 0.0 => {
+                scaled(&product(&s.map, &slow), response.side[shaft][body])
+            }
             _ => Vec::new(),
         })
     }

@@ -42,7 +42,7 @@ impl Effect for Resonance {
         let Some(response) = &session.signals.response else {
             return Vec::new();
         };
-        (0..response.shafts.len())
+        (0..response.side.len())
             .flat_map(|s| PARTS.map(|part| vec![s as f64, part]))
             .collect()
     }
