@@ -1,7 +1,9 @@
 //! The wheel bearing of the example, from simulated words to loads.
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
+use loadtwin::bearing::Calibration;
 use loadtwin::build::Sensors;
 use loadtwin::machine::{Kind, Machine};
 use loadtwin::replay::{self, Baselines, Figures};
@@ -141,4 +143,43 @@ fn baselines_are_refused_on_another_machine() {
     let machine = Machine::load(&path).unwrap();
     let refused = Baselines::try_new(&machine).err().unwrap().to_string();
     assert!(refused.contains("allowed: a bearing"), "{refused}");
+}
+
+/// With its phases lost once for a moment, most of a recording on the rig still counts: a mirror
+/// image is told from the truth at once where the loads are known.
+#[test]
+fn a_bearing_is_calibrated_from_a_part_of_the_usual_recording() {
+    const INDIVIDUAL: &str = "1";
+    let folder = tempfile::tempdir().unwrap();
+    let machine = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/bearing/machine.toml");
+    let (rig, out) = (
+        folder.path().join("rig.parquet"),
+        folder.path().join("out.toml"),
+    );
+    let run = |arguments: &[&str]| {
+        let done = Command::new(env!("CARGO_BIN_EXE_loadtwin"))
+            .args(arguments)
+            .output()
+            .unwrap();
+        assert!(done.status.success(), "{done:?}");
+    };
+    let [machine, rig, out] = [&machine, &rig, &out].map(|path| path.to_str().unwrap());
+    run(&[
+        "simulate",
+        machine,
+        "--scenario",
+        "calibration",
+        "--seed",
+        INDIVIDUAL,
+        "--individual",
+        INDIVIDUAL,
+        "--duration-s",
+        "40",
+        "-o",
+        rig,
+    ]);
+    run(&["calibrate", machine, rig, "-o", out]);
+    let found = Calibration::read(Path::new(out), 4).unwrap();
+    // Of a part whose stiffness is within some percent of the described one.
+    assert!(found.physical.stiffness.abs() < 0.2, "{:?}", found.physical);
 }
