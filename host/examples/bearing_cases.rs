@@ -213,6 +213,9 @@ fn main() {
                 "  {case:<20} {:6.2?} valid {:.3} from {:.1} s, {:.0} samples/s",
                 s.rmse, s.valid, s.first_valid_s, s.rate
             );
+            if s.valid == 0.0 {
+                continue;
+            }
             means.entry(case.into()).or_default().push(s.rmse);
             compared.entry(case.into()).or_default().push(s.compared);
         }

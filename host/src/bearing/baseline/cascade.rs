@@ -235,7 +235,7 @@ impl Cascade {
                 .high;
             let angles = [0, 1].map(|row| self.contact(&inner, &running.ring, g, row).angle);
             let belief = &mut running.gauges[g];
-            self.follow(belief, g, local, &angles, &trusted);
+            self.follow(belief, g, local, &angles, trusted);
             for row in 0..ROWS {
                 let approach = self.load.approach(f64::from(belief.state[3 * row + 2])) as f32;
                 approaches[ROWS * g + row] = approach;
@@ -284,7 +284,7 @@ impl Cascade {
         g: usize,
         local: f32,
         angles: &[f64; ROWS],
-        trusted: &[f32; ROWS],
+        trusted: [f32; ROWS],
     ) {
         predict(belief, &self.transition, &self.noise);
         let mut predicted = 0.0;

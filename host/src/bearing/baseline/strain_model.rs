@@ -74,12 +74,12 @@ fn fit_gauge(rig: &Rig<'_>, known: &[Known], features: &[Features], g: usize) ->
     for _ in 0..TURNS {
         let mut sums = Sums::new();
         each_reading(rig, known, features, g, |by, y| {
-            sums.add(by.transpose() * harmonics, y)
+            sums.add(by.transpose() * harmonics, y);
         });
         sensitivity = sums.solve();
         let mut sums = Sums::new();
         each_reading(rig, known, features, g, |by, y| {
-            sums.add(by * sensitivity, y)
+            sums.add(by * sensitivity, y);
         });
         harmonics = sums.solve();
     }
