@@ -2,8 +2,10 @@
 //! on its rig, then driven. `bearing_cases [FIRST [COUNT [sizes]]]`, numbers of the
 //! individuals; with `sizes` each is of another size, too.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
+use loadtwin::bearing::baseline::{Comparison, METHODS, Rmse};
 use loadtwin::bearing::{Calibration, Rig, RigSample, calibrate, model};
 use loadtwin::build::Sensors;
 use loadtwin::machine::{BEARING_LOADS, Bearing, Kind, Machine};
@@ -82,11 +84,15 @@ const CASES: [(&str, &str, &[BearingEffect]); 6] = [
     ),
 ];
 
+type Compared = [[Rmse; 4]; METHODS.len()];
+
 struct Score {
     rmse: [f64; 5],
     valid: f64,
     first_valid_s: f64,
     rate: f64,
+    /// By the paper's algorithms and by the joint filter.
+    compared: Compared,
 }
 
 fn score(
@@ -102,11 +108,16 @@ fn score(
     )
     .unwrap();
     let mut state = filter.start();
+    let mut comparison = Comparison::try_new(machine, bearing, calibration)
+        .unwrap()
+        .unwrap();
+    let mut estimates = Vec::new();
     let mut sums = [0.0; 5];
     let (mut valid, mut first) = (0.0, f64::NAN);
     let started = std::time::Instant::now();
     for (i, (raw, truth)) in samples.iter().enumerate() {
         let estimate = filter.step(&mut state, raw);
+        estimates.push(estimate.clone());
         if estimate.loads.iter().all(|load| load.fault.is_none()) {
             valid += 1.0;
             if first.is_nan() {
@@ -118,6 +129,9 @@ fn score(
         }
     }
     let seconds = started.elapsed().as_secs_f64();
+    for (estimate, (_, truth)) in estimates.iter().zip(samples) {
+        comparison.push(estimate, truth);
+    }
     let ranges = bearing.range.all();
     Score {
         rmse: std::array::from_fn(|i| {
@@ -126,6 +140,7 @@ fn score(
         valid: valid / samples.len() as f64,
         first_valid_s: first,
         rate: samples.len() as f64 / seconds,
+        compared: comparison.rmse(),
     }
 }
 
@@ -147,7 +162,8 @@ fn main() {
     };
     let sizes = arguments.get(3).is_some_and(|text| text == "sizes");
     let sensors = Sensors::choose(&machine, None).unwrap();
-    let mut means = std::collections::BTreeMap::<String, Vec<[f64; 5]>>::new();
+    let mut means = BTreeMap::<String, Vec<[f64; 5]>>::new();
+    let mut compared = BTreeMap::<String, Vec<Compared>>::new();
     for individual in first..first + count {
         let bearing = &if sizes {
             another_size(described, individual)
@@ -197,7 +213,11 @@ fn main() {
                 "  {case:<20} {:6.2?} valid {:.3} from {:.1} s, {:.0} samples/s",
                 s.rmse, s.valid, s.first_valid_s, s.rate
             );
+            if s.valid == 0.0 {
+                continue;
+            }
             means.entry(case.into()).or_default().push(s.rmse);
+            compared.entry(case.into()).or_default().push(s.compared);
         }
     }
     println!("\nmean RMSE [% of range] {BEARING_LOADS:?}");
@@ -206,5 +226,25 @@ fn main() {
             .map(|i| all.iter().map(|r| r[i]).sum::<f64>() / all.len() as f64)
             .collect();
         println!("{case:<22} {mean:6.2?}  of {}", all.len());
+    }
+    println!(
+        "\nmean RMSE [% of range] of Fx, Fz, Mx, Mz, where all three give loads: whole, stable domain"
+    );
+    for (case, all) in &compared {
+        for (m, method) in METHODS.iter().enumerate() {
+            let mean = |domain: fn(&Rmse) -> Option<f64>| -> Vec<f64> {
+                (0..4)
+                    .map(|l| {
+                        let of: Vec<f64> = all.iter().filter_map(|c| domain(&c[m][l])).collect();
+                        of.iter().sum::<f64>() / of.len() as f64
+                    })
+                    .collect()
+            };
+            println!(
+                "{case:<22} {method:<14} {:6.1?} {:6.1?}",
+                mean(|r| r.whole),
+                mean(|r| r.stable)
+            );
+        }
     }
 }

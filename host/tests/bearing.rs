@@ -1,10 +1,12 @@
 //! The wheel bearing of the example, from simulated words to loads.
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
+use loadtwin::bearing::Calibration;
 use loadtwin::build::Sensors;
 use loadtwin::machine::{Kind, Machine};
-use loadtwin::replay::{self, Figures};
+use loadtwin::replay::{self, Baselines, Figures};
 use loadtwin::simulate::{BearingEffect, BearingScenario, BearingSimulation};
 use loadtwin_common::fault::Fault;
 
@@ -110,4 +112,74 @@ fn a_dead_gauge_is_named_within_two_seconds() {
     let after = named.expect("named at all") - SINCE_S;
     println!("named after {after:.2} s");
     assert!(after < 2.0, "{after} s");
+}
+
+#[test]
+fn the_filter_is_better_than_both_algorithms_of_the_paper() {
+    let folder = tempfile::tempdir().unwrap();
+    let machine = example();
+    let path = record(&machine, "lc1", 16.0, &[], folder.path());
+    let sensors = Sensors::choose(&machine, None).unwrap();
+    let mut baselines = Baselines::try_new(&machine).unwrap();
+    replay::run(&machine, &sensors, &path, |sample, estimate, _| {
+        baselines.push(sample, estimate);
+    })
+    .unwrap();
+    let figures = baselines.figures();
+    let rmse = |method: &str, load: &str| figures[method][load]["whole"].as_f64().unwrap();
+    for load in ["Fx", "Fz", "Mx", "Mz"] {
+        let ours = rmse("joint filter", load);
+        for method in ["regression", "cascade"] {
+            let theirs = rmse(method, load);
+            println!("{load}: {ours:.2} %, {method} {theirs:.2} %");
+            assert!(ours < theirs, "{load}");
+        }
+    }
+}
+
+#[test]
+fn baselines_are_refused_on_another_machine() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/rotor/machine.toml");
+    let machine = Machine::load(&path).unwrap();
+    let refused = Baselines::try_new(&machine).err().unwrap().to_string();
+    assert!(refused.contains("allowed: a bearing"), "{refused}");
+}
+
+/// With its phases lost once for a moment, most of a recording on the rig still counts: a mirror
+/// image is told from the truth at once where the loads are known.
+#[test]
+fn a_bearing_is_calibrated_from_a_part_of_the_usual_recording() {
+    const INDIVIDUAL: &str = "1";
+    let folder = tempfile::tempdir().unwrap();
+    let machine = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/bearing/machine.toml");
+    let (rig, out) = (
+        folder.path().join("rig.parquet"),
+        folder.path().join("out.toml"),
+    );
+    let run = |arguments: &[&str]| {
+        let done = Command::new(env!("CARGO_BIN_EXE_loadtwin"))
+            .args(arguments)
+            .output()
+            .unwrap();
+        assert!(done.status.success(), "{done:?}");
+    };
+    let [machine, rig, out] = [&machine, &rig, &out].map(|path| path.to_str().unwrap());
+    run(&[
+        "simulate",
+        machine,
+        "--scenario",
+        "calibration",
+        "--seed",
+        INDIVIDUAL,
+        "--individual",
+        INDIVIDUAL,
+        "--duration-s",
+        "40",
+        "-o",
+        rig,
+    ]);
+    run(&["calibrate", machine, rig, "-o", out]);
+    let found = Calibration::read(Path::new(out), 4).unwrap();
+    // Of a part whose stiffness is within some percent of the described one.
+    assert!(found.physical.stiffness.abs() < 0.2, "{:?}", found.physical);
 }

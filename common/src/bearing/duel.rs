@@ -91,16 +91,20 @@ impl Bearing {
         let duel = &mut state.duel;
         duel.blocks = duel.blocks.saturating_add(1);
         let mirror = duel.is_with_mirror();
-        let (length, burn_in) = if !duel.settled && mirror && state.trust.is_earned() {
+        // With the loads told, local strain alone tells the image from the truth.
+        let undecided = !duel.settled && state.known.is_none();
+        let (length, burn_in) = if undecided && mirror && state.trust.is_earned() {
             (LONGEST_DUEL, MIRROR_BURN_IN)
         } else if duel.won > 0 {
             (DUEL, BURN_IN)
         } else {
             (FIRST_DUEL, FIRST_BURN_IN)
         };
-        if duel.blocks > burn_in {
-            duel.lead += challenger - champion;
-        }
+        duel.lead = if duel.blocks > burn_in {
+            duel.lead + challenger - champion
+        } else {
+            0.0
+        };
         let prior =
             state.challenger.prior(&self.model.tuning) - state.champion.prior(&self.model.tuning);
         let verdict = duel.lead + prior;
@@ -109,7 +113,7 @@ impl Bearing {
         } else {
             MARGIN
         };
-        let settles = mirror && duel.blocks > burn_in && verdict.abs() > decisive;
+        let settles = mirror && duel.blocks > MIRROR_BURN_IN && verdict.abs() > decisive;
         let broken = !state.champion.is_finite();
         let over = duel.blocks >= length || duel.lead > HOPELESS || settles && !duel.settled;
         if !over && !broken {

@@ -6,6 +6,7 @@ use std::path::Path;
 use loadtwin_common::bearing::{FEATURES, HARMONICS, LOADS, ROWS};
 use serde::{Deserialize, Serialize};
 
+use super::baseline::Baseline;
 use super::physical::Physical;
 use crate::machine::MachineError;
 
@@ -26,6 +27,9 @@ pub struct Calibration {
     pub physical_std: Physical,
     /// Each gauge, in the order of the description.
     pub gauge: Vec<Answer>,
+    /// What the algorithms need that the filter is compared with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub baseline: Option<Baseline>,
 }
 
 /// How one gauge answers [um/m / kN], moments over the groove's radius.
@@ -79,6 +83,7 @@ impl Calibration {
                 };
                 gauges
             ],
+            baseline: None,
         }
     }
 

@@ -11,6 +11,7 @@ use loadtwin_common::bearing::{GAUGES, LOADS};
 use loadtwin_common::raw::RawSample;
 
 use super::answers::{fit_gauges, uncertainty};
+use super::baseline::Baseline;
 use super::calibration::Calibration;
 use super::follow::follow;
 use super::refine::refine;
@@ -60,6 +61,7 @@ pub fn calibrate(rig: &Rig<'_>, samples: &[RigSample]) -> Result<Calibration, Bu
         }
     }
     uncertainty(rig, &known, &mut calibration)?;
+    calibration.baseline = Some(Baseline::fit(rig, samples, &known)?);
     Ok(calibration)
 }
 

@@ -1,6 +1,7 @@
 //! Design-time model of the wheel bearing: estimator and calibration.
 
 mod answers;
+pub mod baseline;
 mod build;
 mod calibration;
 mod fit;

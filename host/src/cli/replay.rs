@@ -12,9 +12,9 @@ use super::progress::Progress;
 use crate::build::{Filter, Sensors};
 use crate::machine::Machine;
 use crate::replay::{
-    self, Displacements, EstimateWriter, Figures, Phasor, ReportPage, Sample, Speeds,
+    self, Baselines, Displacements, EstimateWriter, Figures, Phasor, ReportPage, Sample, Speeds,
 };
-use crate::report::Report;
+use crate::report::{Report, Table};
 
 /// Run the estimator on a recording and report its error.
 #[derive(Debug, Args)]
@@ -29,6 +29,9 @@ pub struct Replay {
     /// The filter.
     #[arg(long, value_enum, default_value_t)]
     filter: Filter,
+    /// Run the algorithms of the paper beside the filter, on a bearing.
+    #[arg(long, conflicts_with = "all_sensors")]
+    baselines: bool,
     /// One line for each set of sensors of the description.
     #[arg(long, conflicts_with_all = ["estimates", "report"])]
     all_sensors: bool,
@@ -48,19 +51,24 @@ pub(super) struct Outcome {
     pub(super) displacements: Displacements,
     pub(super) phasor: Phasor,
     pub(super) speeds: Speeds,
+    pub(super) baselines: Option<Baselines>,
     pub(super) seconds: f64,
 }
 
 impl Outcome {
     fn page(&self, page: ReportPage, machine: &Machine, sensors: &Sensors, name: &str) -> Report {
-        page.finish(
+        let mut report = page.finish(
             machine,
             sensors,
             name,
             &self.figures,
             &self.displacements,
             &self.phasor,
-        )
+        );
+        report
+            .tables
+            .extend(self.baselines.as_ref().map(Baselines::table));
+        report
     }
 }
 
@@ -96,6 +104,9 @@ impl Replay {
             }
             print_displacements(&outcome.displacements);
             print_phasor(&machine, &outcome.phasor);
+            if let Some(baselines) = &outcome.baselines {
+                print_baselines(&baselines.table());
+            }
         }
         Ok(())
     }
@@ -111,14 +122,21 @@ impl Replay {
             .is_some()
             .then(|| ReportPage::new(machine, &sensors));
         let mut written = Ok(());
-        let outcome = one_set(machine, &sensors, &self.recording, |sample, estimate| {
-            if let (Some(writer), true) = (&mut estimates, written.is_ok()) {
-                written = writer.push(sample.t, estimate);
-            }
-            if let Some(page) = &mut page {
-                page.push(sample, estimate);
-            }
-        })?;
+        let baselines = (self.baselines.then(|| Baselines::try_new(machine))).transpose()?;
+        let outcome = one_set(
+            machine,
+            &sensors,
+            &self.recording,
+            baselines,
+            |sample, estimate| {
+                if let (Some(writer), true) = (&mut estimates, written.is_ok()) {
+                    written = writer.push(sample.t, estimate);
+                }
+                if let Some(page) = &mut page {
+                    page.push(sample, estimate);
+                }
+            },
+        )?;
         written?;
         if let Some(writer) = estimates {
             writer.finish()?;
@@ -137,7 +155,7 @@ impl Replay {
 pub(super) fn write_page(machine: &Machine, recording: &Path, path: &Path) -> anyhow::Result<()> {
     let sensors = Sensors::choose(machine, None)?;
     let mut page = ReportPage::new(machine, &sensors);
-    let outcome = one_set(machine, &sensors, recording, |sample, estimate| {
+    let outcome = one_set(machine, &sensors, recording, None, |sample, estimate| {
         page.push(sample, estimate);
     })?;
     let name = recording.file_name().unwrap_or_default().to_string_lossy();
@@ -150,6 +168,7 @@ fn one_set(
     machine: &Machine,
     sensors: &Sensors,
     recording: &Path,
+    mut baselines: Option<Baselines>,
     mut each: impl FnMut(&Sample<'_>, &Estimate),
 ) -> anyhow::Result<Outcome> {
     let started = Instant::now();
@@ -167,6 +186,9 @@ fn one_set(
             phasor.push(sample, estimate);
             displacements.push(sample, line);
             speeds.push(sample, estimate);
+            if let Some(baselines) = &mut baselines {
+                baselines.push(sample, estimate);
+            }
             each(sample, estimate);
             if figures.samples().is_multiple_of(8192) {
                 progress.show(part);
@@ -180,6 +202,7 @@ fn one_set(
         displacements,
         phasor,
         speeds,
+        baselines,
         seconds: started.elapsed().as_secs_f64(),
     })
 }
@@ -206,6 +229,7 @@ pub(super) fn every_set(
                 machine,
                 &Sensors::choose(machine, name)?.filtered_by(filter),
                 recording,
+                None,
                 |_, _| (),
             )
         })
@@ -234,6 +258,7 @@ pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> 
         "virtual": outcome.displacements.nodes(),
         "speed_note": outcome.speeds.note(),
         "phasor_inversion": outcome.phasor.figures(),
+        "baselines": outcome.baselines.as_ref().map(Baselines::figures),
     })
 }
 
@@ -298,6 +323,17 @@ fn print_phasor(machine: &Machine, phasor: &Phasor) {
             "1x phasor inversion, NMAE {load}: {}",
             by_segment.join(", ")
         );
+    }
+}
+
+/// The tables of the paper, each column as wide as its heading.
+fn print_baselines(table: &Table) {
+    say!("{}", table.caption);
+    for row in std::iter::once(&table.head).chain(&table.rows) {
+        let cells: Vec<String> = (row.iter().zip(&table.head))
+            .map(|(cell, head)| format!("{cell:>0$}", head.chars().count().max(11)))
+            .collect();
+        say!("{}", cells.join("  "));
     }
 }
 

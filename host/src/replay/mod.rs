@@ -1,5 +1,6 @@
 //! `loadtwin replay`: the estimator on a recording.
 
+mod baselines;
 mod displacements;
 mod estimates;
 mod figures;
@@ -16,6 +17,7 @@ use loadtwin_common::image::Image;
 use loadtwin_common::line::Line;
 use thiserror::Error;
 
+pub use baselines::Baselines;
 pub use displacements::{Displacements, NodeFigures, displacement_columns};
 pub use estimates::EstimateWriter;
 pub use figures::{Figures, LoadFigures};
@@ -40,6 +42,11 @@ pub enum ReplayError {
     /// The image is refused by the estimator.
     #[error("the model image is refused: {0}")]
     Image(loadtwin_common::Error),
+    /// There is nothing to compare the filter with.
+    #[error(
+        "--baselines: found machine {0:?}, allowed: a bearing whose calibration holds them (`loadtwin calibrate` writes them)"
+    )]
+    NoBaselines(String),
 }
 
 /// Runs the estimator of `machine` with `sensors` on the recording in `path`

@@ -1,0 +1,54 @@
+//! The two algorithms of Kerst et al. 2019, to compare the joint filter with: the cascade of
+//! strain-model and load-model filters, and the regression of the bulk strain.
+
+mod cascade;
+mod comparison;
+mod load_model;
+mod regression;
+mod strain_model;
+
+use nalgebra::SVector;
+use serde::{Deserialize, Serialize};
+
+pub use comparison::{Comparison, METHODS, PUBLISHED, Rmse};
+pub use regression::Regression;
+pub use strain_model::StrainModel;
+
+use super::fit::{Rig, RigSample};
+use super::follow::Known;
+use crate::build::BuildError;
+
+/// Loads that the paper's algorithms estimate, as places among all five: the axial force is
+/// not among them.
+pub const ESTIMATED: [usize; OUT] = [0, 2, 3, 4];
+/// Their number.
+pub const OUT: usize = 4;
+/// Those loads, in ranges of the description.
+type Loads = SVector<f64, OUT>;
+
+/// What the paper's algorithms need of a calibration.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Baseline {
+    /// The reference algorithm.
+    pub regression: Regression,
+    /// How each gauge answers to its contacts in the cascade.
+    pub strain: Vec<StrainModel>,
+}
+
+impl Baseline {
+    /// Fits both to a recording on the rig; `known`: its blocks with their phases.
+    ///
+    /// # Errors
+    /// When the description makes no geometry.
+    pub(super) fn fit(
+        rig: &Rig<'_>,
+        samples: &[RigSample],
+        known: &[Known],
+    ) -> Result<Self, BuildError> {
+        Ok(Self {
+            regression: Regression::fit(rig, samples)?,
+            strain: strain_model::fit(rig, known)?,
+        })
+    }
+}
