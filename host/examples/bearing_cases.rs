@@ -227,10 +227,15 @@ fn main() {
             .collect();
         println!("{case:<22} {mean:6.2?}  of {}", all.len());
     }
+    print_compared(&compared);
+}
+
+/// Tables III to V: the mean over the bearings for each case and method.
+fn print_compared(compared: &BTreeMap<String, Vec<Compared>>) {
     println!(
         "\nmean RMSE [% of range] of Fx, Fz, Mx, Mz, where all three give loads: whole, stable domain"
     );
-    for (case, all) in &compared {
+    for (case, all) in compared {
         for (m, method) in METHODS.iter().enumerate() {
             let mean = |domain: fn(&Rmse) -> Option<f64>| -> Vec<f64> {
                 (0..4)
