@@ -60,6 +60,8 @@ pub struct RotorState<const NZ: usize, const NX: usize> {
     active: Active<NZ, NX>,
     /// Samples in a row that used every sensor.
     calm: u32,
+    /// Sensors outside of their gates in the last sample of the full recursion.
+    contradict: usize,
     age: u16,
     started: bool,
 }
@@ -130,6 +132,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
                 load_std: [0.0; MAX_LOADS],
             },
             calm: 0,
+            contradict: 0,
             age: u16::MAX,
             started: false,
         }
@@ -244,6 +247,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         state.shaft = Shaft::new(self.model.speeds.nominal);
         self.follow(&mut state.active, self.model.speeds.nominal);
         state.calm = 0;
+        state.contradict = 0;
         state.age = u16::MAX;
         state.started = true;
     }
@@ -326,6 +330,10 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
 
     /// Each channel by the full recursion.
     fn update(&self, state: &mut RotorState<NZ, NX>, m: &Measurement, estimate: &mut Estimate) {
+        // Where several, and more than half of all, contradict at once, it is the model that errs,
+        // as after a start that it was not made for, and not they.
+        let open = state.contradict > 1 && 2 * state.contradict > self.rows.len();
+        state.contradict = 0;
         let mut all = true;
         for (i, (row, channel)) in self.rows.iter().zip(&self.model.channels).enumerate() {
             let value = match m.values.get(i) {
@@ -346,8 +354,9 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
                 row,
                 value - channel.offset,
                 channel.variance,
-                |nis| gate.admits(nis),
+                |nis| gate.admits(nis) || open,
             );
+            state.contradict += usize::from(told.nis > self.model.gate_nis);
             if used {
                 state.age = 0;
             }

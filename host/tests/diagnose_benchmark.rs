@@ -4,6 +4,8 @@
 mod cases;
 #[path = "../examples/diagnose_benchmark/outside.rs"]
 mod outside;
+#[path = "../examples/diagnose_benchmark/rate.rs"]
+mod rate;
 #[path = "../examples/diagnose_benchmark/score.rs"]
 mod score;
 #[path = "../examples/diagnose_benchmark/told.rs"]
@@ -13,7 +15,8 @@ use std::path::Path;
 
 use loadtwin::machine::Machine;
 
-use score::{Rate, Score};
+use rate::Rate;
+use score::Score;
 
 /// Seed of the machines and cases.
 const SEED: u64 = 2026;

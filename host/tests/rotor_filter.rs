@@ -322,6 +322,19 @@ fn another_rotor_at_another_speed() {
     }
 }
 
+/// Sensors so good that the model's errors after the start are far outside of their noise.
+#[test]
+fn a_start_that_the_model_errs_in_is_no_fault_of_the_sensors() {
+    let case = Case {
+        kind: LoadKind::Unbalance,
+        noise_m: 1e-8,
+        noisy: false,
+    };
+    let outcome = case.run(soft(), 1);
+    assert!(outcome.start_um <= 10.0, "{}", outcome.start_um);
+    assert!(outcome.settled_um <= 0.4, "{}", outcome.settled_um);
+}
+
 /// From below the first critical speed, 141 rad/s, to above it, with a counting encoder.
 #[test]
 fn a_run_up_through_the_first_critical_speed() {

@@ -1,21 +1,24 @@
 //! What a rotor's description may not be is said in one line: where, what was found and
 //! what is allowed. And rotors of other sizes than the example.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use loadtwin::build::{self, Filter, Sensors};
-use loadtwin::machine::{Machine, MachineError};
+use loadtwin::machine::{Drift, Machine, MachineError};
 use loadtwin_common::image::Image;
 use loadtwin_common::line::Line;
 
-fn example() -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/rotor/machine.toml");
-    std::fs::read_to_string(path).unwrap()
+fn example() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/rotor/machine.toml")
+}
+
+fn machine() -> Machine {
+    Machine::load(&example()).unwrap()
 }
 
 /// The example with `from` replaced by `to` where it first stands.
 fn changed(from: &str, to: &str) -> Result<Machine, MachineError> {
-    let text = example();
+    let text = std::fs::read_to_string(example()).unwrap();
     assert!(text.contains(from), "{from}");
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("machine.toml");
@@ -71,6 +74,11 @@ fn what_a_rotor_may_not_be_is_said_in_one_line() {
             ["channel[1].adc.lsb", "0.000001 m", "another unit"],
         ),
         (
+            "noise_std = 1e-7",
+            "noise_std = 1e-7\ndrift = { std = 20, time_s = 600 }",
+            ["channel[1].drift.std", "20 m", "another unit"],
+        ),
+        (
             "walk_n_per_sqrt_s = 0.0018",
             "walk_n_per_sqrt_s = 0",
             ["rotor.load[1].walk_n_per_sqrt_s", "0", "> 0"],
@@ -85,43 +93,60 @@ fn what_a_rotor_may_not_be_is_said_in_one_line() {
     }
 }
 
+/// Builds the image with all sensors and starts the line; what `build` says where it refuses.
+fn built(machine: &Machine, filter: Filter) -> Result<(), String> {
+    let sensors = Sensors::choose(machine, None).unwrap().filtered_by(filter);
+    let payload = build::image(machine, &sensors).map_err(|error| error.to_string())?;
+    Line::try_build(Image::from_bytes(&payload).unwrap()).unwrap();
+    Ok(())
+}
+
 #[test]
 fn a_rotor_has_no_filter_of_gains_alone() {
-    let machine = changed("format", "format").unwrap();
-    let sensors = Sensors::choose(&machine, None).unwrap();
-    let refused = build::image(&machine, &sensors.filtered_by(Filter::Steady))
-        .unwrap_err()
-        .to_string();
+    let refused = built(&machine(), Filter::Steady).unwrap_err();
     assert!(refused.starts_with("--filter: found steady"), "{refused}");
 }
 
 #[test]
 fn rotors_of_other_sizes_are_filled_up_and_larger_ones_refused() {
+    let with_modes = |modes: usize| {
+        let mut machine = machine();
+        machine.rotor.as_mut().unwrap().reduction.modes = Some(modes);
+        built(&machine, Filter::Aekf)
+    };
     for modes in [2, 3, 4] {
-        let machine = changed("initial_std", &format!("modes = {modes}\ninitial_std")).unwrap();
-        let sensors = Sensors::choose(&machine, None).unwrap();
-        let payload = build::image(&machine, &sensors).unwrap();
-        assert!(Line::try_build(Image::from_bytes(&payload).unwrap()).is_ok());
+        assert_eq!(with_modes(modes), Ok(()));
     }
-    let machine = changed("initial_std", "modes = 5\ninitial_std").unwrap();
-    let sensors = Sensors::choose(&machine, None).unwrap();
-    let refused = build::image(&machine, &sensors).unwrap_err().to_string();
-    assert_eq!(
-        refused,
-        "rotor.reduction.modes: found 5, allowed: at most 4 beside the 2 loads"
-    );
+    let refused = "rotor.reduction.modes: found 5, allowed: at most 4 beside the 2 loads";
+    assert_eq!(with_modes(5), Err(refused.into()));
 }
 
 /// One disc in place of two, one load, six modes.
 #[test]
 fn a_rotor_with_one_load_has_room_for_more_modes() {
-    let mut machine = changed("format", "format").unwrap();
+    let mut machine = machine();
     let rotor = machine.rotor.as_mut().unwrap();
     rotor.loads.truncate(1);
     rotor.discs.truncate(1);
     rotor.reduction.modes = Some(6);
     machine.references.truncate(2);
-    let sensors = Sensors::choose(&machine, None).unwrap();
-    let payload = build::image(&machine, &sensors).unwrap();
-    assert!(Line::try_build(Image::from_bytes(&payload).unwrap()).is_ok());
+    assert_eq!(built(&machine, Filter::Aekf), Ok(()));
+}
+
+#[test]
+fn more_drifting_sensors_than_states_are_refused() {
+    let mut machine = machine();
+    let mut more = machine.channels[0].clone();
+    more.name = "x5b".into();
+    machine.channels.push(more);
+    for channel in &mut machine.channels {
+        channel.drift = Some(Drift {
+            std: 1e-5,
+            time_s: 600.0,
+        });
+    }
+    let refused = built(&machine, Filter::Aekf).unwrap_err();
+    assert!(refused.contains("5 channels with a drift"), "{refused}");
+    machine.channels.pop();
+    assert_eq!(built(&machine, Filter::Aekf), Ok(()));
 }

@@ -4,7 +4,9 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use loadtwin::build::{self, Sensors};
 use loadtwin::machine::Machine;
+use loadtwin::rotor::tune::Trial;
 use loadtwin::simulate::{RotorScenario, RotorSimulation};
 use serde_json::Value;
 
@@ -34,6 +36,28 @@ fn loadtwin(arguments: &[&str], paths: &[&Path]) -> Output {
         .args(paths)
         .output()
         .unwrap()
+}
+
+/// What the model makes of the estimated forces is what the sensors read, also through a
+/// critical speed, where the model is another one at each speed.
+#[test]
+fn the_objectives_of_the_paper_hold_where_the_speed_varies() {
+    let mut machine = Machine::load(&example()).unwrap();
+    let encoder = "name = \"shaft\"\ncounts_per_turn = 4096\nbits = 16";
+    machine.encoders.push(toml::from_str(encoder).unwrap());
+    machine.rotor.as_mut().unwrap().schedule_rad_s = Some([80.0, 200.0]);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run-up.parquet");
+    let rotor = machine.rotor.as_ref().unwrap();
+    let scenario = RotorScenario::by_name("run-up", rotor, 5, Some(5.0)).unwrap();
+    let simulation = RotorSimulation::new(&machine, rotor, scenario).unwrap();
+    simulation.write(&path, |_| ()).unwrap();
+    let sensors = Sensors::choose(&machine, None).unwrap();
+    let payload = build::image(&machine, &sensors).unwrap();
+    let trial = Trial::new(&machine, rotor, &sensors, &payload, &[path]).unwrap();
+    let objectives = trial.run(&[0.0; 8]).objectives;
+    println!("objectives in a run-up: {objectives:?}");
+    assert!(objectives.iter().all(|f| *f < 0.02), "{objectives:?}");
 }
 
 #[test]

@@ -11,6 +11,7 @@
 
 mod cases;
 mod outside;
+mod rate;
 mod score;
 mod told;
 

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
-use toml_edit::{DocumentMut, InlineTable, Item, TableLike, Value};
+use toml_edit::{Array, DocumentMut, InlineTable, Item, TableLike, Value};
 
 use crate::atomic_file::AtomicFile;
 use crate::machine::{Channel, six_digits, write_columns};
@@ -84,6 +84,25 @@ impl Description {
     /// Sets `key` of entry `index` of the list of tables `list` to a number of six digits;
     /// nothing where there is no such entry.
     pub fn set_number_at(&mut self, list: &str, index: usize, key: &str, value: f64) {
+        self.set_at(list, index, key, six_digits(value).into());
+    }
+
+    /// As [`Description::set_number_at`], a matrix.
+    pub fn set_matrix_at(&mut self, list: &str, index: usize, key: &str, rows: &[[f64; 2]]) {
+        let row = |row: &[f64; 2]| {
+            row.iter()
+                .map(|value| six_digits(*value))
+                .collect::<Array>()
+        };
+        self.set_at(
+            list,
+            index,
+            key,
+            rows.iter().map(row).collect::<Array>().into(),
+        );
+    }
+
+    fn set_at(&mut self, list: &str, index: usize, key: &str, value: Value) {
         let entry = match self.item(list) {
             Some(Item::ArrayOfTables(tables)) => tables
                 .get_mut(index)
@@ -94,7 +113,7 @@ impl Description {
             _ => None,
         };
         if let Some(entry) = entry {
-            put(entry, key, six_digits(value).into());
+            put(entry, key, value);
         }
     }
 

@@ -11,8 +11,8 @@ use super::output::say;
 use super::progress::Progress;
 use crate::balance::Request;
 use crate::diagnose::effect::Effect;
-use crate::diagnose::{self, Diagnosis, Observed, Session, Verdict};
-use crate::machine::Machine;
+use crate::diagnose::{self, Diagnosis, Observed, RotorSession, Session, Verdict};
+use crate::machine::{Kind, Machine};
 
 /// Find which physical effect a model lacks, and add it.
 ///
@@ -50,7 +50,10 @@ impl Diagnose {
         if machine.balance.is_some() {
             return self.run_balance(&machine, as_json);
         }
-        self.run_kind::<Session>(&machine, started, as_json)
+        match machine.kind() {
+            Some(Kind::Rotor(_)) => self.run_kind::<RotorSession>(&machine, started, as_json),
+            _ => self.run_kind::<Session>(&machine, started, as_json),
+        }
     }
 
     fn run_kind<S: Observed>(
@@ -132,6 +135,18 @@ impl Diagnose {
 
 fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
     say!("{}", diagnose::sentence(&diagnosis.verdict));
+    let session = &diagnosis.sessions[0];
+    for found in &diagnosis.selection.found {
+        let place = |shape: &Vec<f64>| found.effect.place(session, shape);
+        let places: Vec<String> = [&found.shape]
+            .into_iter()
+            .chain(&found.elsewhere)
+            .filter_map(place)
+            .collect();
+        if !places.is_empty() {
+            say!("{} at {}", found.effect.name(), places.join(", or at "));
+        }
+    }
     if let Verdict::Inseparable(names) = &diagnosis.verdict
         && let Some(effect) = names.first().and_then(|n| diagnose::by_name::<S>(n))
     {
@@ -144,7 +159,7 @@ fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
             silent.join(", ")
         );
     }
-    if let Some(note) = diagnosis.sessions[0].note(&silent) {
+    if let Some(note) = session.note(&silent) {
         say!("{note}");
     }
     say!("{:<26}{:>12}{:>12}", "candidate", "evidence", "by chance");
@@ -190,7 +205,11 @@ fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
 
 /// The effects, for the long help.
 fn library() -> String {
-    format!("Effects:\n{}", listed::<Session>())
+    format!(
+        "Effects:\n{}\nEffects of a rotor:\n{}",
+        listed::<Session>(),
+        listed::<RotorSession>()
+    )
 }
 
 fn listed<S: Observed>() -> String {

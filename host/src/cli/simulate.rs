@@ -11,7 +11,8 @@ use super::progress::Progress;
 use crate::machine::{Bearing, Kind, Machine, Rotor};
 use crate::simulate::{
     Applied, BEARING_EFFECTS, BearingEffect, BearingScenario, BearingSimulation, EFFECTS,
-    ROTOR_SCENARIOS, RotorScenario, RotorSimulation, Scenario, Simulation,
+    ROTOR_EFFECTS, ROTOR_SCENARIOS, RotorEffect, RotorScenario, RotorSimulation, Scenario,
+    Simulation,
 };
 
 /// Write a recording of a machine that is not there, from an independent,
@@ -74,14 +75,21 @@ impl Simulate {
         started: Instant,
         as_json: bool,
     ) -> anyhow::Result<()> {
-        anyhow::ensure!(self.effect.is_empty(), "effect: a rotor has none yet");
+        let effects = (self.effect.iter())
+            .map(|text| text.parse())
+            .collect::<Result<Vec<RotorEffect>, _>>()?;
+        let individual = self.individual.unwrap_or(self.seed);
         let name = if self.scenario == "start-stop" {
             "constant"
         } else {
             &self.scenario
         };
-        let scenario = RotorScenario::by_name(name, rotor, self.seed, self.duration_s)?;
-        let simulation = RotorSimulation::new(machine, rotor, scenario)?;
+        let scenario = RotorScenario {
+            seed: self.seed,
+            ..RotorScenario::by_name(name, rotor, individual, self.duration_s)?
+        };
+        let simulation =
+            RotorSimulation::with_effects(machine, rotor, scenario, individual, &effects)?;
         let rows = simulation.rows();
         let progress = Progress::new("simulate");
         simulation.write(&self.output, |part| progress.show(part))?;
@@ -153,7 +161,7 @@ fn lists() -> String {
     for effect in EFFECTS {
         text += &format!("  {:<24}{}\n", effect.name, effect.typical);
     }
-    for (name, what) in BEARING_EFFECTS {
+    for (name, what) in ROTOR_EFFECTS.into_iter().chain(BEARING_EFFECTS) {
         text += &format!("  {name:<24}{what}\n");
     }
     text

@@ -100,6 +100,10 @@ impl Observed for Session {
         &self.streams[k].residual
     }
 
+    fn clean(&self, k: usize) -> &[f64] {
+        &self.streams[k].clean
+    }
+
     fn set_residual(&mut self, k: usize, residual: Vec<f64>) {
         self.streams[k].residual = residual;
     }

@@ -115,9 +115,17 @@ fn interval(sessions: &[Session], residuals: &[Vec<Vec<f64>>], seed: u64) -> Int
             blocks.push((known.clone().map(|e| e.abs()).sum(), known.count() as f64));
         }
     }
-    blocks.retain(|b| b.1 > 0.0);
     // What the gauges say together is no reference for itself.
-    if blocks.is_empty() || sessions.iter().any(|s| s.told == Told::Gauges) {
+    if sessions.iter().any(|s| s.told == Told::Gauges) {
+        blocks.clear();
+    }
+    means(&blocks, seed)
+}
+
+/// Mean of blocks, each by its sum and its count, with its interval [%]; none without blocks.
+pub(super) fn means(blocks: &[(f64, f64)], seed: u64) -> Interval {
+    let blocks: Vec<(f64, f64)> = blocks.iter().copied().filter(|b| b.1 > 0.0).collect();
+    if blocks.is_empty() {
         return Interval {
             value_percent: None,
             interval_percent: None,

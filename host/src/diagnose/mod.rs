@@ -23,10 +23,12 @@ mod observed;
 mod page;
 mod recorded;
 mod refit;
+mod rotor;
 mod seen;
 mod select;
 mod shared;
 mod signals;
+mod spread;
 mod stream;
 mod structure;
 mod sums;
@@ -43,15 +45,19 @@ pub use error::{Interval, LoadErrors, load_errors};
 pub use observe::observe;
 pub use observed::{Abscissa, Observed};
 pub use page::{page, sentence};
+pub use rotor::RotorSession;
 pub use select::{Found, Ranked, Selection};
 pub use signals::Signals;
 pub use stream::{Kind, Session, Stream, Term, Told};
 pub use structure::{Oddity, oddities};
 pub use verdict::{Verdict, by_name, cannot_show, report};
 
+use crate::build::BuildError;
 use crate::calibrate::CalibrateError;
 use crate::machine::{Machine, MachineError};
 use crate::recording::RecordingError;
+use crate::replay::ReplayError;
+use crate::rotor::RotorError;
 use crate::simulate::SimulateError;
 use effect::Effect;
 
@@ -59,7 +65,7 @@ use effect::Effect;
 #[derive(Debug, Error)]
 pub enum DiagnoseError {
     /// The machine is none whose residuals are known.
-    #[error("the machine has no [drivetrain]; only drivetrains can be diagnosed")]
+    #[error("the machine has neither [drivetrain] nor [rotor]; only these can be diagnosed")]
     NoDrivetrain,
     /// The recording does not say enough.
     #[error("{}: {reason}", recording.display())]
@@ -78,6 +84,20 @@ pub enum DiagnoseError {
     /// A file of the description cannot be used.
     #[error(transparent)]
     Machine(#[from] MachineError),
+    /// The recording of a rotor cannot be read.
+    #[error(transparent)]
+    Replay(#[from] ReplayError),
+    /// The sensors cannot be used together.
+    #[error(transparent)]
+    Sensors(#[from] BuildError),
+    /// A load that may do what any effect does.
+    #[error(
+        "rotor.load[{0}].kind: found \"walk\", allowed: \"unbalance\"; beside a load that may be anything no effect can be told"
+    )]
+    AnyLoad(usize),
+    /// The rotor cannot be computed.
+    #[error("rotor: {0}")]
+    Rotor(#[from] RotorError),
     /// The machine without effect cannot be simulated.
     #[error(transparent)]
     Simulate(#[from] SimulateError),

@@ -75,39 +75,64 @@ pub fn draws(machine: &Machine, sessions: &mut [Session], seed: u64) -> Draws {
             sessions
                 .iter()
                 .zip(&clean)
-                .map(|(session, clean)| drawn(session, clean.as_deref(), &mut rng))
+                .map(|(session, clean)| match clean {
+                    Some(clean) => {
+                        let alike = &clean[..SIMULATIONS as usize];
+                        drawn(session, &residuals(alike), &mut rng)
+                    }
+                    None => turned(session, &mut rng),
+                })
                 .collect()
         })
         .collect()
 }
 
-fn drawn(session: &Session, clean: Option<&[Session]>, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
-    let n = session.signals.len();
-    let length = session.block();
-    let blocks = n.div_ceil(length);
-    let choice: Vec<usize> = (0..blocks)
-        .map(|_| rng.random_range(0..SIMULATIONS as usize))
+fn residuals(clean: &[Session]) -> Vec<Vec<Vec<f64>>> {
+    let of = |s: &Session| s.streams.iter().map(|k| k.residual.clone()).collect();
+    clean.iter().map(of).collect()
+}
+
+/// Each block from one of the simulations, `clean[simulation][stream]`, beside what the model
+/// has of a clean machine already.
+pub(super) fn drawn<S: Observed>(
+    session: &S,
+    clean: &[Vec<Vec<f64>>],
+    rng: &mut ChaCha8Rng,
+) -> Vec<Vec<f64>> {
+    let (n, block) = (session.speed().len(), session.block());
+    let choice: Vec<usize> = (0..n.div_ceil(block))
+        .map(|_| rng.random_range(0..clean.len()))
         .collect();
-    session
-        .streams
-        .iter()
-        .enumerate()
-        .map(|(k, stream)| {
-            let mean = mean(&stream.residual);
+    (0..session.streams().len())
+        .map(|k| {
+            let known = session.clean(k);
             (0..n)
                 .map(|i| {
-                    let chosen = choice[i / length];
-                    match clean {
-                        Some(clean) => {
-                            let drawn = clean[chosen].streams.get(k);
-                            let drawn = drawn.and_then(|s| s.residual.get(i).copied());
-                            drawn.map_or(f64::NAN, |r| r + stream.clean[i])
-                        }
-                        None if chosen.is_multiple_of(2) => stream.residual[i] - mean,
-                        None => mean - stream.residual[i],
-                    }
+                    let drawn = clean[choice[i / block]]
+                        .get(k)
+                        .and_then(|r| r.get(i).copied());
+                    drawn.map_or(f64::NAN, |r| r + known.get(i).copied().unwrap_or(0.0))
                 })
                 .collect()
+        })
+        .collect()
+}
+
+/// The residual itself, blocks of it turned about their mean.
+fn turned(session: &Session, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
+    let (n, block) = (session.signals.len(), session.block());
+    let choice: Vec<bool> = (0..n.div_ceil(block)).map(|_| rng.random()).collect();
+    (session.streams.iter())
+        .map(|stream| {
+            let mean = mean(&stream.residual);
+            let about = |(i, r): (usize, &f64)| {
+                if choice[i / block] {
+                    r - mean
+                } else {
+                    mean - r
+                }
+            };
+            stream.residual.iter().enumerate().map(about).collect()
         })
         .collect()
 }

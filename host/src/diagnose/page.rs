@@ -54,6 +54,12 @@ pub fn sentence(verdict: &Verdict) -> String {
     match verdict {
         Verdict::None => "nothing is missing that this recording shows".into(),
         Verdict::Effects(names) => format!("missing: {}", names.join(", ")),
+        Verdict::Inseparable(names) if names.len() == 1 => {
+            format!(
+                "missing: {}, and this recording cannot tell where",
+                names[0]
+            )
+        }
         Verdict::Inseparable(names) => format!(
             "one of these, which this recording cannot tell apart: {}",
             names.join(", ")

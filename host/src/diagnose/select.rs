@@ -17,10 +17,6 @@ const FALSE_ALARM: f64 = 0.005;
 /// Evidence below which nothing is named, whatever the draws say.
 const LEAST: f64 = 16.0;
 
-/// Part of the effects found before, in amplitude, that a further one must be
-/// beyond: what a form that is not quite right leaves behind is less.
-const FORM: f64 = 0.15;
-
 /// Part of the evidence by which two forms of the same may differ.
 const SAME: f64 = 0.001;
 
@@ -55,6 +51,8 @@ pub struct Found<S: Observed = Session> {
     /// By how much what each stream says of shared parameters spreads more than
     /// its noise.
     pub spread: Vec<f64>,
+    /// Other shapes that explain the same.
+    pub elsewhere: Vec<Vec<f64>>,
 }
 
 /// A candidate with its evidence.
@@ -68,6 +66,8 @@ pub struct Ranked<S: Observed = Session> {
     pub threshold: f64,
     /// The most that each draw without effect reaches with any shape.
     null: Vec<f64>,
+    /// Shapes elsewhere on the grid that explain the same.
+    elsewhere: Vec<Vec<f64>>,
 }
 
 impl<S: Observed> Ranked<S> {
@@ -190,6 +190,7 @@ pub fn select<S: Observed>(
             threshold: best.threshold,
             streams: best.trial.streams.clone(),
             spread: best.trial.spread.clone(),
+            elsewhere: best.elsewhere.clone(),
         });
         refit(sessions, &mut found, Some(&best.trial.streams));
         settle(&data, sessions, &mut found);
@@ -228,12 +229,16 @@ fn brings_more<S: Observed>(data: &Data, candidate: &Ranked<S>, found: &[Found<S
         if *gain > 0.02 * candidate.trial.score {
             let n = data.independent(k);
             let ratio = |gain: f64| (2.0 * gain / n).exp();
-            let earlier = found.iter().map(|f| f.streams[k].max(0.0)).sum::<f64>();
             brought += n * (ratio(*gain) - 1.0);
-            before += n * (ratio(earlier) - 1.0) * ratio(*gain);
+            let mut later = ratio(*gain);
+            for f in found.iter().rev() {
+                let own = ratio(f.streams[k].max(0.0));
+                before += f.effect.form().powi(2) * n * (own - 1.0) * later;
+                later *= own;
+            }
         }
     }
-    brought > FORM * FORM * before
+    brought > before
 }
 
 /// The first of `ranked`, or one that explains the same with fewer parameters:
@@ -249,7 +254,7 @@ fn simplest<'a, S: Observed>(ranked: impl Iterator<Item = &'a Ranked<S>>) -> Opt
 /// Whether what tells `other` from `best` could be chance.
 fn indistinct<S: Observed>(best: &Ranked<S>, other: &Ranked<S>) -> bool {
     let gap = best.margin() - other.margin();
-    other.margin() > 0.0 && gap < 4.0_f64.max(0.002 * best.margin())
+    other.margin() > 0.0 && gap < same(best.margin())
 }
 
 /// Candidates on the grid of their shapes, the best evidence first; without
@@ -307,10 +312,30 @@ fn rank<S: Observed>(
             trial: (*best).clone(),
             threshold: by_chance(&null, candidates.len()),
             null,
+            elsewhere: elsewhere(*effect, best, &own),
         });
     }
     ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
     ranked
+}
+
+/// Shapes of which each is a place of its own, and that explain what `best` explains.
+fn elsewhere<S: Observed>(
+    effect: &dyn Effect<S>,
+    best: &Trial,
+    trials: &[&Trial],
+) -> Vec<Vec<f64>> {
+    let separate = effect.shape().iter().all(|parameter| parameter.step == 0.0);
+    let gap = |trial: &Trial| best.score - trial.score;
+    (trials.iter().filter(|_| separate))
+        .filter(|trial| trial.shape != best.shape && gap(trial) < same(best.score))
+        .map(|trial| trial.shape.clone())
+        .collect()
+}
+
+/// Evidence by which two that explain the same may differ by chance.
+fn same(evidence: f64) -> f64 {
+    4.0_f64.max(0.002 * evidence)
 }
 
 /// A trial of an effect that is not linear in its parameters: its terms are

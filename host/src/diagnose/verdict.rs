@@ -9,6 +9,7 @@ use super::effect::{Coupling, Effect};
 use super::null::Draws;
 use super::observed::Observed;
 use super::select::{Found, Selection};
+use super::spread::spreads;
 use super::structure::Oddity;
 use crate::machine::Machine;
 
@@ -57,7 +58,9 @@ impl Verdict {
         }
         let mut names: Vec<&'static str> =
             selection.found.iter().map(|f| f.effect.name()).collect();
-        if names.len() == 1 && faults.is_empty() && !selection.alike.is_empty() {
+        let elsewhere = selection.found.iter().any(|f| !f.elsewhere.is_empty());
+        let open = elsewhere || !selection.alike.is_empty();
+        if names.len() == 1 && faults.is_empty() && open {
             names.extend(selection.alike.iter().map(|a| a.effect.name()));
             return Self::Inseparable(names);
         }
@@ -116,7 +119,7 @@ fn unexplained<S: Observed>(sessions: &[S], oddities: &[Oddity], draws: &Draws) 
 fn evidence_of_faults<S: Observed>(effect: &dyn Effect<S>, sessions: &[S]) -> f64 {
     sessions
         .iter()
-        .flat_map(|s| s.streams())
+        .flat_map(Observed::streams)
         .map(|s| effect.evidence_of_faults(s))
         .sum()
 }
@@ -138,7 +141,9 @@ pub fn report<S: Observed>(
     let mut effects: Vec<Value> = if unknown {
         Vec::new()
     } else {
-        selection.found.iter().map(|f| found(f, sessions)).collect()
+        (selection.found.iter())
+            .map(|f| found(f, sessions, &selection.rest))
+            .collect()
     };
     for effect in S::library() {
         let evidence = evidence_of_faults(*effect, sessions);
@@ -179,6 +184,7 @@ pub fn report<S: Observed>(
         "effects": effects,
         "alternatives": alternatives,
         "next_experiment": next_experiment,
+        "note": sessions[0].note(&cannot_show(selection)),
         "error": diagnosis.errors,
         "validated_on": validated_on,
         "machine_out": machine_out,
@@ -221,8 +227,9 @@ fn acting<S: Observed>(gains: &[f64], sessions: &[S]) -> Vec<String> {
         .collect()
 }
 
-fn found<S: Observed>(f: &Found<S>, sessions: &[S]) -> Value {
+fn found<S: Observed>(f: &Found<S>, sessions: &[S], rest: &[Vec<Vec<f64>>]) -> Value {
     let name = |k: &usize| sessions[0].name(*k).to_owned();
+    let place = |shape: &[f64]| f.effect.place(&sessions[0], shape);
     let mut parameters = serde_json::Map::new();
     for (shape, value) in f.effect.shape().iter().zip(&f.shape) {
         parameters.insert(format!("{} [{}]", shape.name, shape.unit), json!(value));
@@ -230,23 +237,30 @@ fn found<S: Observed>(f: &Found<S>, sessions: &[S]) -> Value {
     let acting: Vec<usize> = (0..sessions[0].streams().len())
         .filter(|k| !f.parameters[*k].is_empty())
         .collect();
-    let value = |k: usize, j: usize| json!(f.parameters[k][j]);
+    let spreads = spreads(sessions, f, rest);
+    let mut stds = serde_json::Map::new();
     for (j, linear) in f.effect.linear().iter().enumerate() {
-        let of = match f.effect.coupling() {
-            Coupling::Shared => acting.first().map_or(Value::Null, |k| value(*k, j)),
-            Coupling::Own => acting
-                .iter()
-                .map(|k| (name(k), value(*k, j)))
-                .collect::<serde_json::Map<_, _>>()
-                .into(),
+        let told = |of: &[Vec<f64>]| {
+            let value = |k: &usize| json!(of[*k].get(j));
+            match f.effect.coupling() {
+                Coupling::Shared => acting.first().map_or(Value::Null, value),
+                Coupling::Own => (acting.iter())
+                    .map(|k| (name(k), value(k)))
+                    .collect::<serde_json::Map<_, _>>()
+                    .into(),
+            }
         };
-        parameters.insert(linear.name.into(), of);
+        parameters.insert(linear.name.into(), told(&f.parameters));
+        stds.insert(linear.name.into(), told(&spreads));
     }
     json!({
         "name": f.effect.name(),
         "about": f.effect.about(),
         "channels": acting.iter().map(name).collect::<Vec<_>>(),
+        "place": place(&f.shape),
+        "or_at": f.elsewhere.iter().map(|shape| place(shape)).collect::<Vec<_>>(),
         "parameters": parameters,
+        "std": stds,
         "evidence": f.evidence,
         "threshold": f.threshold,
     })

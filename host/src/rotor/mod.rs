@@ -2,6 +2,7 @@
 
 mod convergence;
 mod discrete;
+mod driven;
 mod element;
 mod free_motion;
 mod image;
@@ -18,6 +19,7 @@ mod unbalance;
 use thiserror::Error;
 
 pub use discrete::{Discrete, discrete, held, moved, turned};
+pub use driven::{DrivenRotor, Turning, TurningForce};
 pub use element::{ElementMatrix, NODE, PartMatrices, ShaftElement};
 
 pub use inversion::PhasorInversion;

@@ -317,19 +317,21 @@ impl RotorPlan {
         self.with_biases(self.scaled(&discrete.transition, false), |left, _| left)
     }
 
-    /// The transition at the machine's speed, in the scale of the filter.
+    /// The transition at each speed of the tables and at the machine's [rad/s], in the scale of the filter.
     ///
     /// # Errors
     /// [`BuildError::Sampled`] where a mode is sampled at a multiple of half its period.
-    pub fn transition(&self) -> Result<Mat<f64>, BuildError> {
-        Ok(self.transition_of(&self.discrete(self.nominal_speed)?))
+    pub fn transitions(&self) -> Result<Vec<(f64, Mat<f64>)>, BuildError> {
+        (self.speeds.iter().chain([&self.nominal_speed]))
+            .map(|speed| Ok((*speed, self.transition_of(&self.discrete(*speed)?))))
+            .collect()
     }
 
     /// Q and the covariance before the first sample as the image has them, with the noise of
     /// `rotor`.
     ///
     /// # Errors
-    /// As [`RotorPlan::transition`].
+    /// As [`RotorPlan::transitions`].
     pub fn noise(&self, rotor: &Rotor) -> Result<[Vec<u8>; 2], BuildError> {
         let (q, p) = self.covariances(rotor, &self.discrete(self.nominal_speed)?);
         Ok([&q, &p].map(|m| bytes(triangle(m))))

@@ -93,6 +93,34 @@ impl Reduced {
         Ok(Self::on(model, &t * turned.U()))
     }
 
+    /// The `modes` lowest undamped modes at `speed_rad_s`, then what `forces`, rows over the
+    /// degrees of freedom, bend statically beside them.
+    ///
+    /// # Errors
+    /// [`RotorError`] where the rotor is not held.
+    pub fn with_statics(
+        model: &RotorModel,
+        speed_rad_s: f64,
+        modes: usize,
+        forces: &[Vec<f64>],
+    ) -> Result<Self, RotorError> {
+        let n = model.len();
+        let mut columns = Vec::new();
+        for shape in undamped_modes(model, speed_rad_s, modes)?.shapes.col_iter() {
+            append(model, &mut columns, shape.as_mat().to_owned());
+        }
+        let k = model.stiffness(speed_rad_s);
+        let factor = (Scale(0.5) * (&k + k.transpose()))
+            .llt(Side::Lower)
+            .map_err(|_| RotorError::NotHeld)?;
+        for force in forces {
+            let force = Mat::from_fn(n, 1, |i, _| force[i]);
+            append(model, &mut columns, factor.solve(&force));
+        }
+        let basis = Mat::from_fn(n, columns.len(), |i, j| columns[j][(i, 0)]);
+        Ok(Self::on(model, basis))
+    }
+
     /// A reduced rotor on a given basis, M-orthonormal.
     pub fn on(model: &RotorModel, basis: Mat<f64>) -> Self {
         Self {

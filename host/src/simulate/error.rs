@@ -41,7 +41,7 @@ pub enum SimulateError {
     },
     /// A strength that is none, of an effect with a range of its own.
     #[error("effect {effect}: found strength {found:?}, allowed: {allowed}")]
-    BearingStrength {
+    OwnStrength {
         /// The effect.
         effect: &'static str,
         /// What was asked for.

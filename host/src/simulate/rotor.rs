@@ -13,6 +13,7 @@ use rand_distr::StandardNormal;
 use super::draw::Draw;
 use super::error::SimulateError;
 use super::recorder::{Recorder, Sampled, check_duration};
+use super::rotor_effect::{Placed, RotorEffect};
 use super::rotor_plant::Plant;
 use crate::machine::{Machine, Rotor, Senses};
 use crate::recording::{OutputColumn, Unit};
@@ -104,6 +105,33 @@ impl RotorScenario {
     }
 }
 
+/// How a shaft turned, sample by sample.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RotorCourse {
+    /// Sample period [s].
+    pub dt_s: f64,
+    /// Angle [rad].
+    pub angle: Vec<f64>,
+    /// Speed [rad/s].
+    pub speed: Vec<f64>,
+}
+
+impl RotorCourse {
+    /// Between two samples the speed changes evenly.
+    fn at(&self, t: f64) -> Motion {
+        let last = self.speed.len() - 1;
+        let i = ((t / self.dt_s) as usize).min(last);
+        let past = t - i as f64 * self.dt_s;
+        let next = (i + 1).min(last);
+        let acceleration = (self.speed[next] - self.speed[i]) / self.dt_s;
+        Motion {
+            angle: self.angle[i] + past * (self.speed[i] + 0.5 * past * acceleration),
+            speed: self.speed[i] + past * acceleration,
+            acceleration,
+        }
+    }
+}
+
 /// A recording of a rotor in the making: sensors, encoder, forces, displacements of every
 /// node.
 pub type RotorSimulation<'a> = Recorder<TurningRotor<'a>>;
@@ -113,6 +141,9 @@ pub struct TurningRotor<'a> {
     machine: &'a Machine,
     rotor: &'a Rotor,
     scenario: RotorScenario,
+    /// In place of the scenario's speeds.
+    course: Option<RotorCourse>,
+    effects: Vec<Placed>,
     plant: Plant,
     rng: ChaCha8Rng,
     dt: f64,
@@ -129,7 +160,53 @@ impl<'a> RotorSimulation<'a> {
         rotor: &'a Rotor,
         scenario: RotorScenario,
     ) -> Result<Self, SimulateError> {
-        let plant = Plant::new(rotor).ok_or_else(|| SimulateError::NotHeld {
+        let seed = scenario.seed;
+        Self::with_effects(machine, rotor, scenario, seed, &[])
+    }
+
+    /// As [`Self::new`], with what individual number `individual` has beyond its description.
+    ///
+    /// # Errors
+    /// When the rotor cannot be computed, or has nothing that an effect could act on.
+    pub fn with_effects(
+        machine: &'a Machine,
+        rotor: &'a Rotor,
+        scenario: RotorScenario,
+        individual: u64,
+        effects: &[RotorEffect],
+    ) -> Result<Self, SimulateError> {
+        let effects = (effects.iter())
+            .map(|effect| effect.placed(machine, rotor, individual))
+            .collect::<Result<Vec<_>, _>>()?;
+        Self::turning(machine, rotor, scenario, None, effects)
+    }
+
+    /// As [`Self::new`], turning as `course` says and not as `scenario`.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn along(
+        machine: &'a Machine,
+        rotor: &'a Rotor,
+        scenario: RotorScenario,
+        course: RotorCourse,
+    ) -> Result<Self, SimulateError> {
+        Self::turning(machine, rotor, scenario, Some(course), Vec::new())
+    }
+
+    fn turning(
+        machine: &'a Machine,
+        rotor: &'a Rotor,
+        scenario: RotorScenario,
+        turned: Option<RotorCourse>,
+        effects: Vec<Placed>,
+    ) -> Result<Self, SimulateError> {
+        let mut real = rotor.clone();
+        for effect in &effects {
+            effect.soften(&mut real);
+        }
+        let pulls: Vec<_> = effects.iter().filter_map(Placed::pull).collect();
+        let plant = Plant::new(&real, &pulls).ok_or_else(|| SimulateError::NotHeld {
             machine: machine.name.clone(),
         })?;
         let dt = 1.0 / machine.rate_hz;
@@ -142,6 +219,8 @@ impl<'a> RotorSimulation<'a> {
             rotor,
             rng: Draw::new("sensors", seed, seed).recording,
             scenario,
+            course: turned,
+            effects,
             plant,
             dt,
             steps,
@@ -173,6 +252,9 @@ impl TurningRotor<'_> {
     }
 
     fn motion(&self, t: f64) -> Motion {
+        if let Some(course) = &self.course {
+            return course.at(t);
+        }
         let [from, to] = self.scenario.speeds_rad_s;
         let acceleration = (to - from) / self.scenario.duration_s;
         Motion {
@@ -182,7 +264,7 @@ impl TurningRotor<'_> {
         }
     }
 
-    /// Forces along x and y of each load [N].
+    /// Forces along x and y of each load [N], then what effects pull with.
     fn forces(&self, motion: &Motion) -> Vec<f64> {
         (self.scenario.unbalances.iter())
             .flat_map(|unbalance| {
@@ -196,24 +278,32 @@ impl TurningRotor<'_> {
                     radial * sine - along * cosine,
                 ]
             })
+            .chain(
+                (self.effects.iter())
+                    .filter(|effect| effect.pull().is_some())
+                    .flat_map(|effect| effect.size(motion.angle)),
+            )
             .collect()
     }
 }
 
 impl Sampled for TurningRotor<'_> {
     fn sample(&mut self, row: u64, columns: &mut [Vec<f64>]) {
-        let motion = self.motion(row as f64 * self.dt);
+        let t = row as f64 * self.dt;
+        let motion = self.motion(t);
         let forces = self.forces(&motion);
         let q = self.plant.displacements(&forces);
         let mut values = Vec::with_capacity(columns.len());
-        for channel in &self.machine.channels {
+        for (number, channel) in self.machine.channels.iter().enumerate() {
             if let Senses::Displacement(at) = &channel.senses {
                 let (sine, cosine) = at.direction_deg.to_radians().sin_cos();
                 let along = q[2 * at.node] * cosine + q[2 * at.node + 1] * sine;
                 let noise = self.rng.sample::<f64, _>(StandardNormal);
                 let noise = self.scenario.noise * channel.to_si(channel.noise_std) * noise;
-                let reading = channel.sensitivity.unwrap_or(1.0) * along
-                    + channel.to_si(channel.offset)
+                let response = channel.sensitivity.unwrap_or(1.0) * along;
+                let reading = (self.effects.iter()).fold(response, |reading, effect| {
+                    effect.read(number, channel, t, motion.angle, reading)
+                }) + channel.to_si(channel.offset)
                     + noise;
                 let lsb = channel.lsb_si();
                 values.push(channel.unit.from_si((reading / lsb).round() * lsb));

@@ -41,9 +41,19 @@ pub(super) struct Plant {
     v: Vec<f64>,
 }
 
+/// A force beside the loads, by its components along x and y.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Pull {
+    /// At a node of the description [N].
+    Node(usize),
+    /// What a shaft that is bent pulls itself back with, half a wave between its outermost
+    /// bearings, by its sag [m].
+    Bow,
+}
+
 impl Plant {
-    /// None where the rotor is not held.
-    pub fn new(rotor: &Rotor) -> Option<Self> {
+    /// The loads of `rotor`, then `pulls`. None where the rotor is not held.
+    pub fn new(rotor: &Rotor, pulls: &[Pull]) -> Option<Self> {
         let matrices = Assembly::new(rotor);
         let n = matrices.mass.nrows();
         // From the flexibility: from the stiffness the slow modes would lose their
@@ -74,16 +84,20 @@ impl Plant {
         let shapes: Vec<Vec<f64>> = (0..rotor.nodes())
             .flat_map(|node| [row(4 * FINER * node), row(4 * FINER * node + 2)])
             .collect();
-        let forced: Vec<usize> = (rotor.loads.iter())
-            .flat_map(|load| [4 * FINER * load.node, 4 * FINER * load.node + 2])
+        let loads = (rotor.loads.iter()).map(|load| Pull::Node(load.node));
+        let columns: Vec<Vec<f64>> = (loads.chain(pulls.iter().copied()))
+            .flat_map(|pull| pull.columns(rotor, n))
             .collect();
-        let unit = Mat::from_fn(n, forced.len(), |i, j| f64::from(u8::from(i == forced[j])));
+        let unit = Mat::from_fn(n, columns.len(), |i, j| columns[j][i]);
         let statics = matrices.stiffness.llt(Side::Lower).ok()?.solve(&unit);
-        let inputs: Vec<Vec<f64>> = forced.iter().map(|dof| row(*dof)).collect();
+        let modal = phi.transpose() * &unit;
+        let inputs: Vec<Vec<f64>> = (modal.col_iter())
+            .map(|column| column.iter().copied().collect())
+            .collect();
         let rest = (0..shapes.len())
             .map(|k| {
                 let dof = 4 * FINER * (k / 2) + 2 * (k % 2);
-                (0..forced.len())
+                (0..columns.len())
                     .map(|j| {
                         let modal: f64 = (0..count)
                             .map(|i| shapes[k][i] * inputs[j][i] / squares[i])
@@ -187,6 +201,50 @@ impl Plant {
         }
         a
     }
+}
+
+impl Pull {
+    /// Forces on `n` degrees of freedom, along x and along y.
+    fn columns(self, rotor: &Rotor, n: usize) -> [Vec<f64>; 2] {
+        let Self::Node(node) = self else {
+            return bow(rotor, n);
+        };
+        [0, 2].map(|plane| {
+            let mut column = vec![0.0; n];
+            column[4 * FINER * node + plane] = 1.0;
+            column
+        })
+    }
+}
+
+/// `K q` of the shaft without its bearings for `q = sin(pi (s - first) / span)`.
+fn bow(rotor: &Rotor, n: usize) -> [Vec<f64>; 2] {
+    let free = Rotor {
+        bearings: Vec::new(),
+        ..rotor.clone()
+    };
+    let lengths = (rotor.sections.iter())
+        .flat_map(|s| std::iter::repeat_n(s.length_m / s.elements as f64, s.elements));
+    let mut places = vec![0.0];
+    for length in lengths {
+        let before = places[places.len() - 1];
+        places.extend((1..=FINER).map(|k| before + length * k as f64 / FINER as f64));
+    }
+    let at = |node: usize| places[FINER * node];
+    let nodes = || rotor.bearings.iter().map(|b| b.node);
+    let first = at(nodes().min().unwrap_or(0));
+    let span = at(nodes().max().unwrap_or(rotor.nodes() - 1)) - first;
+    let stiffness = Assembly::new(&free).stiffness;
+    [0, 2].map(|plane| {
+        let mut bent = Mat::<f64>::zeros(n, 1);
+        for (node, place) in places.iter().enumerate() {
+            let wave = TAU / 2.0 * (place - first) / span;
+            bent[(4 * node + plane, 0)] = wave.sin();
+            bent[(4 * node + plane + 1, 0)] = TAU / 2.0 / span * wave.cos();
+        }
+        let force = &stiffness * bent;
+        (0..n).map(|i| force[(i, 0)]).collect()
+    })
 }
 
 /// Matrices over `x`, `x'`, `y`, `y'` of each node: slopes, not rotations.

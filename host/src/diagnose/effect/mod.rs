@@ -95,6 +95,17 @@ pub trait Effect<S: Observed = Session>: Sync {
         self.terms(session, shape)
     }
 
+    /// Part, in amplitude, of what it explains by which its form may be off: what it leaves so
+    /// is no further effect.
+    fn form(&self) -> f64 {
+        0.15
+    }
+
+    /// Where in the machine this shape is, in words.
+    fn place(&self, _: &S, _shape: &[f64]) -> Option<String> {
+        None
+    }
+
     /// Which streams it can act on.
     fn acts_on(&self, _: &S::Stream) -> bool {
         true

@@ -1,5 +1,6 @@
 //! A rotor's filter with other noise on recordings in memory.
 
+use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -26,8 +27,8 @@ pub struct Trial<'a> {
     sensors: &'a Sensors,
     plan: RotorPlan,
     image: Image<'a>,
-    /// Transition of the whole state at the machine's speed, in the filter's scale.
-    transition: Mat<f64>,
+    /// Transition of the whole state at each speed of the tables, in the filter's scale.
+    transitions: Vec<(f64, Mat<f64>)>,
     recordings: Vec<Vec<RawSample>>,
 }
 
@@ -65,7 +66,7 @@ impl<'a> Trial<'a> {
             machine,
             rotor,
             sensors,
-            transition: plan.transition()?,
+            transitions: plan.transitions()?,
             plan,
             image: Image::from_bytes(payload).map_err(ReplayError::Image)?,
             recordings: starts(machine, sensors, recordings)?,
@@ -104,6 +105,18 @@ impl<'a> Trial<'a> {
         self.run_machine(&machine).unwrap_or(Outcome::REFUSED)
     }
 
+    /// That of the speed at which the shaft turned by `turned` [rad] in a sample.
+    fn transition(&self, turned: f32) -> &Mat<f64> {
+        let turned = (f64::from(turned) + PI).rem_euclid(TAU) - PI;
+        let speed = turned * self.machine.rate_hz;
+        let near = |(at, _): &&(f64, Mat<f64>)| (at - speed).abs();
+        let nearest = self
+            .transitions
+            .iter()
+            .min_by(|a, b| near(a).total_cmp(&near(b)));
+        nearest.map_or(&self.transitions[0].1, |(_, transition)| transition)
+    }
+
     fn run_machine(&self, machine: &Machine) -> Result<Outcome, BuildError> {
         let [q, p] = self
             .plan
@@ -126,7 +139,8 @@ impl<'a> Trial<'a> {
         let mut misfit = 0.0;
         for recording in &self.recordings {
             let mut line = Line::try_build(image.clone()).map_err(BuildError::Model)?;
-            let mut forced = vec![0.0; self.transition.nrows()];
+            let mut forced = vec![0.0; self.transitions[0].1.nrows()];
+            let mut angle = None;
             for raw in recording {
                 let estimate = line.step(raw);
                 for sensor in estimate.sensors.iter().take(fit.rows.len()) {
@@ -135,7 +149,10 @@ impl<'a> Trial<'a> {
                         misfit += 0.5 * (s.ln() + f64::from(sensor.innovation).powi(2) / s);
                     }
                 }
-                forced = moved(&self.transition, &forced);
+                let last = angle
+                    .replace(estimate.angle_rad)
+                    .unwrap_or(estimate.angle_rad);
+                forced = moved(self.transition(estimate.angle_rad - last), &forced);
                 let (state, driving) = (line.rotor_state(), fit.driving.clone());
                 for (force, estimated) in forced[driving.clone()].iter_mut().zip(&state[driving]) {
                     *force = f64::from(*estimated);

@@ -65,7 +65,7 @@ impl FromStr for BearingEffect {
             _ => -200.0..=200.0,
         };
         if !allowed.contains(&value) {
-            return Err(SimulateError::BearingStrength {
+            return Err(SimulateError::OwnStrength {
                 effect: name,
                 found: strength.into(),
                 allowed: format!("{} to {}", allowed.start(), allowed.end()),

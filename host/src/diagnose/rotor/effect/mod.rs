@@ -1,0 +1,30 @@
+//! What a rotor's description may lack, a file for each effect; a new one is its `impl` and a
+//! line in [`LIBRARY`].
+
+mod bias;
+mod bow;
+mod gain;
+mod misalignment;
+mod runout;
+mod stiffness;
+
+use super::RotorSession;
+use crate::diagnose::effect::Effect;
+
+/// Every effect that is tried.
+pub static LIBRARY: &[&dyn Effect<RotorSession>] = &[
+    &bias::SensorBias,
+    &runout::Runout,
+    &gain::GainError,
+    &bow::ShaftBow,
+    &misalignment::Misalignment,
+    &stiffness::BearingStiffness,
+];
+
+/// The grid of so many places.
+fn places(count: usize) -> Vec<Vec<f64>> {
+    (0..count).map(|place| vec![place as f64]).collect()
+}
+
+/// The experiment that tells what stays from what grows with the speed squared.
+pub const RUN_UP: &str = "a run-up, or constant speeds well apart, below and above a critical one";

@@ -1,0 +1,80 @@
+//! What unbalance, start and tolerances explain is taken out of residuals and columns alike.
+
+use faer::Mat;
+
+use super::super::sums::{mirror, solved};
+
+/// Readings or predictions of all sensors: `[sensor][sample]`.
+pub type Readings = Vec<Vec<f64>>;
+
+/// Columns that all sensors share the parameters of, taken out by weighted least squares:
+/// `y - U (U' W U + L)^-1 U' W y`.
+///
+/// Fitted beside a column without them, the parameters of an effect are those of a fit of
+/// both together.
+///
+/// Source: Frisch and Waugh, Partial time regressions as compared with individual trends,
+/// Econometrica 1 (1933).
+pub struct Taken {
+    columns: Vec<Readings>,
+    /// `W`; 0 where nothing was measured.
+    weights: Readings,
+    ridge: Vec<f64>,
+    gram: Mat<f64>,
+}
+
+impl Taken {
+    /// `columns` with the standard deviations that their parameters have, infinite where they
+    /// may be anything.
+    pub fn new(columns: Vec<Readings>, stds: &[f64], weights: Readings) -> Self {
+        let p = columns.len();
+        let mut gram = Mat::<f64>::zeros(p, p);
+        for a in 0..p {
+            for b in 0..=a {
+                gram[(a, b)] = product(&columns[a], &columns[b], &weights);
+            }
+        }
+        mirror(&mut gram);
+        Self {
+            columns,
+            weights,
+            ridge: stds.iter().map(|std| std.powi(-2)).collect(),
+            gram,
+        }
+    }
+
+    /// Parameters with which the columns explain `readings` best.
+    pub fn parameters(&self, readings: &Readings) -> Vec<f64> {
+        let right = Mat::from_fn(self.columns.len(), 1, |a, _| {
+            product(&self.columns[a], readings, &self.weights)
+        });
+        let found = solved(self.gram.clone(), &right, &self.ridge);
+        (0..self.columns.len()).map(|a| found[(a, 0)]).collect()
+    }
+
+    /// What the columns leave of `readings`.
+    pub fn left_of(&self, mut readings: Readings) -> Readings {
+        for (column, size) in self.columns.iter().zip(self.parameters(&readings)) {
+            for (of, column) in readings.iter_mut().zip(column) {
+                for (value, column) in of.iter_mut().zip(column) {
+                    *value -= size * column;
+                }
+            }
+        }
+        readings
+    }
+
+    /// `y' W y`.
+    pub fn square(&self, readings: &Readings) -> f64 {
+        product(readings, readings, &self.weights)
+    }
+}
+
+/// `x' W y` over what was measured.
+fn product(x: &Readings, y: &Readings, weights: &Readings) -> f64 {
+    (x.iter().zip(y).zip(weights))
+        .flat_map(|((x, y), w)| x.iter().zip(y).zip(w))
+        .filter(|(_, w)| **w > 0.0)
+        .map(|((x, y), w)| w * x * y)
+        .sum()
+}

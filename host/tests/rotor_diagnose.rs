@@ -1,0 +1,124 @@
+//! `loadtwin diagnose` of rotors on recordings whose effect it is not told.
+
+#[path = "../examples/rotor_benchmark/cases.rs"]
+mod cases;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use loadtwin::machine::Machine;
+use serde_json::Value;
+
+fn example() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/rotor/machine.toml")
+}
+
+/// Seed of the rotors and cases.
+const SEED: u64 = 2026;
+
+/// A runout in a run-up, a clean one, and a bow at one speed.
+const NUMBERS: [usize; 3] = [1, 7, 11];
+
+#[test]
+fn what_is_not_told_of_a_rotor_is_found() {
+    let (rotors, cases) = cases::drawn(&Machine::load(&example()).unwrap(), 1, SEED);
+    assert!(cases.len() == cases::OF_EACH);
+    for number in NUMBERS {
+        let case = &cases[number];
+        let (right, said) = case.told(&rotors[case.rotor]).unwrap();
+        println!("{}: {said}", case.truth());
+        assert!(right, "{}: {said}", case.truth());
+    }
+}
+
+fn loadtwin(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_loadtwin"))
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+/// The example with an encoder and a range of speeds.
+fn with_encoder(folder: &Path) -> String {
+    let text = std::fs::read_to_string(example()).unwrap();
+    let text = text.replace("rate_hz = 2000", "rate_hz = 1000");
+    let text = text.replace(
+        "speed_rad_s = 87.96",
+        "speed_rad_s = 87.96\nschedule_rad_s = [60, 180]",
+    );
+    let encoder = "\n[[encoder]]\nname = \"shaft\"\ncounts_per_turn = 4096\nbits = 16\n";
+    let path = folder.join("machine.toml");
+    std::fs::write(&path, text + encoder).unwrap();
+    path.display().to_string()
+}
+
+fn recorded(machine: &str, folder: &Path, seed: &str, effects: &[&str]) -> String {
+    let path = folder.join(format!("{seed}.parquet")).display().to_string();
+    let mut arguments = vec!["simulate", machine, "--scenario", "run-up", "--seed", seed];
+    arguments.extend(["--individual", "1", "--duration-s", "6", "-o", &path]);
+    for effect in effects {
+        arguments.extend(["--effect", effect]);
+    }
+    let output = loadtwin(&arguments);
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    path
+}
+
+/// Named, sized, and taken into a description with which `replay` errs less.
+#[test]
+fn a_gain_error_of_a_rotor_is_named_and_the_description_is_mended() {
+    let folder = tempfile::tempdir().unwrap();
+    let machine = with_encoder(folder.path());
+    let effects = ["gain-error@x32=1"];
+    let seen = recorded(&machine, folder.path(), "3", &effects);
+    let unseen = recorded(&machine, folder.path(), "4", &effects);
+    let out = folder.path().join("mended.toml").display().to_string();
+    let page = folder.path().join("page.html").display().to_string();
+    let output = loadtwin(&[
+        "diagnose",
+        "--json",
+        &machine,
+        &seen,
+        "--validate",
+        &unseen,
+        "--out",
+        &out,
+        "--report",
+        &page,
+    ]);
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(said["verdict"], "effect", "{said}");
+    assert_eq!(said["effects"][0]["name"], "gain-error", "{said}");
+    assert_eq!(said["effects"][0]["place"], "x32", "{said}");
+    let gain = said["effects"][0]["parameters"]["part of the reading"]
+        .as_f64()
+        .unwrap();
+    assert!((gain - 0.05).abs() < 5e-3, "{gain}");
+    let error = |which: &str| {
+        said["error"]["nominal"][which]["value_percent"]
+            .as_f64()
+            .unwrap()
+    };
+    assert!(error("after") < 0.5 * error("before"), "{said}");
+    assert!(std::fs::metadata(&page).unwrap().len() > 10_000);
+    let worst = |machine: &str| {
+        let output = loadtwin(&["replay", "--json", machine, &unseen]);
+        assert!(output.status.success());
+        let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+        said["loads"]["disc1_x"]["nmae_percent"]["full"]
+            .as_f64()
+            .unwrap()
+    };
+    let (described, mended) = (worst(&machine), worst(&out));
+    println!("NMAE of disc1_x: {described:.2} % as described, {mended:.2} % as mended");
+    assert!(mended < 0.5 * described, "{mended} {described}");
+}
