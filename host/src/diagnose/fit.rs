@@ -68,7 +68,7 @@ pub struct Trial {
     pub streams: Vec<f64>,
     /// By how much what each stream says of shared parameters spreads more than
     /// its noise, from draw to draw without effect; 1 or more.
-    pub spread: Vec<f64>,
+    pub overdispersion: Vec<f64>,
 }
 
 impl Data {
@@ -234,32 +234,40 @@ impl Data {
 
     /// Evidence of `effect` with the columns of its linear parameters
     /// (`columns[parameter][stream]`), beside `base`: with the draws, or without them
-    /// where their `spread` is known.
+    /// where their `overdispersion` is known.
     pub fn trial<S: Observed>(
         &self,
         base: &Base,
         effect: &dyn Effect<S>,
         shape: &[f64],
         columns: &[Columns],
-        spread: Option<&[f64]>,
+        overdispersion: Option<&[f64]>,
     ) -> Trial {
-        let sides = if spread.is_none() { self.sides() } else { 1 };
+        let sides = if overdispersion.is_none() {
+            self.sides()
+        } else {
+            1
+        };
         let stream_columns = self.by_stream(columns);
         let priors: Vec<f64> = effect.linear().iter().map(|l| l.prior_std).collect();
         let sums = self.sums_by_stream(base, &stream_columns, sides);
-        let (errors, spread) = match effect.coupling() {
+        let (errors, overdispersion) = match effect.coupling() {
             Coupling::Own => (
                 self.own(base, &sums, &priors),
                 vec![1.0; self.streams.len()],
             ),
             Coupling::Shared => {
-                let spread = spread.map_or_else(|| self.spread(base, &sums), <[f64]>::to_vec);
-                (self.shared(base, &sums, &priors, &spread), spread)
+                let overdispersion = overdispersion
+                    .map_or_else(|| self.overdispersion(base, &sums), <[f64]>::to_vec);
+                (
+                    self.shared(base, &sums, &priors, &overdispersion),
+                    overdispersion,
+                )
             }
         };
         let gain = |k: usize, r: usize| match &errors[k] {
             Some(errors) => {
-                let independent = self.independent(k) / spread[k];
+                let independent = self.independent(k) / overdispersion[k];
                 0.5 * independent * (base.errors[k][r] / errors[r].max(1e-300)).ln()
             }
             None => 0.0,
@@ -279,7 +287,7 @@ impl Data {
             score: sum(0),
             null: (1..sides).map(sum).collect(),
             streams: (0..self.streams.len()).map(|k| gain(k, 0)).collect(),
-            spread,
+            overdispersion,
         }
     }
 
@@ -290,7 +298,7 @@ impl Data {
         base: &Base,
         effect: &dyn Effect<S>,
         columns: &[Columns],
-        spread: &[f64],
+        overdispersion: &[f64],
     ) -> Vec<Vec<f64>> {
         let columns = self.by_stream(columns);
         let priors: Vec<f64> = effect.linear().iter().map(|l| l.prior_std).collect();
@@ -310,7 +318,7 @@ impl Data {
                 })
                 .collect(),
             Coupling::Shared => {
-                let (shared, _) = self.shared_solution(base, &sums, &priors, spread, None);
+                let (shared, _) = self.shared_solution(base, &sums, &priors, overdispersion, None);
                 let all: Vec<f64> = (0..priors.len()).map(|i| shared[(i, 0)]).collect();
                 sums.iter()
                     .map(|s| s.as_ref().map_or(Vec::new(), |_| all.clone()))

@@ -116,14 +116,14 @@ impl Normal {
         let mut own: Vec<(&[f64], f64)> =
             base.iter().map(|p| (p.column.as_slice(), p.std)).collect();
         let (mut shared, mut places) = (Vec::new(), Vec::new());
-        let (mut place, mut spread) = (0, 1.0_f64);
+        let (mut place, mut overdispersion) = (0, 1.0_f64);
         for (f, columns) in found.iter().zip(all) {
             let is_shared = f.effect.coupling() == Coupling::Shared;
             if acts(f, columns, k) {
                 if is_shared {
                     shared.extend(columns.iter().map(|c| c[k].as_slice()));
                     places.extend(place..place + columns.len());
-                    spread = spread.max(f.spread[k]);
+                    overdispersion = overdispersion.max(f.overdispersion[k]);
                 } else {
                     let linear = f.effect.linear().iter();
                     own.extend(
@@ -145,7 +145,7 @@ impl Normal {
             solved(inner, &right.to_owned(), &ridge)
         };
         let (by, free) = (solve(cross), solve(right.submatrix(0, 0, q, 1)));
-        let told = independent / spread;
+        let told = independent / overdispersion;
         Self {
             gram: told * (gram.submatrix(q, q, c, c) - cross.transpose() * &by),
             right: told * (right.submatrix(q, 0, c, 1) - cross.transpose() * &free),

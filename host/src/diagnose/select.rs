@@ -22,7 +22,10 @@ const SAME: f64 = 0.001;
 
 /// Part of what is left of a residual that an effect must explain somewhere:
 /// what a simulated clean machine leaves is not known better.
-const MATERIAL: f64 = 0.02;
+const MATERIAL: f64 = 0.05;
+
+/// The same of an effect with a signal that is free to explain anything.
+const MATERIAL_OF_LATENT: f64 = 0.15;
 
 /// Most effects that are named.
 const MOST: usize = 3;
@@ -50,7 +53,7 @@ pub struct Found<S: Observed = Session> {
     pub streams: Vec<f64>,
     /// By how much what each stream says of shared parameters spreads more than
     /// its noise.
-    pub spread: Vec<f64>,
+    pub overdispersion: Vec<f64>,
     /// Other shapes that explain the same.
     pub elsewhere: Vec<Vec<f64>>,
 }
@@ -165,7 +168,7 @@ pub fn select<S: Observed>(
         let accepted = simplest(
             ranked
                 .iter()
-                .filter(|r| r.margin() > 0.0 && is_material(&data, r))
+                .filter(|r| r.margin() > 0.0 && is_material(&data, sessions, r))
                 .filter(|r| brings_more(&data, r, &found)),
         )
         .cloned();
@@ -189,7 +192,7 @@ pub fn select<S: Observed>(
             evidence: best.trial.score,
             threshold: best.threshold,
             streams: best.trial.streams.clone(),
-            spread: best.trial.spread.clone(),
+            overdispersion: best.trial.overdispersion.clone(),
             elsewhere: best.elsewhere.clone(),
         });
         refit(sessions, &mut found, Some(&best.trial.streams));
@@ -215,9 +218,15 @@ pub fn select<S: Observed>(
 }
 
 /// Whether a candidate explains a part of some residual that is worth a name.
-fn is_material<S: Observed>(data: &Data, candidate: &Ranked<S>) -> bool {
+fn is_material<S: Observed>(data: &Data, sessions: &[S], candidate: &Ranked<S>) -> bool {
+    let is_latent = sessions.iter().any(|s| candidate.effect.latent(s) > 0.0);
+    let least = if is_latent {
+        MATERIAL_OF_LATENT
+    } else {
+        MATERIAL
+    };
     let mut gains = candidate.trial.streams.iter().enumerate();
-    gains.any(|(k, gain)| (2.0 * gain / data.independent(k)).exp() > 1.0 + MATERIAL)
+    gains.any(|(k, gain)| (2.0 * gain / data.independent(k)).exp() > 1.0 + least)
 }
 
 /// Whether a candidate explains more, in the streams on which it acts, than a
@@ -352,7 +361,7 @@ fn relinearised<S: Observed>(
     let mut about = Vec::new();
     let mut terms = linear;
     for _ in 0..RELINEARISED {
-        about = data.parameters(base, effect, &terms, &at_first.spread);
+        about = data.parameters(base, effect, &terms, &at_first.overdispersion);
         terms = columns(sessions, effect, shape, &about);
     }
     Trial {
@@ -436,10 +445,10 @@ fn best_shape<S: Observed>(
 ) -> Vec<f64> {
     const ROUNDS: usize = 5;
     best.score = f64::NEG_INFINITY;
-    let spread = best.spread.clone();
+    let overdispersion = best.overdispersion.clone();
     let evaluate = |shape: &[f64]| {
         let columns = columns(sessions, effect, shape, &[]);
-        data.trial(base, effect, shape, &columns, Some(&spread))
+        data.trial(base, effect, shape, &columns, Some(&overdispersion))
     };
     for (j, parameter) in effect.shape().iter().enumerate() {
         let mut step = parameter.step;
@@ -490,7 +499,7 @@ fn settle<S: Observed>(data: &Data, sessions: &[S], found: &mut Vec<Found<S>>) {
         let base = data.base(base_columns(sessions, &others));
         let f = &mut found[i];
         let columns = columns(sessions, f.effect, &f.shape, &f.parameters);
-        let trial = data.trial(&base, f.effect, &f.shape, &columns, Some(&f.spread));
+        let trial = data.trial(&base, f.effect, &f.shape, &columns, Some(&f.overdispersion));
         if trial.score < f.threshold {
             found.remove(i);
         } else {

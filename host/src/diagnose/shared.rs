@@ -24,7 +24,7 @@ impl Data {
         base: &Base,
         sums: &[Option<Sums>],
         priors: &[f64],
-        spread: &[f64],
+        overdispersion: &[f64],
     ) -> Vec<Option<Vec<f64>>> {
         let c = priors.len();
         let mut errors: Vec<Option<Vec<f64>>> = sums
@@ -32,7 +32,8 @@ impl Data {
             .map(|s| s.as_ref().map(|s| vec![0.0; s.square[0].len()]))
             .collect();
         for fold in 0..FOLDS {
-            let (shared, reduced) = self.shared_solution(base, sums, priors, spread, Some(fold));
+            let (shared, reduced) =
+                self.shared_solution(base, sums, priors, overdispersion, Some(fold));
             for (k, sums) in sums.iter().enumerate() {
                 if let (Some(sums), Some(Reduced { by, free, .. }), Some(errors)) =
                     (sums, &reduced[k], errors[k].as_mut())
@@ -60,7 +61,7 @@ impl Data {
         base: &Base,
         sums: &[Option<Sums>],
         priors: &[f64],
-        spread: &[f64],
+        overdispersion: &[f64],
         fold: Option<usize>,
     ) -> (Mat<f64>, Vec<Option<Reduced>>) {
         let c = priors.len();
@@ -77,7 +78,7 @@ impl Data {
             .collect();
         for (k, reduced) in reduced.iter().enumerate() {
             if let Some(Reduced { own, told, .. }) = reduced {
-                let weight = self.weight(base, k, 0) / spread[k];
+                let weight = self.weight(base, k, 0) / overdispersion[k];
                 normal += weight * own;
                 right += weight * told;
             }
@@ -91,7 +92,7 @@ impl Data {
     /// `mean(b' A^-1 b) / c`, `A` and `b` the normal equations of c parameters.
     ///
     /// Vibrations are simulated less well than the noise of a gauge would tell.
-    pub(super) fn spread(&self, base: &Base, sums: &[Option<Sums>]) -> Vec<f64> {
+    pub(super) fn overdispersion(&self, base: &Base, sums: &[Option<Sums>]) -> Vec<f64> {
         sums.iter()
             .enumerate()
             .map(|(k, sums)| {

@@ -27,7 +27,8 @@ pub fn spreads<S: Observed>(
                 .filter(known)
                 .map(|i| left[i] * left[i])
                 .sum::<f64>();
-            let weight = count / (square.max(1e-300) * sessions[0].inflation(k));
+            let inflation = sessions[0].inflation(k) * found.overdispersion[k];
+            let weight = count / (square.max(1e-300) * inflation);
             let p = if columns.iter().any(|c| c[k].is_empty()) {
                 0
             } else {
