@@ -26,6 +26,7 @@ mod refit;
 mod rotor;
 mod seen;
 mod select;
+mod shape;
 mod shared;
 mod signals;
 mod spread;

@@ -9,6 +9,7 @@ use super::fit::{Base, Data, Trial};
 use super::null::Draws;
 use super::observed::Observed;
 use super::refit::{refit, rest};
+use super::shape::best_shape;
 use super::stream::{Columns, Session};
 
 /// Chance of an effect being named where there is none, over all candidates.
@@ -433,56 +434,6 @@ fn refine<S: Observed>(
             candidate.threshold = by_chance(&candidate.null, candidates);
         });
     ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
-}
-
-/// The shape that explains most beside `base`, by a pattern search from that of `trial`.
-fn best_shape<S: Observed>(
-    data: &Data,
-    base: &Base,
-    sessions: &[S],
-    effect: &dyn Effect<S>,
-    mut best: Trial,
-) -> Vec<f64> {
-    const ROUNDS: usize = 5;
-    best.score = f64::NEG_INFINITY;
-    let overdispersion = best.overdispersion.clone();
-    let evaluate = |shape: &[f64]| {
-        let columns = columns(sessions, effect, shape, &[]);
-        data.trial(base, effect, shape, &columns, Some(&overdispersion))
-    };
-    for (j, parameter) in effect.shape().iter().enumerate() {
-        let mut step = parameter.step;
-        if step == 0.0 {
-            continue;
-        }
-        if best.score == f64::NEG_INFINITY {
-            best = evaluate(&best.shape);
-        }
-        let mut rounds = 0;
-        while rounds < ROUNDS {
-            let mut moved = false;
-            for sign in [1.0, -1.0] {
-                let mut shape = best.shape.clone();
-                shape[j] = if parameter.logarithmic {
-                    shape[j] * (sign * step).exp()
-                } else {
-                    shape[j] + sign * step
-                }
-                .clamp(parameter.bounds.0, parameter.bounds.1);
-                let trial = evaluate(&shape);
-                if trial.score > best.score {
-                    best = trial;
-                    moved = true;
-                    break;
-                }
-            }
-            if !moved {
-                step *= 0.4;
-                rounds += 1;
-            }
-        }
-    }
-    best.shape
 }
 
 /// Takes out effects without which the evidence is hardly less; the others take
