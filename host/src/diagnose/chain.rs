@@ -179,7 +179,7 @@ impl Carried {
 }
 
 /// Torque of each shaft as a row over the states, referred.
-fn shaft_rows(torsion: &Torsion, drivetrain: &Drivetrain) -> Vec<Vec<f64>> {
+pub(super) fn shaft_rows(torsion: &Torsion, drivetrain: &Drivetrain) -> Vec<Vec<f64>> {
     drivetrain
         .shafts
         .iter()

@@ -72,6 +72,7 @@ impl Seen<'_> {
         let fast = ((FAST_S / recorded.dt_s) as usize | 1).max(3);
         let smoothing = ((SMOOTHING_S / dt_s) as usize | 1).max(1);
         let response = self.torques.response.clone().map(|mut response| {
+            response.transition = self.torsion.discretised(dt_s);
             let driven = &mut response.driven;
             driven.outside = driven.outside.iter().map(|o| thin.means(o)).collect();
             driven.speed = thin.means(&driven.speed);

@@ -1,5 +1,7 @@
 //! What a recording says, on one slow time base.
 
+use faer::Mat;
+
 use super::chain::{Carried, Driven};
 
 /// How one torsional chain answers to a torque that its model lacks.
@@ -9,6 +11,14 @@ pub struct Response {
     pub driven: Driven,
     /// What its shafts do then, as described.
     pub carried: Carried,
+    /// `[F G]` over a sample of [`Signals`], as [`crate::gearbox::Torsion::discretised`].
+    pub transition: Mat<f64>,
+    /// Column of the first inertia's drive torque.
+    pub first_drive: usize,
+    /// Row of each shaft's torque over the states, referred.
+    pub shafts: Vec<Vec<f64>>,
+    /// Stiffness of each shaft, referred [N m/rad].
+    pub stiffness: Vec<f64>,
     /// Moment and speed ratio of each inertia, moments referred [kg m^2].
     pub bodies: Vec<(f64, f64)>,
     /// For shaft i and a braking torque on inertia j: what of it is missing in
@@ -77,6 +87,70 @@ impl Signals {
     pub fn fast(&self, x: &[f64]) -> Vec<f64> {
         let slow = smooth(x, self.smoothing);
         x.iter().zip(slow).map(|(x, slow)| x - slow).collect()
+    }
+
+    /// What of a slow torque `brake` [N m referred] on inertia `body` is missing in the
+    /// torque of each shaft as the loads of one side tell it [N m]; empty where nothing is.
+    pub fn untold_torque(&self, body: usize, brake: &[f64]) -> Option<Vec<Vec<f64>>> {
+        let untold = |side: &Vec<f64>| match side[body] {
+            0.0 => Vec::new(),
+            sign => brake.iter().map(|b| sign * b).collect(),
+        };
+        Some(self.response.as_ref()?.side.iter().map(untold).collect())
+    }
+
+    /// What torque of each shaft is unexplained when a torque `brake`
+    /// [N m referred] acts on inertia `body` and the model lacks it [N m]:
+    ///
+    /// `(1 - L) R(brake) + side L(brake)`,
+    ///
+    /// `R` the response of the chain, `L` the smoothing below which the loads
+    /// and accelerations of one side tell the torque.
+    pub fn unexplained_torque(&self, body: usize, brake: &[f64]) -> Option<Vec<Vec<f64>>> {
+        let r = self.response.as_ref()?;
+        let states = r.transition.nrows();
+        let bodies = r.bodies.len();
+        let total: f64 = r.bodies.iter().map(|b| b.0).sum();
+        let mut x = vec![0.0; states];
+        let mut next = vec![0.0; states];
+        let mut torques = vec![Vec::with_capacity(brake.len()); r.shafts.len()];
+        let column = r.first_drive + body;
+        // It starts where the torque at first has settled: twists relative to the rigid motion.
+        let mut carried = 0.0;
+        for (i, stiffness) in r.stiffness.iter().enumerate() {
+            let own = if i == body { brake[0] } else { 0.0 };
+            carried += r.bodies[i].0 / total * brake[0] - own;
+            x[1 + i] = carried / stiffness;
+        }
+        for f in brake {
+            for (row, torque) in r.shafts.iter().zip(&mut torques) {
+                torque.push(row.iter().zip(&x).map(|(c, x)| c * x).sum());
+            }
+            let u = -f / r.bodies[body].1;
+            for (i, slot) in next.iter_mut().enumerate() {
+                let mut sum = r.transition[(i, column)] * u;
+                for (j, x) in x.iter().enumerate() {
+                    sum += r.transition[(i, j)] * x;
+                }
+                *slot = sum;
+            }
+            // Rigid motion is measured and not predicted: it is taken off.
+            let first = states - bodies;
+            let mean: f64 = (0..bodies)
+                .map(|i| r.bodies[i].0 / total * next[first + i])
+                .sum();
+            next[first..].iter_mut().for_each(|w| *w -= mean);
+            next[0] = 0.0;
+            std::mem::swap(&mut x, &mut next);
+        }
+        let slow_brake = smooth(brake, self.smoothing);
+        for (torque, side) in torques.iter_mut().zip(&r.side) {
+            let slow = smooth(torque, self.smoothing);
+            for ((value, slow), brake) in torque.iter_mut().zip(slow).zip(&slow_brake) {
+                *value += side[body] * brake - slow;
+            }
+        }
+        Some(torques)
     }
 }
 

@@ -82,13 +82,16 @@ pub enum Term {
     /// `reading u`: a response that changes by the part `u`.
     Gain(Vec<f64>),
     /// A torque `u` in parts of nominal that brakes inertia `body`: in the
-    /// balance, and in each strain whose torque is told by the loads of that side.
-    /// Its vibrations are left out: they hang on how it sticks at standstill.
+    /// balance, and in each strain as far as neither the loads of the known
+    /// side nor the chain's own response to the loads tell it.
     Brake {
         /// Number of the inertia.
         body: usize,
         /// Torque, part of nominal.
         u: Vec<f64>,
+        /// Whether it holds the inertia at standstill. What it vibrates then hangs
+        /// on how it sticks, and is not predicted.
+        sticks: bool,
     },
     /// An error `u` [rad] of the angle that the encoder on inertia `body` counts.
     Angle {
@@ -141,7 +144,7 @@ impl Session {
                 _ => Vec::new(),
             }),
             Term::Gain(u) => self.each(|s| product(&s.reading, u)),
-            Term::Brake { body, u } => self.brake(*body, u),
+            Term::Brake { body, u, sticks } => self.brake(*body, u, *sticks),
             Term::Angle { body, u, about } => self.angle(*body, u, about),
             Term::Twist { shaft, u } => self.each(|s| match s.kind {
                 Kind::Angle => scaled(u, s.twists[*shaft] * self.twist[*shaft]),
@@ -178,14 +181,18 @@ impl Session {
         self.streams.iter().map(column).collect()
     }
 
-    fn brake(&self, body: usize, u: &[f64]) -> Columns {
+    fn brake(&self, body: usize, u: &[f64], sticks: bool) -> Columns {
         let signals = &self.signals;
-        let slow = smooth(&scaled(u, signals.nominal_torque), signals.smoothing);
-        self.each(|s| match (s.kind, &signals.response, s.shaft) {
+        let brake = scaled(u, signals.nominal_torque);
+        let slow = smooth(&brake, signals.smoothing);
+        let torques = if sticks {
+            signals.untold_torque(body, &slow)
+        } else {
+            signals.unexplained_torque(body, &brake)
+        };
+        self.each(|s| match (s.kind, &torques, s.shaft) {
             (Kind::Balance, ..) => slow.clone(),
-            (Kind::Strain, Some(response), Some(shaft)) if response.side[shaft][body] != 0.0 => {
-                scaled(&product(&s.map, &slow), response.side[shaft][body])
-            }
+            (Kind::Strain, Some(torques), Some(shaft)) => product(&s.map, &torques[shaft]),
             _ => Vec::new(),
         })
     }

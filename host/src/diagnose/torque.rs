@@ -1,6 +1,6 @@
 //! What the loads tell of the torques in the chain.
 
-use super::chain::{Carried, Driven};
+use super::chain::{Carried, Driven, shaft_rows};
 use super::signals::{Response, smooth};
 use crate::gearbox::Torsion;
 use crate::machine::{Drivetrain, Machine};
@@ -174,6 +174,10 @@ pub(super) fn torques(
     let response = driven.map(|driven| Response {
         carried: Carried::default(),
         driven,
+        transition: torsion.discretised(dt_s),
+        first_drive: torsion.states() + drivetrain.loads.len(),
+        shafts: shaft_rows(torsion, drivetrain),
+        stiffness: torsion.referred_stiffness().collect(),
         bodies: (0..bodies).map(|b| (moment(b), ratio(b))).collect(),
         side: sides,
     });

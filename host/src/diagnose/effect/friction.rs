@@ -28,6 +28,8 @@ pub struct Friction {
     starts: &'static [f64],
     /// Torque sample by sample, part of its size.
     law: fn(&Signals, &[f64]) -> Vec<f64>,
+    /// Whether it holds the inertia at standstill.
+    sticks: bool,
     /// Whether it is a drag in proportion to speed, which the line runs.
     is_drag: bool,
 }
@@ -40,6 +42,7 @@ pub const COULOMB: Friction = Friction {
     shape: &[BODY],
     starts: &[],
     law: |signals, shape| speed(signals, shape).map(direction).collect(),
+    sticks: true,
     is_drag: false,
 };
 
@@ -63,6 +66,7 @@ pub const STRIBECK: Friction = Friction {
         let fades = |w: f64| direction(w) * (-(w.abs() / shape[1]).powf(1.5)).exp();
         speed(signals, shape).map(fades).collect()
     },
+    sticks: true,
     is_drag: false,
 };
 
@@ -74,6 +78,7 @@ pub const VISCOUS: Friction = Friction {
     shape: &[BODY],
     starts: &[],
     law: |signals, shape| speed(signals, shape).collect(),
+    sticks: false,
     is_drag: true,
 };
 
@@ -90,6 +95,7 @@ pub const LOAD_DEPENDENT: Friction = Friction {
             .map(|(w, level)| level.abs() * direction(w))
             .collect()
     },
+    sticks: false,
     is_drag: false,
 };
 
@@ -111,6 +117,7 @@ pub const PRESLIDING: Friction = Friction {
     ],
     starts: &[0.001, 0.005, 0.025, 0.1],
     law: presliding,
+    sticks: true,
     is_drag: false,
 };
 
@@ -153,6 +160,7 @@ impl Effect for Friction {
         vec![Term::Brake {
             body: shape[0] as usize,
             u: (self.law)(&session.signals, shape),
+            sticks: self.sticks,
         }]
     }
     fn drag(&self, shape: &[f64], parameters: &[f64]) -> Option<(usize, f64)> {

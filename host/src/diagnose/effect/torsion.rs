@@ -139,6 +139,7 @@ impl Effect for Ripple {
             .map(|u| Term::Brake {
                 body: shape[0] as usize,
                 u,
+                sticks: false,
             })
             .into()
     }
