@@ -1,6 +1,6 @@
 //! All parameters together, and what they leave of the residuals.
 
-use faer::{Mat, MatRef};
+use faer::Mat;
 
 use super::columns::{base_columns, columns, joined};
 use super::effect::Coupling;
@@ -8,7 +8,7 @@ use super::fit::Prior;
 use super::observed::Observed;
 use super::select::{Found, RELINEARISED};
 use super::stream::Columns;
-use super::sums::{mirror, solved};
+use super::sums::{Eliminated, products, solved};
 
 /// Evidence that a stream must give for an effect with parameters of its own
 /// to be taken to act on it.
@@ -85,21 +85,18 @@ pub(super) fn refit<S: Observed>(
 }
 
 /// Whether `f` predicts stream `k`.
-fn acts<S: Observed>(f: &Found<S>, columns: &[Columns], k: usize) -> bool {
+pub(super) fn acts<S: Observed>(f: &Found<S>, columns: &[Columns], k: usize) -> bool {
     !f.parameters[k].is_empty() && columns.iter().all(|c| !c[k].is_empty())
 }
 
 /// Normal equations of one stream, its own columns eliminated from the shared ones.
 struct Normal {
-    /// Own parameters where the shared ones are zero.
-    free: Mat<f64>,
-    /// What the own parameters make of each shared column.
-    by: Mat<f64>,
+    /// Own parameters beside the shared ones, whose products these are.
+    eliminated: Eliminated,
     /// Place of each shared column among all shared parameters.
     places: Vec<usize>,
-    /// Products of the shared columns with each other, and with the residual.
-    gram: Mat<f64>,
-    right: Mat<f64>,
+    /// Weight of what it says of them.
+    weight: f64,
 }
 
 impl Normal {
@@ -135,53 +132,27 @@ impl Normal {
             }
             place += if is_shared { columns.len() } else { 0 };
         }
-        let (q, c) = (own.len(), shared.len());
         let columns: Vec<&[f64]> = own.iter().map(|o| o.0).chain(shared).collect();
         let (gram, right) = products(&columns, residual, weight);
         let ridge: Vec<f64> = own.iter().map(|(_, std)| 1.0 / (std * std)).collect();
-        let cross = gram.submatrix(0, q, q, c);
-        let solve = |right: MatRef<'_, f64>| {
-            let inner = gram.submatrix(0, 0, q, q).to_owned();
-            solved(inner, &right.to_owned(), &ridge)
-        };
-        let (by, free) = (solve(cross), solve(right.submatrix(0, 0, q, 1)));
-        let told = independent / overdispersion;
         Self {
-            gram: told * (gram.submatrix(q, q, c, c) - cross.transpose() * &by),
-            right: told * (right.submatrix(q, 0, c, 1) - cross.transpose() * &free),
-            free,
-            by,
+            eliminated: Eliminated::new(&gram, &right, &ridge),
             places,
+            weight: independent / overdispersion,
         }
     }
 
     /// Own parameters beside the shared ones.
     fn own(&self, shared: &[f64]) -> Vec<f64> {
-        (0..self.free.nrows())
+        let Eliminated { by, free, .. } = &self.eliminated;
+        (0..free.nrows())
             .map(|i| {
                 let taken = self.places.iter().enumerate();
-                let taken: f64 = taken.map(|(j, p)| self.by[(i, j)] * shared[*p]).sum();
-                self.free[(i, 0)] - taken
+                let taken: f64 = taken.map(|(j, p)| by[(i, j)] * shared[*p]).sum();
+                free[(i, 0)] - taken
             })
             .collect()
     }
-}
-
-/// `w X'X` and `w X'r` over the samples that are known.
-fn products(columns: &[&[f64]], residual: &[f64], weight: f64) -> (Mat<f64>, Mat<f64>) {
-    let p = columns.len();
-    let mut gram = Mat::<f64>::zeros(p, p);
-    let mut right = Mat::<f64>::zeros(p, 1);
-    for (i, r) in residual.iter().enumerate().filter(|(_, r)| r.is_finite()) {
-        for (a, x) in columns.iter().enumerate() {
-            right[(a, 0)] += weight * x[i] * r;
-            for (b, y) in columns[..=a].iter().enumerate() {
-                gram[(a, b)] += weight * x[i] * y[i];
-            }
-        }
-    }
-    mirror(&mut gram);
-    (gram, right)
 }
 
 /// The parameters that all streams share, effect by effect.
@@ -196,10 +167,11 @@ fn shared_parameters<S: Observed>(found: &[Found<S>], normals: &[Normal]) -> Vec
     let mut gram = Mat::<f64>::zeros(c, c);
     let mut right = Mat::<f64>::zeros(c, 1);
     for normal in normals {
+        let Eliminated { own, told, .. } = &normal.eliminated;
         for (i, a) in normal.places.iter().enumerate() {
-            right[(*a, 0)] += normal.right[(i, 0)];
+            right[(*a, 0)] += normal.weight * told[(i, 0)];
             for (j, b) in normal.places.iter().enumerate() {
-                gram[(*a, *b)] += normal.gram[(i, j)];
+                gram[(*a, *b)] += normal.weight * own[(i, j)];
             }
         }
     }

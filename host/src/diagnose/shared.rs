@@ -1,21 +1,9 @@
 //! Parameters that all streams share.
 
-use faer::{Mat, MatRef};
+use faer::Mat;
 
 use super::fit::{Base, Data, FOLDS};
-use super::sums::{Sums, add, solved, test_error, totals};
-
-/// What a stream says of a candidate once its base has taken what it explains.
-pub(super) struct Reduced {
-    /// What the base makes of the candidate's columns.
-    by: Mat<f64>,
-    /// What the base makes of the right-hand sides.
-    free: Mat<f64>,
-    /// Products of the candidate's columns.
-    own: Mat<f64>,
-    /// Products of the candidate's columns with the right-hand sides.
-    told: Mat<f64>,
-}
+use super::sums::{Eliminated, Sums, add, solved, test_error, totals};
 
 impl Data {
     /// Squared errors on left-out folds with one set of parameters for all streams.
@@ -35,7 +23,7 @@ impl Data {
             let (shared, reduced) =
                 self.shared_solution(base, sums, priors, overdispersion, Some(fold));
             for (k, sums) in sums.iter().enumerate() {
-                if let (Some(sums), Some(Reduced { by, free, .. }), Some(errors)) =
+                if let (Some(sums), Some(Eliminated { by, free, .. }), Some(errors)) =
                     (sums, &reduced[k], errors[k].as_mut())
                 {
                     let q = base.columns[k].len();
@@ -63,7 +51,7 @@ impl Data {
         priors: &[f64],
         overdispersion: &[f64],
         fold: Option<usize>,
-    ) -> (Mat<f64>, Vec<Option<Reduced>>) {
+    ) -> (Mat<f64>, Vec<Option<Eliminated>>) {
         let c = priors.len();
         let sides = sums.iter().flatten().map(|s| s.square[0].len()).max();
         let mut normal = Mat::<f64>::zeros(c, c);
@@ -71,13 +59,13 @@ impl Data {
             normal[(i, i)] = 1.0 / (prior * prior);
         }
         let mut right = Mat::<f64>::zeros(c, sides.unwrap_or(1));
-        let reduced: Vec<Option<Reduced>> = sums
+        let reduced: Vec<Option<Eliminated>> = sums
             .iter()
             .enumerate()
             .map(|(k, sums)| sums.as_ref().map(|s| self.reduced(base, k, s, fold)))
             .collect();
         for (k, reduced) in reduced.iter().enumerate() {
-            if let Some(Reduced { own, told, .. }) = reduced {
+            if let Some(Eliminated { own, told, .. }) = reduced {
                 let weight = self.weight(base, k, 0) / overdispersion[k];
                 normal += weight * own;
                 right += weight * told;
@@ -97,7 +85,7 @@ impl Data {
             .enumerate()
             .map(|(k, sums)| {
                 let Some(sums) = sums else { return 1.0 };
-                let Reduced { own, told, .. } = self.reduced(base, k, sums, None);
+                let Eliminated { own, told, .. } = self.reduced(base, k, sums, None);
                 let (c, sides) = (told.nrows(), told.ncols());
                 let solution = solved(own, &told, &vec![0.0; c]);
                 let distances = (1..sides).map(|r| {
@@ -117,27 +105,14 @@ impl Data {
         stream.count / (base.errors[k][r].max(1e-300) * stream.inflation)
     }
 
-    /// Eliminates the base of stream `k`, without `fold`.
-    fn reduced(&self, base: &Base, k: usize, sums: &Sums, fold: Option<usize>) -> Reduced {
-        let q = base.columns[k].len();
-        let (mut gram, mut rhs) = totals(sums);
+    /// What stream `k` says of a candidate, without `fold`, once its base has taken
+    /// what it explains.
+    fn reduced(&self, base: &Base, k: usize, sums: &Sums, fold: Option<usize>) -> Eliminated {
+        let (mut gram, mut right) = totals(sums);
         if let Some(fold) = fold {
             gram -= &sums.gram[fold];
-            rhs -= &sums.right[fold];
+            right -= &sums.right[fold];
         }
-        let (c, sides) = (gram.nrows() - q, rhs.ncols());
-        let cross = gram.submatrix(0, q, q, c);
-        let solve = |right: MatRef<'_, f64>| {
-            let inner = gram.submatrix(0, 0, q, q).to_owned();
-            solved(inner, &right.to_owned(), &self.ridge(k, &base.columns[k]))
-        };
-        let by = solve(cross);
-        let free = solve(rhs.submatrix(0, 0, q, sides));
-        Reduced {
-            own: gram.submatrix(q, q, c, c) - cross.transpose() * &by,
-            told: rhs.submatrix(q, 0, c, sides) - cross.transpose() * &free,
-            by,
-            free,
-        }
+        Eliminated::new(&gram, &right, &self.ridge(k, &base.columns[k]))
     }
 }

@@ -6,8 +6,9 @@ use faer::linalg::solvers::DenseSolveCore;
 use super::columns::columns;
 use super::effect::Coupling;
 use super::observed::Observed;
+use super::refit::acts;
 use super::select::Found;
-use super::sums::mirror;
+use super::sums::products;
 
 /// Standard deviations of the linear parameters of `found` for each stream, with the others as
 /// they are: `sqrt(diag (sum X' X / s^2)^-1)`, `s^2` the mean square that is left of a stream in
@@ -18,8 +19,8 @@ pub fn spreads<S: Observed>(
     rest: &[Vec<Vec<f64>>],
 ) -> Vec<Vec<f64>> {
     let columns = columns(sessions, found.effect, &found.shape, &found.parameters);
-    let information: Vec<Mat<f64>> = (found.parameters.iter().enumerate())
-        .map(|(k, own)| {
+    let information: Vec<Mat<f64>> = (0..found.parameters.len())
+        .map(|k| {
             let left: Vec<f64> = rest.iter().flat_map(|session| session[k].clone()).collect();
             let known = |i: &usize| left[*i].is_finite();
             let count = (0..left.len()).filter(known).count().max(1) as f64;
@@ -29,24 +30,12 @@ pub fn spreads<S: Observed>(
                 .sum::<f64>();
             let inflation = sessions[0].inflation(k) * found.overdispersion[k];
             let weight = count / (square.max(1e-300) * inflation);
-            let p = if columns.iter().any(|c| c[k].is_empty()) {
-                0
+            let own: Vec<&[f64]> = if acts(found, &columns, k) {
+                columns.iter().map(|c| c[k].as_slice()).collect()
             } else {
-                own.len()
+                Vec::new()
             };
-            let mut gram = Mat::<f64>::zeros(p, p);
-            for a in 0..p {
-                for b in 0..=a {
-                    let (x, y) = (&columns[a][k], &columns[b][k]);
-                    let sum = (0..left.len())
-                        .filter(known)
-                        .map(|i| x[i] * y[i])
-                        .sum::<f64>();
-                    gram[(a, b)] = weight * sum;
-                }
-            }
-            mirror(&mut gram);
-            gram
+            products(&own, &left, weight).0
         })
         .collect();
     let stds = |gram: &Mat<f64>| -> Vec<f64> {

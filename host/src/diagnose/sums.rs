@@ -96,6 +96,61 @@ pub(super) fn solved(mut gram: Mat<f64>, right: &Mat<f64>, ridge: &[f64]) -> Mat
     }
 }
 
+/// `w X'X` and `w X'y` over the samples where `y` is known.
+pub(super) fn products(columns: &[&[f64]], y: &[f64], weight: f64) -> (Mat<f64>, Mat<f64>) {
+    let p = columns.len();
+    let mut gram = Mat::<f64>::zeros(p, p);
+    let mut right = Mat::<f64>::zeros(p, 1);
+    for (i, y) in y.iter().enumerate().filter(|(_, y)| y.is_finite()) {
+        for (a, x) in columns.iter().enumerate() {
+            right[(a, 0)] += weight * x[i] * y;
+            for (b, z) in columns[..=a].iter().enumerate() {
+                gram[(a, b)] += weight * x[i] * z[i];
+            }
+        }
+    }
+    mirror(&mut gram);
+    (gram, right)
+}
+
+/// Normal equations with the first columns, the base, eliminated from the others, the candidate.
+pub(super) struct Eliminated {
+    /// What the base makes of the candidate's columns.
+    pub by: Mat<f64>,
+    /// What the base makes of the right-hand sides.
+    pub free: Mat<f64>,
+    /// Products of the candidate's columns.
+    pub own: Mat<f64>,
+    /// Products of the candidate's columns with the right-hand sides.
+    pub told: Mat<f64>,
+}
+
+impl Eliminated {
+    /// Of `gram b = right`, the base having the columns of `ridge`.
+    pub fn new(gram: &Mat<f64>, right: &Mat<f64>, ridge: &[f64]) -> Self {
+        let q = ridge.len();
+        let (c, sides) = (gram.nrows() - q, right.ncols());
+        let inner = gram.submatrix(0, 0, q, q).to_owned();
+        let cross = gram.submatrix(0, q, q, c);
+        let both = Mat::from_fn(q, c + sides, |i, j| {
+            if j < c {
+                cross[(i, j)]
+            } else {
+                right[(i, j - c)]
+            }
+        });
+        let solution = solved(inner, &both, ridge);
+        let by = solution.submatrix(0, 0, q, c).to_owned();
+        let free = solution.submatrix(0, c, q, sides).to_owned();
+        Self {
+            own: gram.submatrix(q, q, c, c) - cross.transpose() * &by,
+            told: right.submatrix(q, 0, c, sides) - cross.transpose() * &free,
+            by,
+            free,
+        }
+    }
+}
+
 /// `x y` in four sums, so that it runs in the width of the processor.
 pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
     let mut sums = [0.0; 4];

@@ -1,6 +1,6 @@
 //! A shaft that is bent.
 
-use super::{RUN_UP, places};
+use super::{RUN_UP, place, places};
 use crate::diagnose::effect::{Coupling, Effect, Linear, Shape};
 use crate::diagnose::rotor::{Readings, RotorSession};
 
@@ -34,13 +34,8 @@ impl Effect<RotorSession> for ShaftBow {
         ]
     }
     fn shape(&self) -> &'static [Shape] {
-        &[Shape {
-            name: "load",
-            unit: "from 0",
-            bounds: (0.0, f64::INFINITY),
-            step: 0.0,
-            logarithmic: false,
-        }]
+        const PLACE: &[Shape] = &[place("load", "from 0")];
+        PLACE
     }
     fn grid(&self, session: &RotorSession) -> Vec<Vec<f64>> {
         places(session.rotor().loads.len())

@@ -1,6 +1,6 @@
 //! A sensor that reads too much or too little.
 
-use super::{RUN_UP, places};
+use super::{RUN_UP, place, places};
 use crate::diagnose::effect::{Coupling, Effect, Linear, Shape};
 use crate::diagnose::rotor::{Readings, RotorPlace, RotorSession};
 
@@ -24,13 +24,8 @@ impl Effect<RotorSession> for GainError {
         }]
     }
     fn shape(&self) -> &'static [Shape] {
-        &[Shape {
-            name: "channel",
-            unit: "from 0",
-            bounds: (0.0, f64::INFINITY),
-            step: 0.0,
-            logarithmic: false,
-        }]
+        const PLACE: &[Shape] = &[place("channel", "from 0")];
+        PLACE
     }
     fn grid(&self, session: &RotorSession) -> Vec<Vec<f64>> {
         places(session.channels().len())

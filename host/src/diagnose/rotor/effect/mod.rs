@@ -9,7 +9,7 @@ mod runout;
 mod stiffness;
 
 use super::RotorSession;
-use crate::diagnose::effect::Effect;
+use crate::diagnose::effect::{Effect, Shape};
 
 /// Every effect that is tried.
 pub static LIBRARY: &[&dyn Effect<RotorSession>] = &[
@@ -20,6 +20,17 @@ pub static LIBRARY: &[&dyn Effect<RotorSession>] = &[
     &misalignment::Misalignment,
     &stiffness::BearingStiffness,
 ];
+
+/// A shape that is one of several places, which the grid goes through.
+const fn place(name: &'static str, unit: &'static str) -> Shape {
+    Shape {
+        name,
+        unit,
+        bounds: (0.0, f64::INFINITY),
+        step: 0.0,
+        logarithmic: false,
+    }
+}
 
 /// The grid of so many places.
 fn places(count: usize) -> Vec<Vec<f64>> {

@@ -1,6 +1,6 @@
 //! A surface that is out of true.
 
-use super::{RUN_UP, places};
+use super::{RUN_UP, place, places};
 use crate::diagnose::effect::{Coupling, Effect, Linear, Shape};
 use crate::diagnose::rotor::{Readings, RotorSession};
 
@@ -31,13 +31,8 @@ impl Effect<RotorSession> for Runout {
         ]
     }
     fn shape(&self) -> &'static [Shape] {
-        &[Shape {
-            name: "node",
-            unit: "of those with sensors",
-            bounds: (0.0, f64::INFINITY),
-            step: 0.0,
-            logarithmic: false,
-        }]
+        const PLACE: &[Shape] = &[place("node", "of those with sensors")];
+        PLACE
     }
     fn grid(&self, session: &RotorSession) -> Vec<Vec<f64>> {
         places(session.nodes().len())

@@ -1,6 +1,6 @@
 //! A bearing that is softer or stiffer.
 
-use super::RUN_UP;
+use super::{RUN_UP, place};
 use crate::diagnose::effect::{Coupling, Effect, Linear, Shape};
 use crate::diagnose::rotor::{Readings, RotorPlace, RotorSession};
 use crate::machine::Rotor;
@@ -40,13 +40,7 @@ impl Effect<RotorSession> for BearingStiffness {
     }
     fn shape(&self) -> &'static [Shape] {
         const ALL: &[Shape] = &[
-            Shape {
-                name: "bearing",
-                unit: "from 0",
-                bounds: (0.0, f64::INFINITY),
-                step: 0.0,
-                logarithmic: false,
-            },
+            place("bearing", "from 0"),
             factor("along x"),
             factor("along y"),
         ];
