@@ -47,6 +47,10 @@ pub struct Channel {
     /// Slow drift of the zero that no load causes (creep, temperature), which the
     /// filter then estimates as a state of its own.
     pub drift: Option<Drift>,
+    /// What a displacement sensor reads of a surface that is out of true [unit]: parts with the
+    /// cosine and the sine of the encoder's angle, then of twice and three times that angle.
+    #[serde(default)]
+    pub runout: Vec<[f64; 2]>,
     /// Where the sensor sits, for tables: `torque arm`, `ring gear`, ...
     pub group: Option<Group>,
     /// The converter.
@@ -60,6 +64,18 @@ impl Channel {
     /// A value in the channel's unit, in SI.
     pub fn to_si(&self, value: f64) -> f64 {
         self.unit.to_si(value)
+    }
+
+    /// What of the reading is runout where the shaft stands at `angle` [unit].
+    ///
+    /// `sum_k a_k cos(k angle) + b_k sin(k angle)`
+    pub fn runout_at(&self, angle: f64) -> f64 {
+        (self.runout.iter().zip(1..))
+            .map(|([a, b], k)| {
+                let (sine, cosine) = (f64::from(k) * angle).sin_cos();
+                a * cosine + b * sine
+            })
+            .sum()
     }
 
     /// Reading of one count [SI].
