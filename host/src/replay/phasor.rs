@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::Sample;
 use super::figures::segments;
 use crate::build::Sensors;
-use crate::machine::{Kind, Machine};
+use crate::machine::{Channel, Kind, Machine};
 use crate::metrics::LoadError;
 use crate::rotor::PhasorInversion;
 
@@ -20,6 +20,7 @@ const TURNS: f64 = 4.0;
 /// Forces from the last [`TURNS`] turns, held until the next ones are over.
 pub struct Phasor {
     inversion: Option<PhasorInversion>,
+    channels: Vec<Channel>,
     period_s: f64,
     angle: Option<f64>,
     turned: f64,
@@ -57,6 +58,7 @@ impl Phasor {
             .collect();
         Self {
             inversion: rotor.map(|rotor| PhasorInversion::new(rotor, &sensors.channels)),
+            channels: sensors.channels.clone(),
             period_s: 1.0 / machine.rate_hz,
             angle: None,
             turned: 0.0,
@@ -79,8 +81,10 @@ impl Phasor {
         let readings = || estimate.sensors.iter().take(self.sums.len());
         if readings().all(|sensor| sensor.fault.is_none()) {
             let pointer = c64::new(angle.cos(), -angle.sin());
-            for (sensor, sum) in estimate.sensors.iter().zip(&mut self.sums) {
-                let reading = f64::from(sensor.measured);
+            let sensors = estimate.sensors.iter().zip(&self.channels);
+            for ((sensor, channel), sum) in sensors.zip(&mut self.sums) {
+                let runout = channel.to_si(channel.runout_at(angle));
+                let reading = f64::from(sensor.measured) - runout;
                 sum.0 += reading;
                 sum.1 += pointer * reading;
             }
