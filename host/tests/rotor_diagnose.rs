@@ -149,9 +149,10 @@ fn a_runout_that_two_recordings_show_is_subtracted_afterwards() {
     let mended = Machine::load(Path::new(&out)).unwrap();
     for channel in &mended.channels {
         let size = channel.runout.first().map(|[a, b]| a.hypot(*b));
-        match channel.name.ends_with("32") {
-            true => assert!((size.unwrap() - 1e-5).abs() < 5e-7, "{size:?}"),
-            false => assert_eq!(size, None),
+        if channel.name.ends_with("32") {
+            assert!((size.unwrap() - 1e-5).abs() < 5e-7, "{size:?}");
+        } else {
+            assert_eq!(size, None);
         }
     }
     let (described, mended) = (nmae(&machine, &unseen), nmae(&out, &unseen));
