@@ -220,6 +220,12 @@ impl<const NX: usize> Gearbox<'_, NX> {
                 surprise / (1.0 + v * information),
             );
         }
+        self.take_drives(state, m, estimate);
+        bin.load_variances()
+    }
+
+    /// Measured drive torques, for the next prediction.
+    fn take_drives(&self, state: &mut GearboxState<NX>, m: &Measurement, estimate: &mut Estimate) {
         for (i, channel) in self.model.channels.iter().enumerate() {
             if matches!(channel.role, Role::Drive)
                 && let (Some(slot), Some(drive)) =
@@ -235,7 +241,6 @@ impl<const NX: usize> Gearbox<'_, NX> {
                 }
             }
         }
-        bin.load_variances()
     }
 
     /// Chooses by what the next sample is taken: by the steady gains where the

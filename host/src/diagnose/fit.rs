@@ -272,11 +272,10 @@ impl Data {
         };
         let gain = |k: usize, r: usize| match &fitted[k] {
             Some(fitted) => {
-                let independent = self.independent(k) / overdispersion[k];
                 let without = &base.fitted[k];
                 let relieved = (without.strained[r] - fitted.strained[r]) / self.tempered(k);
                 let ratio = without.errors[r] / fitted.errors[r].max(1e-300);
-                0.5 * (independent * ratio.ln() + relieved)
+                0.5 * (self.independent(k) * ratio.ln() + relieved)
             }
             None => 0.0,
         };

@@ -246,8 +246,10 @@ impl Plant {
 
     /// Friction of all bodies at `speed` without that of the meshes [N m].
     pub(super) fn drag(&self, speed: f64) -> f64 {
-        let mut state = State::default();
-        state.friction = self.slid(speed);
+        let mut state = State {
+            friction: self.slid(speed),
+            ..State::default()
+        };
         state.speed[..self.count].fill(speed);
         (0..self.count).map(|i| self.friction(i, &state)).sum()
     }
