@@ -25,7 +25,9 @@ use filter::{Belief, FORCES, Row, Turn, predict_covariance, predict_state, predi
 use shaft::Shaft;
 
 use model::Between;
-pub use model::{MAX_MODES, MAX_STATES, Numbers, RotorChannel, RotorModel, ShaftEncoder, Speeds};
+pub use model::{
+    MAX_MODES, MAX_STATES, Numbers, RotorChannel, RotorModel, ShaftEncoder, Speeds, WAVES,
+};
 
 /// Samples after which a gap is a new start.
 const LONGEST_GAP: u32 = 100;
@@ -218,11 +220,12 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             homed: m.homed || index.is_none(),
             ..Estimate::default()
         };
-        if !(steady && self.correct(state, &m, &mut estimate)) {
+        let zeros = self.zeros(&estimate);
+        if !(steady && self.correct(state, &m, &zeros, &mut estimate)) {
             if steady {
                 self.predict_covariance(state, &turn);
             }
-            self.update(state, &m, &mut estimate);
+            self.update(state, &m, &zeros, &mut estimate);
         }
         self.loads(state, &mut estimate);
         state.started = estimate.loads.iter().all(|load| load.std < f32::MAX);
@@ -278,6 +281,32 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         }
     }
 
+    /// Reading of each sensor of a shaft on its axis, as it stands; without runout where it is
+    /// not known how it stands.
+    fn zeros(&self, estimate: &Estimate) -> [f32; MAX_CHANNELS] {
+        let channels = &self.model.channels;
+        let mut waves = [[0.0; 2]; WAVES];
+        if estimate.homed && channels.iter().any(|c| !c.runout.is_empty()) {
+            let (cosine, sine) = (
+                libm::cosf(estimate.angle_rad),
+                libm::sinf(estimate.angle_rad),
+            );
+            let mut last = [1.0, 0.0];
+            for wave in &mut waves {
+                last = [
+                    last[0] * cosine - last[1] * sine,
+                    last[1] * cosine + last[0] * sine,
+                ];
+                *wave = last;
+            }
+        }
+        let mut zeros = [0.0; MAX_CHANNELS];
+        for (zero, channel) in zeros.iter_mut().zip(channels) {
+            *zero = channel.zero(&waves);
+        }
+        zeros
+    }
+
     fn predict_covariance(&self, state: &mut RotorState<NZ, NX>, turn: &Turn<f32>) {
         let noise = &self.model.process_noise;
         let p = &mut state.belief.covariance;
@@ -290,17 +319,18 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         &self,
         state: &mut RotorState<NZ, NX>,
         m: &Measurement,
+        zeros: &[f32; MAX_CHANNELS],
         estimate: &mut Estimate,
     ) -> bool {
         let mut innovations = [0.0; MAX_CHANNELS];
-        let sensors = (self.rows.iter().zip(&self.model.channels)).zip(&state.active.variance);
-        for (((row, channel), variance), (slot, value)) in
+        let sensors = (self.rows.iter().zip(zeros)).zip(&state.active.variance);
+        for (((row, zero), variance), (slot, value)) in
             sensors.zip(innovations.iter_mut().zip(&m.values))
         {
             let Ok(value) = value else {
                 return false;
             };
-            let nu = value - channel.offset - predicted(&state.belief.state, row);
+            let nu = value - zero - predicted(&state.belief.state, row);
             let within = nu * nu <= self.model.gate_nis * variance;
             if !within {
                 return false;
@@ -329,7 +359,13 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
     }
 
     /// Each channel by the full recursion.
-    fn update(&self, state: &mut RotorState<NZ, NX>, m: &Measurement, estimate: &mut Estimate) {
+    fn update(
+        &self,
+        state: &mut RotorState<NZ, NX>,
+        m: &Measurement,
+        zeros: &[f32; MAX_CHANNELS],
+        estimate: &mut Estimate,
+    ) {
         // Where several, and more than half of all, contradict at once, it is the model that errs,
         // as after a start that it was not made for, and not they.
         let open = state.contradict > 1 && 2 * state.contradict > self.rows.len();
@@ -352,7 +388,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             let (told, used) = update(
                 &mut state.belief,
                 row,
-                value - channel.offset,
+                value - zeros[i % MAX_CHANNELS],
                 channel.variance,
                 |nis| gate.admits(nis) || open,
             );

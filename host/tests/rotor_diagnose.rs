@@ -53,8 +53,12 @@ fn with_encoder(folder: &Path) -> String {
 }
 
 fn recorded(machine: &str, folder: &Path, seed: &str, effects: &[&str]) -> String {
+    simulated(machine, folder, "run-up", seed, effects)
+}
+
+fn simulated(machine: &str, folder: &Path, scenario: &str, seed: &str, effects: &[&str]) -> String {
     let path = folder.join(format!("{seed}.parquet")).display().to_string();
-    let mut arguments = vec!["simulate", machine, "--scenario", "run-up", "--seed", seed];
+    let mut arguments = vec!["simulate", machine, "--scenario", scenario, "--seed", seed];
     arguments.extend(["--individual", "1", "--duration-s", "6", "-o", &path]);
     for effect in effects {
         arguments.extend(["--effect", effect]);
@@ -68,6 +72,33 @@ fn recorded(machine: &str, folder: &Path, seed: &str, effects: &[&str]) -> Strin
     path
 }
 
+/// What `diagnose` says of `seen`, the mended description in `out`.
+fn diagnosed(machine: &str, seen: &[&str], unseen: &str, out: &str) -> Value {
+    let mut arguments = vec!["diagnose", "--json", machine];
+    arguments.extend(seen);
+    arguments.extend(["--validate", unseen, "--out", out]);
+    let page = format!("{out}.html");
+    arguments.extend(["--report", &page]);
+    let output = loadtwin(&arguments);
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert!(std::fs::metadata(&page).unwrap().len() > 10_000);
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// NMAE of the force at disc 1 along x [%].
+fn nmae(machine: &str, recording: &str) -> f64 {
+    let output = loadtwin(&["replay", "--json", machine, recording]);
+    assert!(output.status.success());
+    let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+    said["loads"]["disc1_x"]["nmae_percent"]["full"]
+        .as_f64()
+        .unwrap()
+}
+
 /// Named, sized, and taken into a description with which `replay` errs less.
 #[test]
 fn a_gain_error_of_a_rotor_is_named_and_the_description_is_mended() {
@@ -77,25 +108,7 @@ fn a_gain_error_of_a_rotor_is_named_and_the_description_is_mended() {
     let seen = recorded(&machine, folder.path(), "3", &effects);
     let unseen = recorded(&machine, folder.path(), "4", &effects);
     let out = folder.path().join("mended.toml").display().to_string();
-    let page = folder.path().join("page.html").display().to_string();
-    let output = loadtwin(&[
-        "diagnose",
-        "--json",
-        &machine,
-        &seen,
-        "--validate",
-        &unseen,
-        "--out",
-        &out,
-        "--report",
-        &page,
-    ]);
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let said = diagnosed(&machine, &[&seen], &unseen, &out);
     assert_eq!(said["verdict"], "effect", "{said}");
     assert_eq!(said["effects"][0]["name"], "gain-error", "{said}");
     assert_eq!(said["effects"][0]["place"], "x32", "{said}");
@@ -109,16 +122,54 @@ fn a_gain_error_of_a_rotor_is_named_and_the_description_is_mended() {
             .unwrap()
     };
     assert!(error("after") < 0.5 * error("before"), "{said}");
-    assert!(std::fs::metadata(&page).unwrap().len() > 10_000);
-    let worst = |machine: &str| {
-        let output = loadtwin(&["replay", "--json", machine, &unseen]);
-        assert!(output.status.success());
-        let said: Value = serde_json::from_slice(&output.stdout).unwrap();
-        said["loads"]["disc1_x"]["nmae_percent"]["full"]
-            .as_f64()
-            .unwrap()
-    };
-    let (described, mended) = (worst(&machine), worst(&out));
-    println!("NMAE of disc1_x: {described:.2} % as described, {mended:.2} % as mended");
+    let (described, mended) = (nmae(&machine, &unseen), nmae(&out, &unseen));
+    println!("gain: NMAE of disc1_x {described:.2} % as described, {mended:.2} % as mended");
     assert!(mended < 0.5 * described, "{mended} {described}");
+}
+
+/// From two recordings, which differ in their unbalances: what is written subtracts the surface by
+/// the angle of the encoder.
+#[test]
+fn a_runout_that_two_recordings_show_is_subtracted_afterwards() {
+    let folder = tempfile::tempdir().unwrap();
+    let machine = with_encoder(folder.path());
+    let effects = ["runout@32=1"];
+    let seen = ["3", "5"].map(|seed| recorded(&machine, folder.path(), seed, &effects));
+    let unseen = recorded(&machine, folder.path(), "4", &effects);
+    let out = folder.path().join("mended.toml").display().to_string();
+    let said = diagnosed(&machine, &[&seen[0], &seen[1]], &unseen, &out);
+    let found: Vec<&str> = (said["effects"].as_array().unwrap().iter())
+        .map(|effect| effect["name"].as_str().unwrap())
+        .collect();
+    assert_eq!(found[0], "runout", "{said}");
+    assert!(
+        found[1..].iter().all(|name| *name == "surface-lobes"),
+        "{said}"
+    );
+    let mended = Machine::load(Path::new(&out)).unwrap();
+    for channel in &mended.channels {
+        let size = channel.runout.first().map(|[a, b]| a.hypot(*b));
+        match channel.name.ends_with("32") {
+            true => assert!((size.unwrap() - 1e-5).abs() < 5e-7, "{size:?}"),
+            false => assert_eq!(size, None),
+        }
+    }
+    let (described, mended) = (nmae(&machine, &unseen), nmae(&out, &unseen));
+    println!("runout: NMAE of disc1_x {described:.2} % as described, {mended:.2} % as mended");
+    assert!(mended < 0.2 * described, "{mended} {described}");
+}
+
+/// At one speed only the waves of the surface that no unbalance makes are seen.
+#[test]
+fn the_lobes_of_a_surface_are_named_at_one_speed() {
+    let folder = tempfile::tempdir().unwrap();
+    let machine = with_encoder(folder.path());
+    let seen = simulated(&machine, folder.path(), "constant", "6", &["runout@5=1"]);
+    let output = loadtwin(&["diagnose", "--json", &machine, &seen]);
+    let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(said["verdict"], "effect", "{said}");
+    assert_eq!(said["effects"][0]["name"], "surface-lobes", "{said}");
+    assert_eq!(said["effects"][0]["place"], "node 5", "{said}");
+    let silent = said["cannot_show"].as_array().unwrap();
+    assert!(silent.iter().any(|name| name == "runout"), "{said}");
 }

@@ -79,7 +79,12 @@ fn what_a_rotor_may_not_be_is_said_in_one_line() {
             ["channel[1].drift.std", "20 m", "another unit"],
         ),
         (
-            "walk_n_per_sqrt_s = 0.0018",
+            "noise_std = 1e-7",
+            "noise_std = 1e-7\nrunout = [[1e-5, 0]]",
+            ["channel[1].runout", "one", "no encoder"],
+        ),
+        (
+            "walk_n_per_sqrt_s = 0.0006",
             "walk_n_per_sqrt_s = 0",
             ["rotor.load[1].walk_n_per_sqrt_s", "0", "> 0"],
         ),

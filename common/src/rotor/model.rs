@@ -16,6 +16,9 @@ pub const MAX_MODES: usize = 8;
 /// Most states that a model can have.
 pub const MAX_STATES: usize = 24;
 
+/// Most waves a turn that a sensor's runout has.
+pub const WAVES: usize = 3;
+
 /// Numbers that stay where the image lies (flash): f32, little endian.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Numbers<'a> {
@@ -139,6 +142,9 @@ pub struct RotorChannel {
     pub unit: f32,
     /// Reading of a shaft that rests on its axis.
     pub offset: f32,
+    /// What it reads of a surface that is out of true: parts with the cosine and the sine of
+    /// the shaft's angle, then of its multiples.
+    pub runout: Vec<[f32; 2], WAVES>,
     /// Row over the modal displacements in the filter's scale.
     pub row: Vec<f32, MAX_MODES>,
     /// Variance of the reading, > 0.
@@ -156,6 +162,20 @@ pub struct ShaftEncoder {
     pub angle_gain: f32,
     /// Part of it that the tracked speed takes [1/s], > 0.
     pub speed_gain: f32,
+}
+
+impl RotorChannel {
+    /// Reading of a shaft on its axis, with `waves` the cosine and the sine of its angle and
+    /// of the multiples.
+    ///
+    /// `offset + sum_k a_k cos(k angle) + b_k sin(k angle)`
+    pub(super) fn zero(&self, waves: &[[f32; 2]; WAVES]) -> f32 {
+        let mut zero = self.offset;
+        for ([a, b], [cosine, sine]) in self.runout.iter().zip(waves) {
+            zero += a * cosine + b * sine;
+        }
+        zero
+    }
 }
 
 impl RotorModel<'_> {
@@ -224,6 +244,9 @@ impl RotorModel<'_> {
             let gain = channel.converter.gain;
             if !(gain.is_finite() && gain != 0.0 && channel.offset.is_finite()) {
                 return Err(Error::OutOfRange("channel gain"));
+            }
+            if !channel.runout.iter().flatten().all(|part| part.is_finite()) {
+                return Err(Error::NotFinite("channel runout"));
             }
             if channel.row.len() != modes || !channel.row.iter().all(|c| c.is_finite()) {
                 return Err(Error::OutOfRange("channel row"));

@@ -87,19 +87,14 @@ impl Description {
         self.set_at(list, index, key, six_digits(value).into());
     }
 
+    /// As [`Description::set_number`], a matrix.
+    pub fn set_matrix(&mut self, list: &str, name: &str, key: &str, rows: &[[f64; 2]]) {
+        self.set(list, name, key, matrix(rows));
+    }
+
     /// As [`Description::set_number_at`], a matrix.
     pub fn set_matrix_at(&mut self, list: &str, index: usize, key: &str, rows: &[[f64; 2]]) {
-        let row = |row: &[f64; 2]| {
-            row.iter()
-                .map(|value| six_digits(*value))
-                .collect::<Array>()
-        };
-        self.set_at(
-            list,
-            index,
-            key,
-            rows.iter().map(row).collect::<Array>().into(),
-        );
+        self.set_at(list, index, key, matrix(rows).into());
     }
 
     fn set_at(&mut self, list: &str, index: usize, key: &str, value: Value) {
@@ -200,6 +195,16 @@ impl std::fmt::Display for Description {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         self.document.fmt(f)
     }
+}
+
+/// Rows of numbers of six digits.
+fn matrix(rows: &[[f64; 2]]) -> Array {
+    let row = |row: &[f64; 2]| {
+        row.iter()
+            .map(|value| six_digits(*value))
+            .collect::<Array>()
+    };
+    rows.iter().map(row).collect()
 }
 
 /// Sets a value and keeps the comment that stands behind the old one.

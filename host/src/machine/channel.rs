@@ -53,6 +53,10 @@ pub struct Channel {
     pub nonlinearity: f64,
     /// Creep of the zero under load, of a channel on a drivetrain.
     pub creep: Option<Creep>,
+    /// What a displacement sensor reads of a surface that is out of true [unit]: parts with the
+    /// cosine and the sine of the encoder's angle, then of twice and three times that angle.
+    #[serde(default)]
+    pub runout: Vec<[f64; 2]>,
     /// Where the sensor sits, for tables: `torque arm`, `ring gear`, ...
     pub group: Option<Group>,
     /// The converter.
@@ -71,6 +75,18 @@ impl Channel {
     /// What it senses once its response is in proportion to it: `s (1 + n s / nominal)`.
     pub fn bent(&self, sensed: f64, nominal: f64) -> f64 {
         sensed * (1.0 + self.nonlinearity * sensed / nominal)
+    }
+
+    /// What of the reading is runout where the shaft stands at `angle` [unit].
+    ///
+    /// `sum_k a_k cos(k angle) + b_k sin(k angle)`
+    pub fn runout_at(&self, angle: f64) -> f64 {
+        (self.runout.iter().zip(1..))
+            .map(|([a, b], k)| {
+                let (sine, cosine) = (f64::from(k) * angle).sin_cos();
+                a * cosine + b * sine
+            })
+            .sum()
     }
 
     /// Reading of one count [SI].

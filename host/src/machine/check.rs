@@ -303,6 +303,12 @@ impl Machine {
 fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
     finite(&field("offset"), channel.offset)?;
     positive(&field("noise_std"), channel.noise_std)?;
+    within(
+        &field("runout"),
+        "one",
+        channel.runout.is_empty(),
+        "nothing: this is no displacement of a rotor",
+    )?;
     if let Some(drift) = &channel.drift {
         positive(&field("drift.std"), drift.std)?;
         positive(&field("drift.time_s"), drift.time_s)?;

@@ -181,15 +181,15 @@ impl Default for Reduction {
     fn default() -> Self {
         Self {
             modes: None,
-            model_std: 1e-6,
+            model_std: 5e-6,
             initial_std: 1.0,
         }
     }
 }
 
 /// Random walk of an unbalance whose description gives none, in nominal loads per
-/// sqrt(s): a mass that moves by 0.1 % in a second.
-const UNBALANCE_WALK: f64 = 1e-3;
+/// sqrt(s): a mass that moves by 1 % in an hour.
+const UNBALANCE_WALK: f64 = 0.01 / 60.0;
 
 /// Most elements of a shaft.
 const MOST_ELEMENTS: usize = 1000;

@@ -1,7 +1,9 @@
 //! What a rotor's sensors may be.
 
+use loadtwin_common::rotor::WAVES;
+
 use super::rule::{Checked, at_most, finite, nonzero, one_of, positive, refuse, within};
-use super::{Machine, Rotor, Senses};
+use super::{Channel, Machine, Rotor, Senses};
 use crate::recording::Quantity;
 
 /// Largest standard deviation, of noise and of drift, and coarsest count of a sensor [m].
@@ -32,6 +34,7 @@ impl Machine {
             )?;
             positive(&field("noise_std"), channel.noise_std)?;
             finite(&field("offset"), channel.offset)?;
+            self.check_runout(&field("runout"), channel)?;
             nonzero(&field("adc.lsb"), channel.adc.lsb)?;
             within(
                 &field("adc.bits"),
@@ -106,5 +109,25 @@ impl Machine {
             positive("index.tolerance_rad", index.tolerance_rad)?;
         }
         Ok(())
+    }
+
+    /// Waves that an image has room for, about an angle that is known.
+    fn check_runout(&self, field: &str, channel: &Channel) -> Checked {
+        let waves = &channel.runout;
+        within(
+            field,
+            format!("{} waves", waves.len()),
+            waves.len() <= WAVES,
+            &format!("at most {WAVES}"),
+        )?;
+        let told = waves.is_empty() || !self.encoders.is_empty();
+        within(field, "one", told, "nothing where no encoder is described")?;
+        let small = |part: &f64| channel.to_si(part.abs()) <= COARSEST_M;
+        within(
+            field,
+            format!("{waves:?} {}", channel.unit),
+            waves.iter().flatten().all(small),
+            "at most 1 mm: is it in another unit than `unit`?",
+        )
     }
 }

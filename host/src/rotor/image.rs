@@ -187,6 +187,9 @@ impl RotorPlan {
             },
             unit: UNIT_M as f32,
             offset: (channel.to_si(channel.offset) / UNIT_M) as f32,
+            runout: (channel.runout.iter())
+                .map(|wave| wave.map(|part| (channel.to_si(part) / UNIT_M) as f32))
+                .collect(),
             row: fixed(&row[..self.size.0])?,
             variance: variance as f32,
             bias_state: self.bias_state(channel).map(|state| state as u8),

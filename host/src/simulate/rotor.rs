@@ -303,7 +303,7 @@ impl Sampled for TurningRotor<'_> {
                 let response = channel.sensitivity.unwrap_or(1.0) * along;
                 let reading = (self.effects.iter()).fold(response, |reading, effect| {
                     effect.read(number, channel, t, motion.angle, reading)
-                }) + channel.to_si(channel.offset)
+                }) + channel.to_si(channel.offset + channel.runout_at(motion.angle))
                     + noise;
                 let lsb = channel.lsb_si();
                 values.push(channel.unit.from_si((reading / lsb).round() * lsb));

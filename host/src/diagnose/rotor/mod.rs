@@ -71,9 +71,8 @@ impl RotorSession {
         mut recorded: Recorded,
     ) -> Result<Self, DiagnoseError> {
         for (channel, readings) in channels.iter().zip(&mut recorded.readings) {
-            let offset = channel.to_si(channel.offset);
-            for reading in readings {
-                *reading -= offset;
+            for (reading, angle) in readings.iter_mut().zip(&recorded.turning.angle) {
+                *reading -= channel.to_si(channel.offset + channel.runout_at(*angle));
             }
         }
         let seen = Seen::new(rotor, channels, &Arc::new(recorded))?;
@@ -110,18 +109,12 @@ impl RotorSession {
 
     /// Node and direction [rad] of sensor `k`.
     fn place(&self, k: usize) -> (usize, f64) {
-        match &self.channels()[k].senses {
-            Senses::Displacement(at) => (at.node, at.direction_deg.to_radians()),
-            _ => (usize::MAX, 0.0),
-        }
+        displacement(&self.channels()[k])
     }
 
     /// Nodes with sensors.
     fn nodes(&self) -> Vec<usize> {
-        let mut nodes: Vec<usize> = (0..self.streams.len()).map(|k| self.place(k).0).collect();
-        nodes.sort_unstable();
-        nodes.dedup();
-        nodes
+        nodes(self.channels())
     }
 
     /// What sensor `k` reads of the unbalance and the start that explain the readings best.
@@ -171,4 +164,20 @@ impl RotorSession {
         let lowest = speed.iter().copied().fold(f64::INFINITY, f64::min);
         highest - lowest < ONE_SPEED * highest
     }
+}
+
+/// Node and direction [rad] of a sensor.
+fn displacement(channel: &Channel) -> (usize, f64) {
+    match &channel.senses {
+        Senses::Displacement(at) => (at.node, at.direction_deg.to_radians()),
+        _ => (usize::MAX, 0.0),
+    }
+}
+
+/// Nodes with sensors.
+fn nodes(channels: &[Channel]) -> Vec<usize> {
+    let mut nodes: Vec<usize> = channels.iter().map(|c| displacement(c).0).collect();
+    nodes.sort_unstable();
+    nodes.dedup();
+    nodes
 }

@@ -48,6 +48,9 @@ pub(super) fn write(
         if was.offset != is.offset {
             description.set_number("channel", &is.name, "offset", is.offset);
         }
+        if was.runout != is.runout {
+            description.set_matrix("channel", &is.name, "runout", &is.runout);
+        }
         if let Some(sensitivity) = is.sensitivity.filter(|_| was.sensitivity != is.sensitivity) {
             description.set_number("channel", &is.name, "sensitivity", sensitivity);
         }

@@ -15,6 +15,7 @@ use crate::diagnose::effect::{Effect, Shape};
 pub static LIBRARY: &[&dyn Effect<RotorSession>] = &[
     &bias::SensorBias,
     &runout::Runout,
+    &runout::SurfaceLobes,
     &gain::GainError,
     &bow::ShaftBow,
     &misalignment::Misalignment,

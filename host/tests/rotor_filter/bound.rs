@@ -1,0 +1,186 @@
+//! What no causal estimator betters: least squares of an unbalance that is known to stay, on a
+//! rotor that is known exactly.
+
+use std::f64::consts::FRAC_PI_2;
+use std::path::Path;
+
+use faer::Mat;
+use faer::linalg::solvers::Solve;
+use loadtwin::build::Sensors;
+use loadtwin::machine::{Channel, Machine, Senses};
+use loadtwin::replay::Samples;
+use loadtwin::simulate::{AppliedUnbalance, RotorScenario};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::{judged, machine, paper, record, soft};
+
+/// Sensors and displacements of every node [m], `[sample][of each]`.
+struct Recorded {
+    readings: Vec<Vec<f64>>,
+    displacements: Vec<Vec<f64>>,
+}
+
+impl Recorded {
+    fn read(machine: &Machine, path: &Path) -> Self {
+        let sensors = Sensors::choose(machine, None).unwrap();
+        let mut samples = Samples::open(machine, &sensors, path).unwrap();
+        let (mut readings, mut displacements) = (Vec::new(), Vec::new());
+        while samples
+            .next_block(|sample| {
+                let of = |(k, channel): (usize, &Channel)| {
+                    f64::from(sample.raw.words[k] - channel.zero_word()) * channel.lsb_si()
+                };
+                readings.push(sensors.channels.iter().enumerate().map(of).collect());
+                displacements.push(sample.displacements.to_vec());
+            })
+            .unwrap()
+        {}
+        Self {
+            readings,
+            displacements,
+        }
+    }
+}
+
+/// A rotor from rest under each unbalance of nominal size alone, in phase and a quarter turn on.
+struct Bound {
+    /// `[column][sample][displacement]`.
+    columns: Vec<Vec<Vec<f64>>>,
+}
+
+impl Bound {
+    fn new(machine: &Machine, like: &RotorScenario) -> Self {
+        let rotor = machine.rotor.as_ref().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("column.parquet");
+        let columns = (0..2 * rotor.loads.len())
+            .map(|column| {
+                let unbalances = (rotor.loads.iter().enumerate())
+                    .map(|(k, load)| AppliedUnbalance {
+                        moment_kg_m: if k == column / 2 {
+                            load.nominal_n / rotor.speed_rad_s.powi(2)
+                        } else {
+                            0.0
+                        },
+                        phase_rad: FRAC_PI_2 * (column % 2) as f64,
+                    })
+                    .collect();
+                let scenario = RotorScenario {
+                    unbalances,
+                    noise: 0.0,
+                    ..like.clone()
+                };
+                record(machine, scenario, &path);
+                Recorded::read(machine, &path).displacements
+            })
+            .collect();
+        Self { columns }
+    }
+
+    /// Largest error at any node of `recording` from `from_s` on [µm].
+    ///
+    /// `u = (1 + C' R^-1 C)^-1 C' R^-1 y` of the samples so far, in nominal loads.
+    fn settled_um(&self, machine: &Machine, recording: &Path, from_s: f64) -> f64 {
+        let recorded = Recorded::read(machine, recording);
+        let p = self.columns.len();
+        let mut information = Mat::<f64>::identity(p, p);
+        let mut seen = Mat::<f64>::zeros(p, 1);
+        let mut worst = 0.0_f64;
+        for (i, readings) in recorded.readings.iter().enumerate() {
+            for (channel, reading) in machine.channels.iter().zip(readings) {
+                let Senses::Displacement(at) = &channel.senses else {
+                    continue;
+                };
+                let (sine, cosine) = at.direction_deg.to_radians().sin_cos();
+                let of = |column: &Vec<Vec<f64>>| {
+                    column[i][2 * at.node] * cosine + column[i][2 * at.node + 1] * sine
+                };
+                let row: Vec<f64> = self.columns.iter().map(of).collect();
+                let weight = channel.to_si(channel.noise_std).powi(-2);
+                for a in 0..p {
+                    seen[(a, 0)] += weight * row[a] * reading;
+                    for b in 0..p {
+                        information[(a, b)] += weight * row[a] * row[b];
+                    }
+                }
+            }
+            if (i as f64) < from_s * machine.rate_hz {
+                continue;
+            }
+            let u = information.partial_piv_lu().solve(&seen);
+            for (k, truth) in recorded.displacements[i].iter().enumerate() {
+                let columns = self.columns.iter().enumerate();
+                let estimate: f64 = columns.map(|(j, column)| u[(j, 0)] * column[i][k]).sum();
+                worst = worst.max((estimate - truth).abs());
+            }
+        }
+        1e6 * worst
+    }
+}
+
+/// A rotor after the example: another shaft, discs, bearings and speed.
+fn drawn(seed: u64) -> Machine {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut machine = machine();
+    machine.name = format!("drawn rotor {seed}");
+    let rotor = machine.rotor.as_mut().unwrap();
+    let outer = rng.random_range(0.015..0.022);
+    rotor.sections[0].outer_m = outer;
+    rotor.discs[0].node = rng.random_range(9..15);
+    rotor.discs[1].node = rng.random_range(20..28);
+    for (disc, load) in rotor.discs.iter_mut().zip(&mut rotor.loads) {
+        disc.mass_kg *= rng.random_range(0.7..1.6);
+        load.node = disc.node;
+    }
+    for bearing in &mut rotor.bearings {
+        let mut stiffness = || 10.0_f64.powf(rng.random_range(6.0..8.5));
+        bearing.stiffness_n_per_m = Some([[stiffness(), 0.0], [0.0, stiffness()]]);
+        let mut damping = || rng.random_range(20.0..300.0);
+        bearing.damping_n_s_per_m = [[damping(), 0.0], [0.0, damping()]];
+    }
+    // Critical speeds go with the diameter squared.
+    rotor.speed_rad_s = 130.0 * (outer / 0.017).powi(2) * rng.random_range(0.5..1.7);
+    for load in &mut rotor.loads {
+        load.nominal_n = 0.007 * 0.068 * rotor.speed_rad_s.powi(2);
+        load.walk_n_per_sqrt_s = None;
+    }
+    machine
+}
+
+/// Settled error [µm] of the filter, and of least squares with the rotor known exactly.
+#[test]
+fn the_filter_errs_by_little_more_than_what_no_estimator_betters() {
+    const SEEDS: std::ops::Range<u64> = 21..24;
+    // What a reduced model errs by after a start, part of the peak.
+    const MODEL: f64 = 2e-3;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rotor.parquet");
+    for mut machine in [machine(), soft(), drawn(5), drawn(6)] {
+        let speeds_rad_s = [machine.rotor.as_ref().unwrap().speed_rad_s; 2];
+        let scenario = |seed| RotorScenario {
+            speeds_rad_s,
+            ..paper(1.0, seed)
+        };
+        let bound = Bound::new(&machine, &scenario(0));
+        for noise_m in [1e-7, 1e-6] {
+            for channel in &mut machine.channels {
+                channel.noise_std = noise_m;
+            }
+            let (mut filter, mut least, mut peak) = (0.0, 0.0, 0.0);
+            for seed in SEEDS {
+                record(&machine, scenario(seed), &path);
+                let outcome = judged(&machine, &path);
+                let share = 1.0 / SEEDS.count() as f64;
+                filter += share * outcome.settled_um;
+                least += share * bound.settled_um(&machine, &path, 1.0);
+                peak = outcome.peak_um;
+            }
+            println!(
+                "{}, {:.0} rad/s, {peak:.0} µm, noise {noise_m:e} m: settled {filter:.2} µm, bound {least:.2} µm",
+                machine.name, speeds_rad_s[0]
+            );
+            assert!(filter < least + MODEL * peak, "{filter} {least}");
+        }
+    }
+}
