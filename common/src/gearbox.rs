@@ -11,9 +11,13 @@
 //!
 //! Source: Bosmans et al. 2023, section 4.1, eq. (1), (6)-(14).
 
+mod angle;
+mod friction;
 mod model;
+mod response;
 mod steady;
 
+use angle::turn;
 use heapless::Vec;
 use nalgebra::{RowSVector, SMatrix, SVector};
 
@@ -29,7 +33,9 @@ use crate::phase::{Phase, wrap_rad};
 use crate::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
 use crate::transition::{ProcessNoise, RandomWalk, Transition};
 
+pub use friction::{Friction, MAX_FRICTIONS};
 pub use model::{Channel, Encoder, GearboxModel, LOADS, Role};
+pub use response::Response;
 pub use steady::SteadyGains;
 
 /// Samples after which a gap is a new start.
@@ -64,6 +70,10 @@ pub struct GearboxState<const NX: usize> {
     belief: Gaussian<NX>,
     gates: [Gate; MAX_SENSORS],
     drive: [f32; MAX_CHANNELS],
+    /// Direction in which each friction brakes, -1 to 1.
+    braking: [f32; MAX_FRICTIONS],
+    /// How far the zero of each channel has crept, in what the channel senses.
+    crept: [f32; MAX_CHANNELS],
     age: u16,
     /// Turn of the carrier in the last sample [rad].
     turned: f32,
@@ -130,6 +140,8 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             belief: self.initial,
             gates: [self.gate; MAX_SENSORS],
             drive: [0.0; MAX_CHANNELS],
+            braking: [0.0; MAX_FRICTIONS],
+            crept: [0.0; MAX_CHANNELS],
             age: u16::MAX,
             turned: 0.0,
             homed_by_pulse: false,
@@ -213,6 +225,8 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
     fn restart(&self, state: &mut GearboxState<NX>, m: &Measurement) {
         state.belief = self.initial;
         state.gates = [self.gate; MAX_SENSORS];
+        state.braking = [0.0; MAX_FRICTIONS];
+        state.crept = [0.0; MAX_CHANNELS];
         state.age = u16::MAX;
         state.started = true;
         state.steady = false;
@@ -221,23 +235,17 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         }
     }
 
-    /// How far the carrier is ahead of the index's encoder by the estimate.
-    fn lead(&self, state: &GearboxState<NX>) -> Phase {
-        let encoder = self
-            .model
-            .index
-            .as_ref()
-            .map_or(0, |index| usize::from(index.encoder));
-        self.encoder_rows
-            .get(encoder)
-            .map_or(Phase::default(), |row| {
-                Phase::from_rad(state.belief.state[0] - dot(row, &state.belief.state))
-            })
-    }
-
     fn predict(&self, state: &mut GearboxState<NX>) {
         let from = state.belief.state[0];
-        state.belief.state = self.transition.propagate(&state.belief.state);
+        let mut next = self.transition.propagate(&state.belief.state);
+        for (friction, z) in self.model.frictions.iter().zip(&mut state.braking) {
+            let speed = state.belief.state.get(usize::from(friction.speed_state));
+            let torque = friction.torque(speed.copied().unwrap_or(0.0), z);
+            for (x, b) in next.iter_mut().zip(&friction.column) {
+                *x += b * torque;
+            }
+        }
+        state.belief.state = next;
         state.turned = state.belief.state[0] - from;
         if !state.steady {
             self.transition
@@ -249,71 +257,25 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
                 .belief
                 .reset_variance(NX - 1, self.model.load_noise[LOADS - 1]);
         }
-        for ((channel, row), drive) in self
-            .model
-            .channels
-            .iter()
+        for (i, (channel, row)) in (self.model.channels.iter())
             .zip(&self.channel_rows)
-            .zip(&state.drive)
+            .enumerate()
         {
-            if matches!(channel.role, Role::Drive) {
-                state.belief.state += row.transpose() * *drive;
+            match &channel.role {
+                Role::Drive => {
+                    let drive = state.drive.get(i).copied().unwrap_or(0.0);
+                    state.belief.state += row.transpose() * drive;
+                }
+                Role::Measure { response, .. } if response.creep_rate > 0.0 => {
+                    let sensed = dot(row, &state.belief.state);
+                    if let Some(crept) = state.crept.get_mut(i) {
+                        *crept += response.creep_rate * (sensed - *crept);
+                    }
+                }
+                Role::Measure { .. } => {}
             }
         }
         state.belief.state[0] = wrap_rad(state.belief.state[0]);
-    }
-
-    fn update_angle(
-        &self,
-        state: &mut GearboxState<NX>,
-        k: usize,
-        m: &Measurement,
-    ) -> SensorEstimate {
-        let (Some(encoder), Some(row)) = (self.model.encoders.get(k), self.encoder_rows.get(k))
-        else {
-            return SensorEstimate::default();
-        };
-        let angle = match m.angles.get(k) {
-            Some(Ok(angle)) => angle.to_rad(),
-            _ => {
-                return SensorEstimate {
-                    fault: Fault::Missing,
-                    ..SensorEstimate::default()
-                };
-            }
-        };
-        let innovation = wrap_rad(angle - dot(row, &state.belief.state));
-        let gate = &mut state.gates[MAX_CHANNELS + k % MAX_ENCODERS];
-        let update = kalman::update(&mut state.belief, row, innovation, encoder.variance, gate);
-        if update.outcome == Outcome::Gated && gate.exhausted() {
-            shift(&mut state.belief, encoder, row, innovation);
-        }
-        judged(angle, &update, 1.0, Fault::Slipped)
-    }
-
-    /// Without an encoder the pulse itself is the measurement of the angle; it
-    /// came somewhere in the last sample period.
-    fn home_by_pulse(&self, state: &mut GearboxState<NX>) {
-        let Some(index) = &self.model.index else {
-            return;
-        };
-        let pulse = index.angle.to_rad();
-        if state.homed_by_pulse {
-            let mut row = RowSVector::<f32, NX>::zeros();
-            row[0] = 1.0;
-            let innovation = wrap_rad(pulse - state.belief.state[0]);
-            let variance = index.tolerance_rad * index.tolerance_rad;
-            kalman::update(
-                &mut state.belief,
-                &row,
-                innovation,
-                variance,
-                &mut Gate::open(),
-            );
-        } else {
-            state.belief.state[0] = pulse;
-            state.homed_by_pulse = true;
-        }
     }
 
     /// One analogue channel: a reading for the filter, or the drive torque for the next step.
@@ -345,6 +307,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             map_deviation,
             variance,
             bias_state,
+            response,
         } = &channel.role
         else {
             if let Some(drive) = state.drive.get_mut(i) {
@@ -367,10 +330,12 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         };
         // The angle is the encoder's business: what it is unsure of makes the
         // reading less certain, but a gauge whose map is wrong must not turn it.
-        let by_angle = sensed * slope;
+        let (bent, steepness) = response.bent(sensed);
+        let by_angle = bent * slope;
         r += by_angle * by_angle * state.belief.variances()[0];
-        let mut gradient = row * sensitivity;
-        let mut predicted = offset + sensitivity * sensed;
+        let mut gradient = row * (sensitivity * steepness);
+        let crept = state.crept.get(i).copied().unwrap_or(0.0);
+        let mut predicted = offset + sensitivity * bent + response.creep * crept;
         if let Some(b) = bias_state.map(usize::from)
             && let (Some(g), Some(x)) = (gradient.get_mut(b), state.belief.state.get(b))
         {
@@ -422,36 +387,6 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             fault,
         }
     }
-}
-
-/// Turns the carrier angle of a belief.
-fn turn<const NX: usize>(belief: &mut Gaussian<NX>, by: Phase) {
-    belief.state[0] = wrap_rad(belief.state[0] + by.to_rad());
-}
-
-/// Takes an encoder's innovation as a shift of its counts.
-///
-/// No shaft jumps: an encoder that contradicts for as long as its gate is patient has
-/// lost or gained counts. Its offset becomes as uncertain as the jump is large,
-///
-/// `P_oo + (nu / h_o)^2`,
-///
-/// and so takes the jump in the update that follows; of the twists, and with them
-/// the loads, less than a hundredth of what the same innovation would do.
-#[cold]
-fn shift<const NX: usize>(
-    belief: &mut Gaussian<NX>,
-    encoder: &Encoder,
-    row: &RowSVector<f32, NX>,
-    innovation: f32,
-) {
-    let offset = usize::from(encoder.offset_state);
-    let Some(per_unit) = row.get(offset) else {
-        return;
-    };
-    let size = innovation / per_unit;
-    belief.widen(offset, size * size);
-    kalman::update(belief, row, innovation, encoder.variance, &mut Gate::open());
 }
 
 /// `row x`, summed from the first state to the last.

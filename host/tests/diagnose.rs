@@ -49,6 +49,16 @@ fn diagnosed_as(machine: &Path, recording: &str, more: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
+/// Error of the main shaft's torque by the filter [% of nominal].
+fn nmae(machine: &str, recording: &str, sensors: &str) -> f64 {
+    let output = loadtwin(&["replay", "--json", machine, recording, "--sensors", sensors]);
+    assert!(output.status.success());
+    let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+    said["loads"]["main_shaft"]["nmae_percent"]["full"]
+        .as_f64()
+        .unwrap()
+}
+
 #[test]
 fn nothing_is_missing_from_a_clean_recording() {
     let folder = tempfile::tempdir().unwrap();
@@ -134,16 +144,38 @@ fn a_gain_error_is_named_and_the_description_is_mended() {
     assert_eq!(said["machine_out"], out);
     assert!(std::fs::metadata(&page).unwrap().len() > 10_000);
     // The mended description is one that `replay` runs, with a smaller error.
-    let nmae = |machine: &str| {
-        let output = loadtwin(&["replay", "--json", machine, &unseen]);
-        assert!(output.status.success());
-        let said: Value = serde_json::from_slice(&output.stdout).unwrap();
-        said["loads"]["main_shaft"]["nmae_percent"]["full"]
-            .as_f64()
-            .unwrap()
-    };
     let described = machine().display().to_string();
-    assert!(nmae(&out) < nmae(&described));
+    let filter_error = |machine: &str| nmae(machine, &unseen, "torque-arm-3");
+    assert!(filter_error(&out) < filter_error(&described));
+}
+
+/// What the line runs is no longer missing, on a recording that took no part.
+#[test]
+fn friction_response_and_creep_that_are_found_become_part_of_the_description() {
+    let folder = tempfile::tempdir().unwrap();
+    let described = machine().display().to_string();
+    for (effect, sensors) in [
+        ("coulomb-friction", "torque-arm-3"),
+        ("strain-nonlinearity", "torque-arm-3"),
+        ("gauge-creep", "high-speed-housing-1"),
+    ] {
+        let seen = recorded(folder.path(), "seen.parquet", "start-stop", "60", &[effect]);
+        let unseen = recorded(
+            folder.path(),
+            "unseen.parquet",
+            "reversals",
+            "60",
+            &[effect],
+        );
+        let out = folder.path().join("better.toml");
+        let out_name = out.display().to_string();
+        let said = diagnosed(&seen, &["--out", &out_name]);
+        assert_eq!(said["effects"][0]["name"], effect, "{said}");
+        let again = diagnosed_as(&out, &unseen, &[]);
+        assert_eq!(again["verdict"], "none", "{effect}: {again}");
+        let error = |machine: &str| nmae(machine, &unseen, sensors);
+        assert!(error(&out_name) < error(&described), "{effect}");
+    }
 }
 
 #[test]

@@ -3,7 +3,9 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::SteadyGains;
+use super::friction::{Friction, MAX_FRICTIONS};
+use super::response::Response;
+use super::steady::SteadyGains;
 use crate::Error;
 use crate::image::{LoadSignal, MAX_STATES, StateVec};
 use crate::measurement::{Converter, Counter, IndexPulse};
@@ -46,6 +48,8 @@ pub struct GearboxModel<'a> {
     pub encoders: Vec<Encoder, MAX_ENCODERS>,
     /// The pulse that homes the carrier angle.
     pub index: Option<IndexPulse>,
+    /// Dry friction, inertia by inertia.
+    pub frictions: Vec<Friction, MAX_FRICTIONS>,
     /// Gains computed beforehand; without them every sample takes the full recursion.
     #[serde(borrow)]
     pub steady: Option<SteadyGains<'a>>,
@@ -83,6 +87,8 @@ pub enum Role<'a> {
         variance: PeriodicTable<'a>,
         /// State that is added to the reading.
         bias_state: Option<u8>,
+        /// What it answers beside that.
+        response: Response,
     },
     /// A measured torque that drives the train: a known input.
     Drive,
@@ -159,6 +165,9 @@ impl GearboxModel<'_> {
                 return Err(Error::OutOfRange("encoder offset"));
             }
         }
+        for friction in &self.frictions {
+            friction.check(states, LOADS)?;
+        }
         if let Some(index) = &self.index {
             positive([index.tolerance_rad], "index tolerance")?;
         }
@@ -192,10 +201,12 @@ impl Channel<'_> {
             map_deviation,
             variance,
             bias_state,
+            response,
         } = &self.role
         else {
             return Ok(());
         };
+        response.check()?;
         finite(&[*offset, *map_mean, *map_deviation], 3, "channel map")?;
         map.validate("channel map")?;
         variance.validate("channel variance")?;
@@ -222,7 +233,7 @@ impl Channel<'_> {
 }
 
 /// Checks that there are `len` values and that all are finite.
-fn finite(values: &[f32], len: usize, name: &'static str) -> Result<(), Error> {
+pub(super) fn finite(values: &[f32], len: usize, name: &'static str) -> Result<(), Error> {
     if values.len() != len {
         Err(Error::OutOfRange(name))
     } else if values.iter().all(|value| value.is_finite()) {
@@ -233,7 +244,10 @@ fn finite(values: &[f32], len: usize, name: &'static str) -> Result<(), Error> {
 }
 
 /// Checks that all values are finite and above zero.
-fn positive(values: impl IntoIterator<Item = f32>, name: &'static str) -> Result<(), Error> {
+pub(super) fn positive(
+    values: impl IntoIterator<Item = f32>,
+    name: &'static str,
+) -> Result<(), Error> {
     if values
         .into_iter()
         .all(|value| value > 0.0 && value.is_finite())

@@ -177,6 +177,7 @@ impl<const NX: usize> Gearbox<'_, NX> {
                     offset,
                     map,
                     variance,
+                    response,
                     ..
                 } = &channel.role
                 else {
@@ -197,9 +198,12 @@ impl<const NX: usize> Gearbox<'_, NX> {
                     None => continue,
                 };
                 let (sensitivity, slope) = map.at(angle);
-                let by_angle = sensed * slope;
+                let (bent, steepness) = response.bent(sensed);
+                let by_angle = bent * slope;
                 let r = variance.bin(angle) + by_angle * by_angle * angle_variance;
-                let nu = value - (offset + sensitivity * sensed);
+                let crept = state.crept.get(i).copied().unwrap_or(0.0);
+                let nu = value - (offset + sensitivity * bent + response.creep * crept);
+                let sensitivity = sensitivity * steepness;
                 let gate = &mut state.gates[i % MAX_CHANNELS];
                 let update = judge(nu, sensitivity * sensitivity * v + r, gate);
                 if update.used() {
@@ -216,6 +220,12 @@ impl<const NX: usize> Gearbox<'_, NX> {
                 surprise / (1.0 + v * information),
             );
         }
+        self.take_drives(state, m, estimate);
+        bin.load_variances()
+    }
+
+    /// Measured drive torques, for the next prediction.
+    fn take_drives(&self, state: &mut GearboxState<NX>, m: &Measurement, estimate: &mut Estimate) {
         for (i, channel) in self.model.channels.iter().enumerate() {
             if matches!(channel.role, Role::Drive)
                 && let (Some(slot), Some(drive)) =
@@ -231,7 +241,6 @@ impl<const NX: usize> Gearbox<'_, NX> {
                 }
             }
         }
-        bin.load_variances()
     }
 
     /// Chooses by what the next sample is taken: by the steady gains where the

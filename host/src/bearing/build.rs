@@ -22,16 +22,11 @@ const VALID_STD: f64 = 0.2;
 /// Smallest standard deviation of a load about what is expected, in ranges.
 const LEAST_LOAD_STD: f64 = 0.01;
 
-/// The image's payload with the calibration that the description names.
+/// The calibration that the description names.
 ///
 /// # Errors
-/// When the bearing is not calibrated, its calibration cannot be read or the
-/// description does not fit the model.
-pub fn image(
-    machine: &Machine,
-    bearing: &Bearing,
-    sensors: &Sensors,
-) -> Result<Vec<u8>, BuildError> {
+/// When the bearing is not calibrated or its calibration cannot be read.
+pub fn calibration(machine: &Machine, bearing: &Bearing) -> Result<Calibration, BuildError> {
     let Some(file) = &bearing.calibration else {
         let text = std::fs::read_to_string(&machine.path).unwrap_or_default();
         return Err(BuildError::Machine(MachineError::violation(
@@ -44,7 +39,23 @@ pub fn image(
             },
         )));
     };
-    let calibration = Calibration::read(&machine.resolve(file), bearing.gauges.len())?;
+    Ok(Calibration::read(
+        &machine.resolve(file),
+        bearing.gauges.len(),
+    )?)
+}
+
+/// The image's payload with the calibration that the description names.
+///
+/// # Errors
+/// When the bearing is not calibrated, its calibration cannot be read or the
+/// description does not fit the model.
+pub fn image(
+    machine: &Machine,
+    bearing: &Bearing,
+    sensors: &Sensors,
+) -> Result<Vec<u8>, BuildError> {
+    let calibration = calibration(machine, bearing)?;
     let model = model(machine, bearing, sensors, &calibration)?;
     build::packed(machine, Model::Bearing(model))
 }

@@ -7,6 +7,7 @@ use loadtwin_common::bearing::{FEATURES, HARMONICS, LOADS, ROWS};
 use serde::{Deserialize, Serialize};
 
 use super::baseline::Baseline;
+use super::linear::{COEFFICIENTS, DRIFT};
 use super::physical::Physical;
 use crate::machine::MachineError;
 
@@ -60,6 +61,20 @@ pub struct Answer {
     pub local: Local,
     /// Its standard deviation.
     pub local_std: Local,
+}
+
+impl Answer {
+    /// Its coefficients in the order of [`super::linear::rows`], without drift.
+    pub(super) fn coefficients(&self) -> [f64; COEFFICIENTS] {
+        let mut all = [0.0; COEFFICIENTS];
+        all[0] = self.offset;
+        let bulk = (self.bulk_load.iter()).chain(self.bulk_feature.iter().flatten());
+        let local = self.local.iter().flatten().flatten().flatten();
+        for (slot, value) in all[DRIFT..].iter_mut().zip(bulk.chain(local)) {
+            *slot = *value;
+        }
+        all
+    }
 }
 
 impl Calibration {

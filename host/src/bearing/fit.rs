@@ -13,13 +13,18 @@ use loadtwin_common::raw::RawSample;
 use super::answers::{fit_gauges, uncertainty};
 use super::baseline::Baseline;
 use super::calibration::Calibration;
-use super::follow::follow;
+use super::follow::{Known, check_followed, follow};
 use super::refine::refine;
 use crate::build::{BuildError, Sensors};
 use crate::machine::{Bearing, Machine};
 
 /// Times that phases are followed and gauges fitted in turn.
-pub(super) const PASSES: usize = 4;
+const PASSES: usize = 4;
+/// Least part of the blocks that must have been followed in the end, and before.
+const LEAST_FOLLOWED: f64 = 0.5;
+const LEAST_AT_FIRST: f64 = 0.1;
+/// Error of answers that are only guessed, as part of the strain.
+const GUESSED: f32 = 0.7;
 /// Errors of the model stay for many blocks, where the filter takes them for new ones
 /// in each: how much larger they are told to it.
 pub(super) const TOGETHER: f64 = 6.0;
@@ -45,24 +50,41 @@ impl Rig<'_> {
     }
 }
 
-/// Fits the answers of the gauges and the bearing's own parameters to `samples`.
+/// Fits the answers of the gauges and the bearing's own parameters to `samples`, with their
+/// uncertainty, and the paper's algorithms.
+///
+/// # Errors
+/// As [`fit`].
+pub fn calibrate(rig: &Rig<'_>, samples: &[RigSample]) -> Result<Calibration, BuildError> {
+    let (mut calibration, known) = fit(rig, samples)?;
+    uncertainty(rig, &known, &mut calibration)?;
+    calibration.baseline = Some(Baseline::fit(rig, samples, &known)?);
+    Ok(calibration)
+}
+
+/// Fits what the filter needs to `samples`; gives the phases that it followed, too.
 ///
 /// # Errors
 /// When the description does not make a model, or the phases cannot be followed.
-pub fn calibrate(rig: &Rig<'_>, samples: &[RigSample]) -> Result<Calibration, BuildError> {
+pub fn fit(rig: &Rig<'_>, samples: &[RigSample]) -> Result<(Calibration, Vec<Known>), BuildError> {
     let mut calibration = Calibration::guess(GAUGES);
     expect(samples, &mut calibration);
     let mut known = Vec::new();
     for pass in 0..PASSES {
-        known = follow(rig, samples, &calibration, pass)?;
+        known = follow(rig, samples, &calibration, |model| {
+            for gauge in model.gauges.iter_mut().filter(|_| pass == 0) {
+                gauge.model_error = GUESSED;
+            }
+        })?;
+        let last = pass + 1 == PASSES;
+        let least = if last { LEAST_FOLLOWED } else { LEAST_AT_FIRST };
+        check_followed(rig, samples, &known, least)?;
         fit_gauges(rig, &known, &mut calibration)?;
         if (1..PASSES - 1).contains(&pass) {
             refine(rig, &known, &mut calibration)?;
         }
     }
-    uncertainty(rig, &known, &mut calibration)?;
-    calibration.baseline = Some(Baseline::fit(rig, samples, &known)?);
-    Ok(calibration)
+    Ok((calibration, known))
 }
 
 /// Mean and covariance of the loads: what is expected of them where readings say little.

@@ -1,54 +1,58 @@
 //! Phases of both rows on a rig whose loads are known.
 
 use loadtwin_common::bearing::block::Block;
-use loadtwin_common::bearing::{BLOCK_HZ, Bearing as Filter, LOADS, ROWS};
+use loadtwin_common::bearing::{BLOCK_HZ, Bearing as Filter, BearingModel, LOADS, ROWS};
 
 use super::build::model;
 use super::calibration::Calibration;
-use super::fit::{PASSES, Rig, RigSample};
+use super::fit::{Rig, RigSample};
 use crate::build::BuildError;
 
-/// Least part of the blocks that must have been followed in the end, and before.
-const LEAST_FOLLOWED: f64 = 0.5;
-const LEAST_AT_FIRST: f64 = 0.1;
-/// Error of answers that are only guessed, as part of the strain.
-const GUESSED: f32 = 0.7;
 /// Factor on the errors at rest: with the loads told there is time.
 const PATIENCE: f32 = 3.0;
 
 /// A block with its loads [kN] and the phases of both rows at its start.
 pub struct Known {
+    /// What the gauges read.
     pub block: Block,
+    /// `Fx, Fy, Fz, Mx, Mz`, moments over the radius.
     pub loads: [f32; LOADS],
+    /// Phase of ball passing of each row [rad].
     pub phase: [f64; ROWS],
     /// Time as part of the recording, -1 to 1.
     pub time: f64,
+    /// Number of the block since the recording began.
+    pub number: usize,
 }
 
-/// Follows the phases with known loads; `pass`: how often that was done before.
+/// Samples of a block.
+pub fn block_samples(rig: &Rig<'_>) -> usize {
+    (rig.machine.rate_hz as f32 / BLOCK_HZ).round().max(1.0) as usize
+}
+
+/// Follows the phases with known loads by the model of `calibration`, with what `doubt` makes of
+/// it.
 ///
 /// # Errors
-/// When they can be followed over too little of the recording.
+/// When the description does not make a model.
 pub fn follow(
     rig: &Rig<'_>,
     samples: &[RigSample],
     calibration: &Calibration,
-    pass: usize,
+    doubt: impl FnOnce(&mut BearingModel),
 ) -> Result<Vec<Known>, BuildError> {
     let mut model = model(rig.machine, rig.bearing, rig.sensors, calibration)?;
     // Bulk strain says nothing about the phase.
     model.tuning.bulk_std = 1e3;
     for gauge in &mut model.gauges {
         gauge.resting_error *= PATIENCE;
-        if pass == 0 {
-            gauge.model_error = GUESSED;
-        }
     }
+    doubt(&mut model);
     let radius = f64::from(model.geometry.radius_mm);
     let rate = rig.machine.rate_hz as f32;
     let filter = Filter::try_build(model, rate).map_err(BuildError::Model)?;
     let mut state = filter.start();
-    let block = (rate / BLOCK_HZ).round().max(1.0) as usize;
+    let block = block_samples(rig);
     let mut known = Vec::new();
     let mut mean = [0.0; LOADS];
     for (i, (raw, _)) in samples.iter().enumerate() {
@@ -79,17 +83,26 @@ pub fn follow(
                             * (0.5 + 0.5 * f64::from(belief.equilibrium.pace[row] + x[ROWS + row]))
                 }),
                 time: 2.0 * i as f64 / samples.len() as f64 - 1.0,
+                number: i / block - 1,
             });
         }
     }
-    let followed = (known.len() * block) as f64 / samples.len().max(1) as f64;
-    let least = if pass + 1 < PASSES {
-        LEAST_AT_FIRST
-    } else {
-        LEAST_FOLLOWED
-    };
+    Ok(known)
+}
+
+/// Checks that `least` of the recording was followed.
+///
+/// # Errors
+/// When it was not.
+pub fn check_followed(
+    rig: &Rig<'_>,
+    samples: &[RigSample],
+    known: &[Known],
+    least: f64,
+) -> Result<(), BuildError> {
+    let followed = (known.len() * block_samples(rig)) as f64 / samples.len().max(1) as f64;
     if followed > least {
-        Ok(known)
+        Ok(())
     } else {
         Err(BuildError::NotFollowed {
             part: 100.0 * followed,

@@ -3,7 +3,7 @@
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
-use loadtwin_common::bearing::contact::{Contacts, Features};
+use loadtwin_common::bearing::contact::{Contacts, DOF, Equilibrium, Features};
 use loadtwin_common::bearing::{BASIS, FEATURES, GAUGES, HARMONICS, LOADS, ROWS};
 
 use super::fit::Rig;
@@ -17,15 +17,30 @@ pub const DRIFT: usize = 4;
 pub const BULK: usize = DRIFT + LOADS + ROWS * FEATURES;
 /// See [`BULK`].
 pub const COEFFICIENTS: usize = BULK + ROWS * HARMONICS * FEATURES * 2;
+/// Force out of balance at which an equilibrium is reached [kN], and the most steps towards it.
+const BALANCED: f32 = 1e-4;
+const MOST_STEPS: usize = 20;
 /// Weight of the mean strain: its error from block to block [um/m].
 const BULK_ERROR: f64 = 5.0;
 
-/// Features of each block with the physical parameters of `calibration`.
+/// Features of each block with the bearing's `physical` parameters.
 pub fn features<'a>(
     rig: &Rig<'_>,
     known: impl Iterator<Item = &'a Known>,
     physical: &Physical,
 ) -> Result<Vec<Features>, BuildError> {
+    let settled = settled(rig, known, physical, two_steps)?;
+    Ok(settled.into_iter().map(|(features, _)| features).collect())
+}
+
+/// Features of each block, and the rate of ball passing of each row over that at the unloaded
+/// contact angle; `next`: from one equilibrium to the next.
+pub fn settled<'a>(
+    rig: &Rig<'_>,
+    known: impl Iterator<Item = &'a Known>,
+    physical: &Physical,
+    next: fn(&Contacts, &[f32; DOF], &[f32; LOADS]) -> Equilibrium,
+) -> Result<Vec<(Features, [f32; ROWS])>, BuildError> {
     let contacts =
         Contacts::try_new(geometry(rig.bearing, physical)?).map_err(BuildError::Model)?;
     let mut state = None;
@@ -33,19 +48,42 @@ pub fn features<'a>(
         .map(|block| {
             let at = match state {
                 None => contacts.settle(&block.loads, 0.0),
-                Some(position) => {
-                    let nearer = contacts.newton(&position, &block.loads, 0.0);
-                    contacts.newton(&nearer.position, &block.loads, 0.0)
-                }
+                Some(position) => next(&contacts, &position, &block.loads),
             };
             state = Some(at.position);
             let mut features = Features::default();
             for g in 0..GAUGES {
                 contacts.features(&at, 0.0, g, &mut features.value[g], &mut features.slope[g]);
             }
-            features
+            (features, at.pace)
         })
         .collect())
+}
+
+/// Near the equilibrium with `loads`: two steps from that of the block before.
+fn two_steps(contacts: &Contacts, position: &[f32; DOF], loads: &[f32; LOADS]) -> Equilibrium {
+    let nearer = contacts.newton(position, loads, 0.0);
+    contacts.newton(&nearer.position, loads, 0.0)
+}
+
+/// Equilibrium with `loads`, from that of the block before.
+pub fn balanced(contacts: &Contacts, position: &[f32; DOF], loads: &[f32; LOADS]) -> Equilibrium {
+    let mut from = *position;
+    let mut at = contacts.newton(&from, loads, 0.0);
+    for _ in 0..MOST_STEPS {
+        let next = contacts.newton(&at.position, loads, 0.0);
+        if next.residual > at.residual {
+            // A contact opened or closed on the way: half the step back.
+            at.position = std::array::from_fn(|i| 0.5 * (from[i] + at.position[i]));
+        } else {
+            from = at.position;
+            at = next;
+        }
+        if at.residual < BALANCED {
+            break;
+        }
+    }
+    at
 }
 
 /// Sums of a linear least-squares problem.

@@ -8,9 +8,15 @@ mod fit;
 mod follow;
 mod linear;
 mod physical;
+mod predicted;
+mod recorded;
 mod refine;
 
-pub use build::{image, model};
+pub use build::{calibration, image, model};
 pub use calibration::{Answer, Calibration};
-pub use fit::{Rig, RigSample, calibrate};
+pub use fit::{Rig, RigSample, calibrate, fit};
+pub use follow::{Known, block_samples, follow};
+pub use linear::DRIFT;
 pub use physical::Physical;
+pub use predicted::{Predicted, predicted};
+pub use recorded::{RecordedError, recorded};

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::description::{Description, map_file};
 use super::{CalibrateError, Gauge, MapSource};
-use crate::machine::{Channel, MAP_ENTRIES, Machine, resampled};
+use crate::machine::{Channel, Creep, MAP_ENTRIES, Machine, resampled};
 use crate::tune::{MeasurementNoise, NOISE_BINS, rms, step_function};
 
 /// The machine with offset, sensitivity and noise of its gauges as fitted; its
@@ -107,6 +107,15 @@ impl Description {
                 is.sensitivity.filter(|_| is.sensitivity != was.sensitivity)
             {
                 self.set_number("channel", name, "sensitivity", sensitivity);
+            }
+            if is.nonlinearity != was.nonlinearity {
+                self.set_number("channel", name, "nonlinearity", is.nonlinearity);
+            }
+            if is.creep != was.creep
+                && let Some(Creep { at_nominal, time_s }) = is.creep
+            {
+                let numbers = [("at_nominal", at_nominal), ("time_s", time_s)];
+                self.set_numbers("channel", name, "creep", numbers.into_iter());
             }
             if is.noise_std != was.noise_std {
                 self.set_number("channel", name, "noise_std", is.noise_std);

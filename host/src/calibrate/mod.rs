@@ -140,13 +140,13 @@ impl Observations {
                 .1
                 .as_deref()
         };
-        let mut jobs: Vec<(&Channel, &mut Moments, &[f64])> = machine
+        let mut jobs: Vec<(&Channel, &mut Moments, Answered)> = machine
             .channels
             .iter()
             .zip(&mut self.channels)
             .filter_map(|(channel, slot)| {
-                let sensed = sensed(channel)?;
-                Some((channel, slot.get_or_insert_default(), sensed))
+                let answered = Answered::new(machine, channel, sensed(channel)?);
+                Some((channel, slot.get_or_insert_default(), answered))
             })
             .collect();
         let mut reader = open(
@@ -166,7 +166,7 @@ impl Observations {
             jobs.par_iter_mut()
                 .zip(&words)
                 .zip(&block.columns)
-                .for_each(|(((channel, moments, sensed), words), column)| {
+                .for_each(|(((channel, moments, answered), words), column)| {
                     let Some(column) = column else { return };
                     let stuck_after = match channel.adc.stuck_after {
                         0 => (fault::STUCK_AFTER_S * machine.rate_hz) as u32,
@@ -181,7 +181,7 @@ impl Observations {
                         moments.watch(y, stuck_after);
                         let k = row + i;
                         if !y.is_nan() && k < angles.len() {
-                            moments.push(angles[k], sensed[k], y);
+                            moments.push(angles[k], answered.bent[k], y - answered.crept[k]);
                         }
                     }
                 });
@@ -194,6 +194,29 @@ impl Observations {
             self.turns += (last - first).abs() / std::f64::consts::TAU;
         }
         Ok(())
+    }
+}
+
+/// What the reading of a channel is in proportion to, and how its zero creeps.
+struct Answered {
+    /// As [`Channel::bent`].
+    bent: Vec<f64>,
+    /// [SI].
+    crept: Vec<f64>,
+}
+
+impl Answered {
+    fn new(machine: &Machine, channel: &Channel, sensed: &[f64]) -> Self {
+        let nominal = (machine.drivetrain.as_ref())
+            .map_or(1.0, |drivetrain| drivetrain.nominal_sensed(&channel.senses));
+        let level = |s: &f64| if s.is_finite() { s / nominal } else { 0.0 };
+        let crept = channel.creep.map_or(vec![0.0; sensed.len()], |creep| {
+            creep.course(sensed.iter().map(level), 1.0 / machine.rate_hz)
+        });
+        Self {
+            bent: sensed.iter().map(|s| channel.bent(*s, nominal)).collect(),
+            crept: crept.into_iter().map(|z| channel.to_si(z)).collect(),
+        }
     }
 }
 

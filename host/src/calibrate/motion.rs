@@ -10,7 +10,7 @@ use loadtwin_common::measurement::Unwrap;
 use super::CalibrateError;
 use crate::build::{self, Filter, Sensors};
 use crate::gearbox::Torsion;
-use crate::machine::{Direction, Drivetrain, Machine, Senses};
+use crate::machine::{CREEP, Direction, Drivetrain, Machine, Senses};
 use crate::replay::{ReplayError, Samples};
 
 /// Half the span over which speed and acceleration are differences of mean
@@ -236,8 +236,8 @@ impl Motion {
     /// what no reference of the recording tells.
     ///
     /// The torque of a shaft follows from the loads on one side of it, less
-    /// what accelerates the inertias there and what their drag takes:
-    /// `tau_i = sum_(m <= i) (loads_m - J_m dw/dt - c_m w)`, or from the other side. The
+    /// what accelerates the inertias there and what their friction takes:
+    /// `tau_i = sum_(m <= i) (loads_m - J_m dw/dt - c_m w - friction_m)`, or from the other side. The
     /// train counts as rigid: this holds while the loads change slowly against
     /// its lowest torsional mode.
     pub fn sensed(&self, machine: &Machine, senses: &Senses) -> Option<Vec<f64>> {
@@ -259,7 +259,7 @@ impl Motion {
             }
             Senses::Shaft(name) => {
                 let shaft = drivetrain.shafts.iter().position(|s| s.name == *name)?;
-                let side = |after: bool| Side::of(drivetrain, shaft, after);
+                let side = |after: bool| Side::of(drivetrain, shaft, after, self);
                 // The side with less inertia is known better.
                 let mut sides = [side(false), side(true)];
                 sides.sort_by(|a, b| a.moment.total_cmp(&b.moment));
@@ -282,7 +282,8 @@ impl Motion {
             .iter()
             .map(|(j, factor)| factor * self.loads[*j][i])
             .sum();
-        let lost = side.moment * self.acceleration[i] + side.drag * self.speed[i];
+        let lost =
+            side.moment * self.acceleration[i] + side.drag * self.speed[i] + side.dry_friction[i];
         side.sign * (driven - lost)
     }
 }
@@ -292,12 +293,14 @@ struct Side {
     sign: f64,
     moment: f64,
     drag: f64,
+    /// Sample by sample [N m].
+    dry_friction: Vec<f64>,
     /// Number of each load and its factor.
     loads: Vec<(usize, f64)>,
 }
 
 impl Side {
-    fn of(drivetrain: &Drivetrain, shaft: usize, after: bool) -> Self {
+    fn of(drivetrain: &Drivetrain, shaft: usize, after: bool, motion: &Motion) -> Self {
         let inertias = || {
             drivetrain
                 .inertias
@@ -308,6 +311,19 @@ impl Side {
         };
         let square = |ratio: f64| ratio * ratio;
         let direction = |direction: Direction| direction.sign();
+        let mut dry_friction = vec![0.0; motion.len()];
+        for inertia in inertias() {
+            let referred = inertia.referred_friction().unwrap_or_default();
+            let speeds = motion
+                .speed
+                .iter()
+                .map(|w| if w.is_finite() { *w } else { 0.0 });
+            let creeping = CREEP * drivetrain.nominal_speed_rad_s;
+            let course = referred.course(speeds, motion.dt_s, creeping);
+            for (sum, torque) in dry_friction.iter_mut().zip(course) {
+                *sum += torque;
+            }
+        }
         Self {
             sign: if after { -1.0 } else { 1.0 },
             moment: inertias()
@@ -316,6 +332,7 @@ impl Side {
             drag: inertias()
                 .map(|j| j.drag_nm_s_per_rad * square(j.speed_ratio))
                 .sum(),
+            dry_friction,
             loads: drivetrain
                 .loads
                 .iter()

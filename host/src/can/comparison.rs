@@ -18,9 +18,6 @@ use super::{CanError, Model, standard};
 /// Kinds of frames that are a function of the raw samples: loads and sensors.
 const COMPARED: usize = layout::sensor_health::OFFSET as usize;
 
-/// Equal frames in a row after which the machine's state counts as known again.
-const SETTLED_AFTER: u32 = 256;
-
 /// Recomputed frames of one identifier that wait for the machine's at most.
 const MOST_WAITING: usize = 1 << 20;
 
@@ -30,7 +27,7 @@ const MOST_WAITING: usize = 1 << 20;
 pub enum Verdict {
     /// Every frame that came was compared, none lost, every bit equal.
     Identical,
-    /// A bit differs although the machine's state was known.
+    /// A bit differs although the machine's state is known.
     Different,
     /// Nothing that was compared differs, but not everything could be compared.
     Incomplete,
@@ -68,8 +65,8 @@ pub struct Figures {
     pub differing_frames: u64,
     /// Bits that differ.
     pub differing_bits: u64,
-    /// Frames that differ while the machine's state was not known: before the
-    /// first sample seen, or after raw frames were lost.
+    /// Frames that differ where the machine's state is not known: it had samples
+    /// that were not seen, before the first one here or lost, and has not started anew.
     pub unsettled_frames: u64,
     /// The first frame that differs.
     pub first_difference: Option<Difference>,
@@ -141,8 +138,9 @@ pub struct Comparison<'a> {
     assembler: RawAssembler,
     channels: [Channel; COMPARED],
     status_counter: Counter,
-    settled: bool,
-    equal_in_a_row: u32,
+    /// Whether every sample that the machine has had was seen. Two states that
+    /// once differed come together, but nothing tells when to the last bit.
+    known: bool,
     answered: bool,
     figures: Figures,
     status: Option<Status>,
@@ -171,8 +169,7 @@ impl<'a> Comparison<'a> {
             encoder,
             channels: std::array::from_fn(|_| Channel::default()),
             status_counter: Counter::default(),
-            settled: true,
-            equal_in_a_row: 0,
+            known: true,
             answered: false,
             figures: Figures::default(),
             status: None,
@@ -251,7 +248,7 @@ impl<'a> Comparison<'a> {
         }
         let counts = self.assembler.counts();
         if counts.damaged + counts.incomplete > damaged {
-            self.unsettle();
+            self.known = false;
         }
         if id == self.encoder.base() + layout::raw_fd::OFFSET {
             return;
@@ -275,11 +272,6 @@ impl<'a> Comparison<'a> {
         }
     }
 
-    fn unsettle(&mut self) {
-        self.settled = false;
-        self.equal_in_a_row = 0;
-    }
-
     /// Steps the recomputation and matches what came before its sample.
     fn sample(&mut self, sample: &RawSample, t_us: u64) {
         let joined_late = self.assembler.counts().samples == 1 && sample.tick != 0;
@@ -287,7 +279,7 @@ impl<'a> Comparison<'a> {
         // A gap is no loss where the machine has it too; should something
         // differ now, it cannot be told.
         if joined_late || self.estimate.lost > 0 {
-            self.unsettle();
+            self.known = false;
         }
         let mut due = Vec::new();
         self.encoder
@@ -354,7 +346,7 @@ impl<'a> Comparison<'a> {
             if channel.early.len() > 128 {
                 channel.early.pop_front();
                 self.figures.unverifiable_frames += 1;
-                self.unsettle();
+                self.known = false;
             }
             return;
         };
@@ -367,7 +359,7 @@ impl<'a> Comparison<'a> {
         self.figures.lost_frames += lost;
         self.figures.unverifiable_frames += unverifiable as u64;
         if unverifiable > 0 {
-            self.unsettle();
+            self.known = false;
         }
         self.judge(&expected, t_us, payload);
     }
@@ -382,12 +374,9 @@ impl<'a> Comparison<'a> {
         figures.lags += 1;
         let differing = u64::from_le_bytes(payload) ^ u64::from_le_bytes(expected.frame.data);
         if differing == 0 {
-            self.equal_in_a_row += 1;
-            self.settled |= self.equal_in_a_row >= SETTLED_AFTER;
             return;
         }
-        self.equal_in_a_row = 0;
-        if !self.settled {
+        if !self.known {
             figures.unsettled_frames += 1;
             return;
         }
@@ -465,8 +454,7 @@ impl<'a> Comparison<'a> {
         self.line = line;
         self.figures.restarts += 1;
         self.answered = false;
-        self.settled = true;
-        self.equal_in_a_row = 0;
+        self.known = true;
         for channel in &mut self.channels {
             self.figures.lost_frames += channel.expected.len() as u64;
             self.figures.unverifiable_frames += channel.early.len() as u64;

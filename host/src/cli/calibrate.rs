@@ -9,14 +9,13 @@ use serde_json::{Value, json};
 use super::output::say;
 use super::progress::Progress;
 use crate::atomic_file::AtomicFile;
-use crate::bearing::{Rig, RigSample};
+use crate::bearing::{Rig, recorded};
 use crate::build::Sensors;
 use crate::calibrate::{
     self, Candidate, Description, Gauge, MapSource, Observations, Proposal, calibrated, fronts,
     page, select,
 };
-use crate::machine::{BEARING_LOADS, Bearing, Kind, Machine, resampled};
-use crate::replay::Samples;
+use crate::machine::{Bearing, Kind, Machine, resampled};
 use crate::tune::{NOISE_BINS, rms};
 
 /// Sizes of the sets that are proposed.
@@ -132,24 +131,7 @@ impl Calibrate {
             );
         };
         let sensors = Sensors::choose(machine, None)?;
-        let column: Vec<usize> = BEARING_LOADS
-            .iter()
-            .map(|load| {
-                let found = machine.references.iter().position(|r| r.load == *load);
-                found.ok_or_else(|| {
-                    anyhow::anyhow!(
-                        "{}: no [[reference]] of load {load}: all five are needed to calibrate",
-                        machine.path.display()
-                    )
-                })
-            })
-            .collect::<Result<_, _>>()?;
-        let mut samples: Vec<RigSample> = Vec::new();
-        let mut reader = Samples::open(machine, &sensors, recording)?;
-        while reader.next_block(|sample| {
-            let loads = std::array::from_fn(|i| sample.references[column[i]]);
-            samples.push((sample.raw, loads));
-        })? {}
+        let samples = recorded(machine, &sensors, recording)?;
         let rig = Rig {
             machine,
             bearing,

@@ -229,7 +229,10 @@ fn judge(summary: &TwinSummary, as_json: bool) -> anyhow::Result<()> {
             summary.model
         ),
         Verdict::Incomplete => {
-            bail!("not everything could be compared: frames are missing or damaged")
+            bail!(
+                "not everything could be compared: frames are missing or damaged, or the machine \
+                 had run before"
+            )
         }
         Verdict::Nothing => {
             bail!("nothing to compare: no raw samples with estimates of this machine")

@@ -11,7 +11,7 @@ use super::output::say;
 use super::progress::Progress;
 use crate::balance::Request;
 use crate::diagnose::effect::Effect;
-use crate::diagnose::{self, Diagnosis, Observed, RotorSession, Session, Verdict};
+use crate::diagnose::{self, BearingSession, Diagnosis, Observed, RotorSession, Session, Verdict};
 use crate::machine::{Kind, Machine};
 
 /// Find which physical effect a model lacks, and add it.
@@ -52,6 +52,7 @@ impl Diagnose {
         }
         match machine.kind() {
             Some(Kind::Rotor(_)) => self.run_kind::<RotorSession>(&machine, started, as_json),
+            Some(Kind::Bearing(_)) => self.run_kind::<BearingSession>(&machine, started, as_json),
             _ => self.run_kind::<Session>(&machine, started, as_json),
         }
     }
@@ -206,9 +207,10 @@ fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
 /// The effects, for the long help.
 fn library() -> String {
     format!(
-        "Effects:\n{}\nEffects of a rotor:\n{}",
+        "Effects:\n{}\nEffects of a rotor:\n{}\nEffects of a bearing:\n{}",
         listed::<Session>(),
-        listed::<RotorSession>()
+        listed::<RotorSession>(),
+        listed::<BearingSession>()
     )
 }
 

@@ -134,6 +134,7 @@ impl Driven {
             moment_kg_m2: moment,
             speed_ratio: 1.0,
             drag_nm_s_per_rad: 0.0,
+            friction: None,
         };
         d.inertias.insert(s + 1, gear);
         d.shafts[s].stiffness_nm_per_rad *= 2.0;

@@ -15,6 +15,8 @@ struct Voter {
     offset: f64,
     /// Reading for one newton metre, referred, over the carrier angle.
     table: Vec<f64>,
+    /// By how much larger a part the response is for each newton metre, referred.
+    per_torque: f64,
     noise_std: f64,
 }
 
@@ -42,7 +44,7 @@ pub(super) fn torques(
                 .iter()
                 .enumerate()
                 .filter(|(_, c)| c.senses == Senses::Shaft(shaft.name.clone()))
-                .map(|(k, c)| Voter::new(machine, k, c, shaft.speed_ratio))
+                .map(|(k, c)| Voter::new(machine, drivetrain, k, c, shaft.speed_ratio))
                 .collect::<Result<Vec<_>, _>>()?;
             Ok((voters.len() >= FEWEST).then(|| agreed(&voters, recorded)))
         })
@@ -57,6 +59,7 @@ pub(super) fn torques(
 impl Voter {
     fn new(
         machine: &Machine,
+        drivetrain: &Drivetrain,
         number: usize,
         channel: &Channel,
         ratio: f64,
@@ -70,8 +73,14 @@ impl Voter {
                 .iter()
                 .map(|m| m / ratio)
                 .collect(),
+            per_torque: channel.nonlinearity / (ratio * drivetrain.nominal_sensed(&channel.senses)),
             noise_std: (noise.iter().map(|s| s * s).sum::<f64>() / noise.len() as f64).sqrt(),
         })
+    }
+
+    /// The torque that a gauge answers to as if it were `bent`: `s (1 + n s) = bent`.
+    fn straight(&self, bent: f64) -> f64 {
+        2.0 * bent / (1.0 + (1.0 + 4.0 * self.per_torque * bent).max(0.0).sqrt())
     }
 }
 
@@ -84,7 +93,8 @@ fn agreed(voters: &[Voter], recorded: &Recorded) -> Vec<f64> {
                 let over_angle = voter.table.len() > 1;
                 let angle = if over_angle { recorded.angle[i] } else { 0.0 };
                 let (m, _) = at(&voter.table, angle);
-                let torque = (recorded.channels[voter.channel][i] - voter.offset) / m;
+                let bent = (recorded.channels[voter.channel][i] - voter.offset) / m;
+                let torque = voter.straight(bent);
                 torque
                     .is_finite()
                     .then_some((torque, m.abs() / voter.noise_std))

@@ -1,5 +1,5 @@
 //! The machine description with what was found, as far as the line has a
-//! place for it: zeros, maps, drag.
+//! place for it: zeros, maps, response, creep, friction.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use super::Diagnosis;
 use super::effect::{Coupling, GaugeModel};
 use super::stream::Kind;
 use crate::calibrate::{CalibrateError, Description, map_file};
-use crate::machine::{MAP_ENTRIES, Machine, resampled};
+use crate::machine::{Creep, MAP_ENTRIES, Machine, resampled};
 
 /// Writes `machine` with the effects found to `path`, maps beside it; gives
 /// the names of the effects that the line has no place for.
@@ -32,6 +32,18 @@ pub fn write(
                     is.drag_nm_s_per_rad,
                 );
             }
+            if was.friction != is.friction
+                && let Some(friction) = &is.friction
+            {
+                let numbers = [
+                    ("coulomb_nm", friction.coulomb_nm),
+                    ("stribeck_nm", friction.stribeck_nm),
+                    ("stribeck_rad_s", friction.stribeck_rad_s.unwrap_or(0.0)),
+                    ("presliding_rad", friction.presliding_rad),
+                ];
+                let given = numbers.into_iter().filter(|(_, value)| *value > 0.0);
+                description.set_numbers("drivetrain.inertia", &is.name, "friction", given);
+            }
         }
     }
     description.write_with_gauges(machine, &changed, path)?;
@@ -50,10 +62,10 @@ pub fn corrected(
     let selection = &diagnosis.selection;
     let streams = &diagnosis.sessions[0].streams;
     let mut changed = machine.clone();
-    let mut absent = Vec::new();
     let folder = tempfile::tempdir()?;
     let map_path = folder.path().join("maps.csv");
     let mut maps = Vec::new();
+    let mut mended = vec![false; selection.found.len()];
     for (k, stream) in streams.iter().enumerate() {
         let Some(number) = machine.channels.iter().position(|c| c.name == stream.name) else {
             continue;
@@ -67,17 +79,28 @@ pub fn corrected(
                 + selection.nuisance[k].first().copied().unwrap_or(0.0),
             map: channel.sensitivity_over_angle(machine)?,
             full_scale: stream.scale,
+            nonlinearity: channel.nonlinearity,
+            creep: channel.creep.map(|creep| Creep {
+                at_nominal: channel.to_si(creep.at_nominal),
+                ..creep
+            }),
         };
         let mut moved = false;
-        for found in &selection.found {
-            if !found.parameters[k].is_empty() && found.effect.coupling() == Coupling::Own {
-                moved |= found
-                    .effect
-                    .mend(&found.shape, &found.parameters[k], &mut gauge);
+        for (found, mended) in selection.found.iter().zip(&mut mended) {
+            let own = &found.parameters[k];
+            if !own.is_empty() && found.effect.coupling() == Coupling::Own {
+                let taken = found.effect.mend(&found.shape, own, &mut gauge);
+                *mended |= taken;
+                moved |= taken;
             }
         }
         let slot = &mut changed.channels[number];
         slot.offset = slot.unit.from_si(gauge.offset);
+        slot.nonlinearity = gauge.nonlinearity;
+        slot.creep = gauge.creep.map(|creep| Creep {
+            at_nominal: slot.unit.from_si(creep.at_nominal),
+            ..creep
+        });
         if moved {
             let own: Vec<f64> = gauge.map.iter().map(|m| slot.unit.from_si(*m)).collect();
             if own.len() == 1 {
@@ -91,22 +114,14 @@ pub fn corrected(
         }
     }
     map_file(&map_path, &maps, "/Nm").map_err(CalibrateError::from)?;
-    for found in &selection.found {
-        let mut scratch = GaugeModel {
-            offset: 0.0,
-            map: vec![1.0],
-            full_scale: 1.0,
-        };
-        let zero = vec![0.0; found.effect.linear().len()];
+    let session = &diagnosis.sessions[0];
+    let mut absent = Vec::new();
+    for (found, mended) in selection.found.iter().zip(mended) {
         let shared = found.parameters.iter().find(|p| !p.is_empty());
-        let drag = shared.and_then(|p| found.effect.drag(&found.shape, p));
-        if let (Some((body, part)), Some(drivetrain)) = (drag, &mut changed.drivetrain) {
-            let signals = &diagnosis.sessions[0].signals;
-            let inertia = &mut drivetrain.inertias[body];
-            let referred = part * signals.nominal_torque / signals.nominal_speed;
-            inertia.drag_nm_s_per_rad =
-                (inertia.drag_nm_s_per_rad + referred / inertia.speed_ratio.powi(2)).max(0.0);
-        } else if !found.effect.mend(&found.shape, &zero, &mut scratch) {
+        let braked = shared
+            .zip(changed.drivetrain.as_mut())
+            .is_some_and(|(p, chain)| found.effect.mend_chain(session, &found.shape, p, chain));
+        if !mended && !braked {
             absent.push(found.effect.name());
         }
     }

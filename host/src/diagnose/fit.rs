@@ -10,7 +10,7 @@ use faer::Mat;
 use super::effect::{Coupling, Effect};
 use super::observed::Observed;
 use super::stream::Columns;
-use super::sums::{Sums, dot, left_out, mirror, solved, totals};
+use super::sums::{Fitted, Sums, dot, left_out, mirror, solved, totals};
 
 /// Folds of the cross-validation.
 pub const FOLDS: usize = 8;
@@ -48,8 +48,8 @@ pub(super) struct StreamData {
 pub struct Base {
     pub(super) columns: Vec<Vec<Prior>>,
     sums: Vec<Sums>,
-    /// Squared errors on left-out folds, for each stream and right-hand side.
-    pub(super) errors: Vec<Vec<f64>>,
+    /// How well it does in each stream.
+    pub(super) fitted: Vec<Fitted>,
 }
 
 /// How well a candidate did.
@@ -147,7 +147,7 @@ impl Data {
                 self.sums(k, &[], &columns, self.sides())
             })
             .collect();
-        let errors = (0..self.streams.len())
+        let fitted = (0..self.streams.len())
             .map(|k| {
                 let ridge = self.ridge(k, &columns[k]);
                 left_out(&sums[k], &ridge)
@@ -156,14 +156,20 @@ impl Data {
         Base {
             columns,
             sums,
-            errors,
+            fitted,
         }
+    }
+
+    /// Squared deviations of samples of stream `k` that tell as much as one squared
+    /// standard deviation of a parameter.
+    fn tempered(&self, k: usize) -> f64 {
+        self.streams[k].variance * self.streams[k].inflation
     }
 
     pub(super) fn ridge(&self, k: usize, columns: &[Prior]) -> Vec<f64> {
         columns
             .iter()
-            .map(|p| self.streams[k].variance / (p.std * p.std))
+            .map(|p| self.tempered(k) / (p.std * p.std))
             .collect()
     }
 
@@ -251,35 +257,35 @@ impl Data {
         let stream_columns = self.by_stream(columns);
         let priors: Vec<f64> = effect.linear().iter().map(|l| l.prior_std).collect();
         let sums = self.sums_by_stream(base, &stream_columns, sides);
-        let (errors, overdispersion) = match effect.coupling() {
+        let (fitted, strained, overdispersion) = match effect.coupling() {
             Coupling::Own => (
                 self.own(base, &sums, &priors),
+                vec![0.0; sides],
                 vec![1.0; self.streams.len()],
             ),
             Coupling::Shared => {
                 let overdispersion = overdispersion
                     .map_or_else(|| self.overdispersion(base, &sums), <[f64]>::to_vec);
-                (
-                    self.shared(base, &sums, &priors, &overdispersion),
-                    overdispersion,
-                )
+                let (fitted, strained) = self.shared(base, &sums, &priors, &overdispersion);
+                (fitted, strained, overdispersion)
             }
         };
-        let gain = |k: usize, r: usize| match &errors[k] {
-            Some(errors) => {
-                let independent = self.independent(k) / overdispersion[k];
-                0.5 * independent * (base.errors[k][r] / errors[r].max(1e-300)).ln()
+        let gain = |k: usize, r: usize| match &fitted[k] {
+            Some(fitted) => {
+                let without = &base.fitted[k];
+                let relieved = (without.strained[r] - fitted.strained[r]) / self.tempered(k);
+                let ratio = without.errors[r] / fitted.errors[r].max(1e-300);
+                0.5 * (self.independent(k) * ratio.ln() + relieved)
             }
             None => 0.0,
         };
         let sum = |r: usize| -> f64 {
-            (0..self.streams.len())
-                .map(|k| match effect.coupling() {
-                    // A channel that the effect does not act on has none of it.
-                    Coupling::Own => gain(k, r).max(0.0),
-                    Coupling::Shared => gain(k, r),
-                })
-                .sum()
+            let gains = (0..self.streams.len()).map(|k| match effect.coupling() {
+                // A channel that the effect does not act on has none of it.
+                Coupling::Own => gain(k, r).max(0.0),
+                Coupling::Shared => gain(k, r),
+            });
+            gains.sum::<f64>() - 0.5 * strained[r]
         };
         Trial {
             shape: shape.to_vec(),
@@ -360,11 +366,11 @@ impl Data {
 
     fn ridge_with(&self, base: &Base, k: usize, priors: &[f64]) -> Vec<f64> {
         let mut ridge = self.ridge(k, &base.columns[k]);
-        ridge.extend(priors.iter().map(|p| self.streams[k].variance / (p * p)));
+        ridge.extend(priors.iter().map(|p| self.tempered(k) / (p * p)));
         ridge
     }
 
-    fn own(&self, base: &Base, sums: &[Option<Sums>], priors: &[f64]) -> Vec<Option<Vec<f64>>> {
+    fn own(&self, base: &Base, sums: &[Option<Sums>], priors: &[f64]) -> Vec<Option<Fitted>> {
         sums.iter()
             .enumerate()
             .map(|(k, sums)| {

@@ -7,6 +7,7 @@
 //! least squares, its shape from search, its evidence from blocks that were
 //! left out, against draws of the same machine without any effect.
 
+mod bearing;
 mod chain;
 mod columns;
 mod consensus;
@@ -33,6 +34,7 @@ mod spread;
 mod stream;
 mod structure;
 mod sums;
+mod taken;
 mod thin;
 mod torque;
 mod verdict;
@@ -41,6 +43,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
+pub use bearing::BearingSession;
 pub use correct::corrected;
 pub use error::{Interval, LoadErrors, load_errors};
 pub use observe::observe;
@@ -53,6 +56,7 @@ pub use stream::{Kind, Session, Stream, Term, Told};
 pub use structure::{Oddity, oddities};
 pub use verdict::{Verdict, by_name, cannot_show, report};
 
+use crate::bearing::RecordedError;
 use crate::build::BuildError;
 use crate::calibrate::CalibrateError;
 use crate::machine::{Machine, MachineError};
@@ -66,7 +70,9 @@ use effect::Effect;
 #[derive(Debug, Error)]
 pub enum DiagnoseError {
     /// The machine is none whose residuals are known.
-    #[error("the machine has neither [drivetrain] nor [rotor]; only these can be diagnosed")]
+    #[error(
+        "the machine has none of [drivetrain], [rotor] and [bearing]; only these can be diagnosed"
+    )]
     NoDrivetrain,
     /// The recording does not say enough.
     #[error("{}: {reason}", recording.display())]
@@ -99,6 +105,9 @@ pub enum DiagnoseError {
     /// The rotor cannot be computed.
     #[error("rotor: {0}")]
     Rotor(#[from] RotorError),
+    /// The loads of a bearing are not known.
+    #[error(transparent)]
+    Loads(#[from] RecordedError),
     /// The machine without effect cannot be simulated.
     #[error(transparent)]
     Simulate(#[from] SimulateError),

@@ -134,7 +134,9 @@ impl Normal {
         }
         let columns: Vec<&[f64]> = own.iter().map(|o| o.0).chain(shared).collect();
         let (gram, right) = products(&columns, residual, weight);
-        let ridge: Vec<f64> = own.iter().map(|(_, std)| 1.0 / (std * std)).collect();
+        let ridge: Vec<f64> = (own.iter())
+            .map(|(_, std)| 1.0 / (independent * std * std))
+            .collect();
         Self {
             eliminated: Eliminated::new(&gram, &right, &ridge),
             places,

@@ -39,11 +39,7 @@ pub(super) struct Seen<'a> {
 
 impl Seen<'_> {
     fn nominal_torque(&self) -> f64 {
-        self.drivetrain
-            .loads
-            .iter()
-            .map(|l| l.nominal_nm * self.torsion.ratio(&l.inertia).abs())
-            .fold(0.0, f64::max)
+        self.drivetrain.nominal_torque()
     }
 
     /// Torque of the first shaft that is known [N m referred].
@@ -136,37 +132,36 @@ impl Seen<'_> {
         let n = recorded.len();
         let (mut residual, mut reading) = (vec![f64::NAN; n], vec![0.0; n]);
         let (mut map, mut slope) = (vec![0.0; n], vec![0.0; n]);
+        // What is sensed at the shaft itself is `sensed / ratio`.
+        let nominal = ratio * drivetrain.nominal_sensed(&channel.senses);
+        let crept = channel.creep.map(|creep| {
+            let levels = sensed.iter().map(|s| s / nominal);
+            creep.course(levels, recorded.dt_s)
+        });
         for i in 0..n {
             let angle = if over_angle { recorded.angle[i] } else { 0.0 };
             if angle.is_nan() {
                 continue;
             }
             let (m, dm) = at(&table, angle);
+            let bent = channel.bent(sensed[i], nominal);
+            let crept = crept.as_ref().map_or(0.0, |crept| channel.to_si(crept[i]));
             map[i] = m / ratio;
-            reading[i] = map[i] * sensed[i];
-            slope[i] = dm / ratio * sensed[i];
-            residual[i] = readings[i] - offset - reading[i];
+            reading[i] = map[i] * bent;
+            slope[i] = dm / ratio * bent;
+            residual[i] = readings[i] - offset - crept - reading[i];
         }
         let noise = channel.noise_over_angle(machine)?;
         let noise = (noise.iter().map(|s| s * s).sum::<f64>() / noise.len() as f64).sqrt();
         let spikes = take_out_spikes(&mut residual, noise);
         let square = table.iter().map(|m| m * m).sum::<f64>() / table.len() as f64;
-        let nominal = match &channel.senses {
-            Senses::Speed(_) => drivetrain.nominal_speed_rad_s,
-            Senses::Load(name) => drivetrain
-                .loads
-                .iter()
-                .find(|l| l.name == *name)
-                .map_or(1.0, |l| l.nominal_nm),
-            _ => self.nominal_torque(),
-        };
         let stream = Stream {
             name: channel.name.clone(),
             kind: Kind::Strain,
             group: channel.group.clone(),
             residual: thin.residual(&residual),
             clean: Vec::new(),
-            scale: square.sqrt() / ratio.abs() * nominal,
+            scale: square.sqrt() * (nominal / ratio).abs(),
             noise_std: noise / (thin.every as f64).sqrt(),
             map: thin.means(&map),
             reading: thin.means(&reading),

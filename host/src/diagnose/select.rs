@@ -417,7 +417,7 @@ fn refine<S: Observed>(
     ranked
         .par_iter_mut()
         .take(REFINED)
-        .filter(|r| r.margin() > 0.3 * best && r.trial.score > 0.5 * r.threshold)
+        .filter(|r| r.margin() > 0.1 * best && r.trial.score > 0.5 * r.threshold)
         .for_each(|candidate| {
             let effect = candidate.effect;
             let at_first = candidate.trial.clone();

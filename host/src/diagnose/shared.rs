@@ -3,43 +3,52 @@
 use faer::Mat;
 
 use super::fit::{Base, Data, FOLDS};
-use super::sums::{Eliminated, Sums, add, solved, test_error, totals};
+use super::sums::{Eliminated, Fitted, Sums, add, solved, strained, test_error, totals};
 
 impl Data {
-    /// Squared errors on left-out folds with one set of parameters for all streams.
+    /// How well base and candidate do in each stream with one set of parameters for
+    /// all; and `sum (b / std)^2` of these, for each right-hand side.
     pub(super) fn shared(
         &self,
         base: &Base,
         sums: &[Option<Sums>],
         priors: &[f64],
         overdispersion: &[f64],
-    ) -> Vec<Option<Vec<f64>>> {
-        let c = priors.len();
-        let mut errors: Vec<Option<Vec<f64>>> = sums
+    ) -> (Vec<Option<Fitted>>, Vec<f64>) {
+        let beside = |by: &Eliminated, shared: &Mat<f64>| {
+            let based = &by.free - &by.by * shared;
+            let q = based.nrows();
+            Mat::from_fn(q + shared.nrows(), based.ncols(), |i, r| {
+                if i < q {
+                    based[(i, r)]
+                } else {
+                    shared[(i - q, r)]
+                }
+            })
+        };
+        let (shared, reduced) = self.shared_solution(base, sums, priors, overdispersion, None);
+        let mut fitted: Vec<Option<Fitted>> = reduced
             .iter()
-            .map(|s| s.as_ref().map(|s| vec![0.0; s.square[0].len()]))
+            .enumerate()
+            .map(|(k, reduced)| {
+                reduced.as_ref().map(|reduced| Fitted {
+                    errors: vec![0.0; shared.ncols()],
+                    strained: strained(&beside(reduced, &shared), &self.ridge(k, &base.columns[k])),
+                })
+            })
             .collect();
         for fold in 0..FOLDS {
             let (shared, reduced) =
                 self.shared_solution(base, sums, priors, overdispersion, Some(fold));
-            for (k, sums) in sums.iter().enumerate() {
-                if let (Some(sums), Some(Eliminated { by, free, .. }), Some(errors)) =
-                    (sums, &reduced[k], errors[k].as_mut())
-                {
-                    let q = base.columns[k].len();
-                    let based = free - by * &shared;
-                    let solution = Mat::from_fn(q + c, free.ncols(), |i, r| {
-                        if i < q {
-                            based[(i, r)]
-                        } else {
-                            shared[(i - q, r)]
-                        }
-                    });
-                    add(errors, &test_error(sums, fold, &solution));
+            for ((fitted, sums), reduced) in fitted.iter_mut().zip(sums).zip(&reduced) {
+                if let (Some(fitted), Some(sums), Some(reduced)) = (fitted, sums, reduced) {
+                    let solution = beside(reduced, &shared);
+                    add(&mut fitted.errors, &test_error(sums, fold, &solution));
                 }
             }
         }
-        errors
+        let ridge: Vec<f64> = priors.iter().map(|p| 1.0 / (p * p)).collect();
+        (fitted, strained(&shared, &ridge))
     }
 
     /// The shared parameters without `fold`: each stream's base is eliminated,
@@ -102,7 +111,7 @@ impl Data {
     /// leaves of right-hand side `r`.
     fn weight(&self, base: &Base, k: usize, r: usize) -> f64 {
         let stream = &self.streams[k];
-        stream.count / (base.errors[k][r].max(1e-300) * stream.inflation)
+        stream.count / (base.fitted[k].errors[r].max(1e-300) * stream.inflation)
     }
 
     /// What stream `k` says of a candidate, without `fold`, once its base has taken

@@ -13,8 +13,28 @@ pub(super) struct Sums {
     pub square: Vec<Vec<f64>>,
 }
 
-/// Squared errors on left-out folds, for each right-hand side.
-pub(super) fn left_out(sums: &Sums, ridge: &[f64]) -> Vec<f64> {
+/// How well columns predict one stream, for each right-hand side.
+#[derive(Clone)]
+pub(super) struct Fitted {
+    /// Squared errors on left-out folds.
+    pub errors: Vec<f64>,
+    /// `sum ridge b^2` of what all folds together say: how far from expected
+    /// the parameters are.
+    pub strained: Vec<f64>,
+}
+
+/// `sum ridge b^2` over the first rows of each column of `solution`.
+pub(super) fn strained(solution: &Mat<f64>, ridge: &[f64]) -> Vec<f64> {
+    (0..solution.ncols())
+        .map(|r| {
+            let of = |(i, ridge): (usize, &f64)| ridge * solution[(i, r)].powi(2);
+            ridge.iter().enumerate().map(of).sum()
+        })
+        .collect()
+}
+
+/// Predicts each fold from the others.
+pub(super) fn left_out(sums: &Sums, ridge: &[f64]) -> Fitted {
     let sides = sums.square[0].len();
     let mut errors = vec![0.0; sides];
     let (gram, right) = totals(sums);
@@ -26,7 +46,8 @@ pub(super) fn left_out(sums: &Sums, ridge: &[f64]) -> Vec<f64> {
         );
         add(&mut errors, &test_error(sums, fold, &solution));
     }
-    errors
+    let strained = strained(&solved(gram, &right, ridge), ridge);
+    Fitted { errors, strained }
 }
 
 pub(super) fn totals(sums: &Sums) -> (Mat<f64>, Mat<f64>) {

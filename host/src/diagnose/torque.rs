@@ -3,13 +3,13 @@
 use super::chain::{Carried, Driven, shaft_rows};
 use super::signals::{Response, smooth};
 use crate::gearbox::Torsion;
-use crate::machine::{Drivetrain, Machine};
+use crate::machine::{CREEP, Drivetrain, Machine};
 
 /// The torques in the chain.
 pub(super) struct Torques {
     /// Torque of each shaft, referred [N m].
     pub shafts: Vec<Option<Vec<f64>>>,
-    /// `sum loads - sum J dw/dt - sum c w`, smoothed, where all loads are known.
+    /// `sum loads - sum J dw/dt - sum c w - sum friction`, smoothed, where all loads are known.
     pub balance: Option<Vec<f64>>,
     /// Response of the chain, where all loads are known.
     pub response: Option<Response>,
@@ -107,9 +107,21 @@ pub(super) fn torques(
         play: Vec::new(),
     });
     let simulated = driven.as_ref().map(|d| d.carried().torque);
-    // What inertia and drag of body b take, smoothed.
-    let taken =
-        |b: usize, i: usize| moment(b) * motion.acceleration[b][i] + drag(b) * motion.speed[b][i];
+    // Dry friction of each body, referred and smoothed: what vibrates as it sticks is not told.
+    let dry: Vec<Option<Vec<f64>>> = (0..bodies)
+        .map(|b| {
+            let referred = drivetrain.inertias[b].referred_friction()?;
+            let creeping = CREEP * drivetrain.nominal_speed_rad_s;
+            let speeds = motion.speed[b].iter().copied();
+            Some(smooth(&referred.course(speeds, dt_s, creeping), width))
+        })
+        .collect();
+    // What inertia and friction of body b take, smoothed.
+    let taken = |b: usize, i: usize| {
+        moment(b) * motion.acceleration[b][i]
+            + drag(b) * motion.speed[b][i]
+            + dry[b].as_ref().map_or(0.0, |dry| dry[i])
+    };
     let slow: Vec<Option<Vec<f64>>> = outside
         .iter()
         .map(|o| o.as_ref().map(|o| smooth(o, width)))

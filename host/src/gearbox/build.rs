@@ -2,7 +2,9 @@
 
 use faer::Mat;
 use heapless::Vec as FixedVec;
-use loadtwin_common::gearbox::{Channel, Encoder, GearboxModel, LOADS, Role};
+use loadtwin_common::gearbox::{
+    Channel, Encoder, Friction, GearboxModel, LOADS, MAX_FRICTIONS, Response, Role,
+};
 use loadtwin_common::image::{LoadSignal, Model};
 use loadtwin_common::line::STATES;
 use loadtwin_common::measurement::{Converter, Counter, IndexPulse};
@@ -13,7 +15,7 @@ use super::process_noise::process_noise;
 use super::steady::{SteadyTable, steady_gains};
 use super::torsion::Torsion;
 use crate::build::{self, BuildError, Filter, Sensors};
-use crate::machine::{self, Drift, Drivetrain, MAP_ENTRIES, Machine, Senses, resampled};
+use crate::machine::{self, CREEP, Drift, Drivetrain, MAP_ENTRIES, Machine, Senses, resampled};
 
 /// Load at the end of the scale on the bus, in nominal loads.
 const FULL_SCALE: f64 = 4.0;
@@ -43,7 +45,7 @@ pub fn image(
     let tables: Vec<Tables> = sensors
         .channels
         .iter()
-        .map(|c| Tables::new(machine, c, &plan))
+        .map(|c| Tables::new(machine, drivetrain, c))
         .collect::<Result<_, _>>()?;
     plan.size_drifts(&tables);
     let channels = sensors
@@ -79,7 +81,6 @@ struct Plan {
     /// States that nothing depends on.
     fill: usize,
     loads: usize,
-    nominal: Vec<f64>,
     nominal_speed: f64,
     /// Nominal torque at the main shaft.
     nominal_torque: f64,
@@ -90,9 +91,7 @@ impl Plan {
         let torsion = Torsion::new(drivetrain);
         let n = drivetrain.inertias.len();
         let nominal: Vec<f64> = drivetrain.loads.iter().map(|l| l.nominal_nm).collect();
-        let nominal_torque = (drivetrain.loads.iter())
-            .map(|l| l.nominal_nm * torsion.ratio(&l.inertia).abs())
-            .fold(0.0, f64::max);
+        let nominal_torque = drivetrain.nominal_torque();
         let mut scale = vec![1.0];
         scale.extend(torsion.referred_stiffness().map(|k| nominal_torque / k));
         scale.extend(std::iter::repeat_n(drivetrain.nominal_speed_rad_s, n));
@@ -125,7 +124,6 @@ impl Plan {
             drifts,
             fill,
             loads: nominal.len(),
-            nominal,
             nominal_speed: drivetrain.nominal_speed_rad_s,
             nominal_torque,
         }
@@ -182,31 +180,6 @@ impl Plan {
         scaled
     }
 
-    /// Nominal size of what a channel senses.
-    fn nominal_sensed(&self, drivetrain_channel: &Senses) -> f64 {
-        match drivetrain_channel {
-            Senses::Shaft(_) => {
-                // Torque of the shaft under nominal loads, from the row over the twists.
-                let row = self.torsion.sensed_row(drivetrain_channel);
-                (1..self.mechanical.div_ceil(2))
-                    .map(|i| (row[i] * self.scale[i]).abs())
-                    .fold(0.0, f64::max)
-            }
-            Senses::Load(_) => {
-                let row = self.torsion.sensed_row(drivetrain_channel);
-                row[self.mechanical..]
-                    .iter()
-                    .zip(&self.nominal)
-                    .map(|(c, d)| c * d)
-                    .sum()
-            }
-            Senses::Speed(name) => self.nominal_speed * self.torsion.ratio(name).abs(),
-            Senses::Drive(name) => self.nominal_torque / self.torsion.ratio(name).abs(),
-            // Refused where the description is checked.
-            Senses::Displacement(_) | Senses::OuterRing(_) => 1.0,
-        }
-    }
-
     fn channel<'a>(
         &self,
         i: usize,
@@ -239,6 +212,7 @@ impl Plan {
                 variance: PeriodicTable::try_new(&tables.variance, "variance")
                     .map_err(BuildError::Model)?,
                 bias_state: self.drift_state(i).map(|state| state as u8),
+                response: self.response(channel, tables),
             };
             (row.iter().map(|c| c / tables.sensed).collect(), role)
         };
@@ -248,6 +222,56 @@ impl Plan {
             row: fixed(&row)?,
             role,
         })
+    }
+
+    /// As the filter has it: what is sensed in parts of nominal.
+    fn response(&self, channel: &machine::Channel, tables: &Tables) -> Response {
+        let creep = channel.creep.as_ref();
+        Response {
+            bend: channel.nonlinearity as f32,
+            creep: creep.map_or(0.0, |c| channel.to_si(c.at_nominal) / tables.unit) as f32,
+            creep_rate: creep.map_or(0.0, |c| 1.0 - (-self.dt_s / c.time_s).exp()) as f32,
+        }
+    }
+
+    /// Dry friction, in parts of nominal torque and nominal speed.
+    fn frictions(
+        &self,
+        drivetrain: &Drivetrain,
+    ) -> Result<FixedVec<Friction, MAX_FRICTIONS>, BuildError> {
+        let transition = self.torsion.discretised(self.dt_s);
+        let mut frictions = FixedVec::new();
+        for (k, inertia) in drivetrain.inertias.iter().enumerate() {
+            let Some(referred) = inertia.referred_friction() else {
+                continue;
+            };
+            let moment = inertia.moment_kg_m2 * inertia.speed_ratio * inertia.speed_ratio;
+            let part = |torque: f64| (torque / self.nominal_torque) as f32;
+            let drive = self.mechanical + self.loads + k;
+            let mut column = vec![0.0; self.states()];
+            for (i, slot) in column.iter_mut().take(self.mechanical).enumerate() {
+                let braked = -transition[(i, drive)] / inertia.speed_ratio;
+                *slot = braked * self.nominal_torque / self.scale[i];
+            }
+            // No steeper than what a sample's step follows.
+            let most = referred.coulomb_nm + referred.stribeck_nm;
+            let steepest = 2.0 * most * self.dt_s / (moment * self.nominal_speed);
+            let per_angle = |angle: f64| self.nominal_speed * self.dt_s / angle;
+            let positive = |value: f64| (value > 0.0).then_some(value);
+            frictions
+                .push(Friction {
+                    speed_state: (1 + drivetrain.shafts.len() + k) as u8,
+                    column: fixed(&column)?,
+                    sliding: part(referred.coulomb_nm),
+                    sticking: part(referred.stribeck_nm),
+                    fading: (referred.stribeck_rad_s)
+                        .map_or(0.0, |speed| (self.nominal_speed / speed) as f32),
+                    creeping: CREEP.max(steepest) as f32,
+                    building: positive(referred.presliding_rad).map_or(0.0, per_angle) as f32,
+                })
+                .map_err(|_| BuildError::TooLarge("inertias with friction"))?;
+        }
+        Ok(frictions)
     }
 
     fn encoder(&self, k: usize, encoder: &machine::Encoder) -> Result<Encoder, BuildError> {
@@ -363,6 +387,7 @@ impl Plan {
                 .map(|(k, encoder)| self.encoder(k, encoder))
                 .collect::<Result<_, _>>()?,
             index,
+            frictions: self.frictions(drivetrain)?,
             steady: None,
         })
     }
@@ -425,10 +450,14 @@ struct Tables {
 }
 
 impl Tables {
-    fn new(machine: &Machine, channel: &machine::Channel, plan: &Plan) -> Result<Self, BuildError> {
+    fn new(
+        machine: &Machine,
+        drivetrain: &Drivetrain,
+        channel: &machine::Channel,
+    ) -> Result<Self, BuildError> {
         let map = powered(&channel.sensitivity_over_angle(machine)?);
         let noise = channel.noise_over_angle(machine)?;
-        let sensed = plan.nominal_sensed(&channel.senses);
+        let sensed = drivetrain.nominal_sensed(&channel.senses);
         let peak = map.iter().fold(0.0_f64, |peak, m| peak.max(m.abs()));
         // Readings are of the order of 100 at the nominal load.
         let unit = 10.0_f64.powf((peak * sensed).log10().floor() - 2.0);

@@ -47,6 +47,12 @@ pub struct Channel {
     /// Slow drift of the zero that no load causes (creep, temperature), which the
     /// filter then estimates as a state of its own.
     pub drift: Option<Drift>,
+    /// Part of the reading by which it is larger at nominal torque than in proportion,
+    /// -0.2 to 0.2: `map s (1 + n s / nominal)`, of a channel on a drivetrain.
+    #[serde(default)]
+    pub nonlinearity: f64,
+    /// Creep of the zero under load, of a channel on a drivetrain.
+    pub creep: Option<Creep>,
     /// What a displacement sensor reads of a surface that is out of true [unit]: parts with the
     /// cosine and the sine of the encoder's angle, then of twice and three times that angle.
     #[serde(default)]
@@ -64,6 +70,11 @@ impl Channel {
     /// A value in the channel's unit, in SI.
     pub fn to_si(&self, value: f64) -> f64 {
         self.unit.to_si(value)
+    }
+
+    /// What it senses once its response is in proportion to it: `s (1 + n s / nominal)`.
+    pub fn bent(&self, sensed: f64, nominal: f64) -> f64 {
+        sensed * (1.0 + self.nonlinearity * sensed / nominal)
     }
 
     /// What of the reading is runout where the shaft stands at `angle` [unit].
@@ -155,6 +166,31 @@ pub struct Drift {
     pub std: f64,
     /// Time constant [s], > 0.
     pub time_s: f64,
+}
+
+/// Creep of a zero: `a z`, `dz/dt = (s / nominal - z) / time_s`, `s` what is sensed.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Creep {
+    /// `a`: what it comes to in the end at nominal load [the channel's unit].
+    pub at_nominal: f64,
+    /// Time constant [s], > 0.
+    pub time_s: f64,
+}
+
+impl Creep {
+    /// The zero for each of `levels`, parts of nominal `dt_s` [s] apart [the channel's unit].
+    pub fn course(&self, levels: impl IntoIterator<Item = f64>, dt_s: f64) -> Vec<f64> {
+        let rate = 1.0 - (-dt_s / self.time_s).exp();
+        let mut z = 0.0;
+        levels
+            .into_iter()
+            .map(|level| {
+                z += rate * (level - z);
+                self.at_nominal * z
+            })
+            .collect()
+    }
 }
 
 /// A group of sensors that tables show together.

@@ -64,6 +64,14 @@ impl Machine {
                 );
             }
         }
+        if self.drivetrain.is_none() {
+            for channel in &self.channels {
+                let field = format!("channel {:?}", channel.name);
+                let straight = channel.nonlinearity == 0.0 && channel.creep.is_none();
+                let found = "nonlinearity or creep";
+                within(&field, found, straight, "these only on a drivetrain")?;
+            }
+        }
         self.check_references()?;
         self.check_sets()?;
         for (i, segment) in self.segments.iter().enumerate() {
@@ -304,6 +312,11 @@ fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
     if let Some(drift) = &channel.drift {
         positive(&field("drift.std"), drift.std)?;
         positive(&field("drift.time_s"), drift.time_s)?;
+    }
+    range(&field("nonlinearity"), channel.nonlinearity, -0.2, 0.2)?;
+    if let Some(creep) = &channel.creep {
+        finite(&field("creep.at_nominal"), creep.at_nominal)?;
+        positive(&field("creep.time_s"), creep.time_s)?;
     }
     if channel.bridge.is_some() {
         let strain = channel.unit.quantity() == Quantity::Strain;

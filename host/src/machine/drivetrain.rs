@@ -3,8 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::Gears;
 use super::rule::{Checked, at_least, at_most, names, nonzero, one_of, positive, unique, within};
+use super::{Friction, Gears, Senses};
 
 /// A chain of 2 to 6 inertias joined by elastic shafts.
 ///
@@ -48,6 +48,49 @@ pub struct Inertia {
     /// Viscous drag to the housing, at its own speed [N m s/rad], >= 0.
     #[serde(default)]
     pub drag_nm_s_per_rad: f64,
+    /// Dry friction to the housing.
+    pub friction: Option<Friction>,
+}
+
+impl Drivetrain {
+    /// Nominal torque at the main shaft: that of the largest load [N m].
+    pub fn nominal_torque(&self) -> f64 {
+        (self.loads.iter())
+            .map(|l| l.nominal_nm * self.ratio(&l.inertia).abs())
+            .fold(0.0, f64::max)
+    }
+
+    /// What a channel senses at nominal loads and speed [N m, rad/s].
+    pub fn nominal_sensed(&self, senses: &Senses) -> f64 {
+        match senses {
+            Senses::Shaft(name) => {
+                let shaft = self.shafts.iter().find(|s| s.name == *name);
+                self.nominal_torque() / shaft.map_or(1.0, |s| s.speed_ratio.abs())
+            }
+            Senses::Load(name) => {
+                let load = self.loads.iter().find(|l| l.name == *name);
+                load.map_or(1.0, |l| l.nominal_nm)
+            }
+            Senses::Speed(name) => self.nominal_speed_rad_s * self.ratio(name).abs(),
+            Senses::Drive(name) => self.nominal_torque() / self.ratio(name).abs(),
+            // Refused where the description is checked.
+            Senses::Displacement(_) | Senses::OuterRing(_) => 1.0,
+        }
+    }
+
+    /// Turns of inertia `name` per turn of the main shaft.
+    fn ratio(&self, name: &str) -> f64 {
+        let inertia = self.inertias.iter().find(|i| i.name == name);
+        inertia.map_or(1.0, |i| i.speed_ratio)
+    }
+}
+
+impl Inertia {
+    /// Its dry friction, referred to the main shaft.
+    pub fn referred_friction(&self) -> Option<Friction> {
+        let ratio = self.speed_ratio.abs();
+        Some(self.friction?.scaled(ratio, 1.0 / ratio))
+    }
 }
 
 /// An elastic shaft, or a gear mesh, between two neighbouring inertias.
@@ -142,6 +185,9 @@ impl Drivetrain {
             positive(&field("moment_kg_m2"), inertia.moment_kg_m2)?;
             nonzero(&field("speed_ratio"), inertia.speed_ratio)?;
             at_least(&field("drag_nm_s_per_rad"), inertia.drag_nm_s_per_rad, 0.0)?;
+            if let Some(friction) = &inertia.friction {
+                friction.check(&field("friction"))?;
+            }
         }
         for (i, shaft) in self.shafts.iter().enumerate() {
             let field = |name: &str| format!("drivetrain.shaft[{}].{name}", i + 1);

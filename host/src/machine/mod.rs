@@ -11,6 +11,7 @@ mod channel;
 mod check;
 mod drivetrain;
 mod error;
+mod friction;
 mod gears;
 mod kind;
 mod rotor;
@@ -27,10 +28,12 @@ pub use angle_map::{MAP_ENTRIES, read_column, read_columns, resampled, six_digit
 pub use balance::{Balance, BalanceEffect, Regime, Signal};
 pub use bearing::{BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, SHAPES};
 pub use channel::{
-    Adc, Auxiliary, Channel, Displacement, Drift, Encoder, Group, Index, Place, Reference, Senses,
+    Adc, Auxiliary, Channel, Creep, Displacement, Drift, Encoder, Group, Index, Place, Reference,
+    Senses,
 };
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, Shaft};
 pub use error::{MachineError, Violation};
+pub use friction::{CREEP, Friction};
 pub use gears::{Gears, Helical, Planetary, ShaftBearing};
 pub use kind::{Kind, NamedLoad};
 pub use rotor::{

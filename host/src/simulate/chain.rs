@@ -1,7 +1,7 @@
 //! The parameters of the plant: the chain of the machine description, and
 //! what it leaves out.
 
-use crate::machine::Drivetrain;
+use crate::machine::{Drivetrain, Inertia};
 
 /// A chain of inertias and shafts, all referred to the shaft with speed
 /// ratio 1; an effect changes its fields before the plant is built.
@@ -13,8 +13,8 @@ pub(super) struct Chain {
     pub shafts: Vec<Shaft>,
     /// Torques that depend on the angle of the main shaft.
     pub ripples: Vec<Ripple>,
-    /// Pre-sliding friction of one body.
-    pub presliding: Option<Presliding>,
+    /// Pre-sliding frictions.
+    pub presliding: Vec<Presliding>,
     /// Speed of the main shaft that counts as nominal [rad/s], > 0.
     pub nominal_speed: f64,
     /// Torque of the main shaft that counts as nominal [N m], > 0.
@@ -32,6 +32,8 @@ pub(super) struct Body {
     pub coulomb: f64,
     /// What sticking adds to it at standstill [N m].
     pub stribeck: f64,
+    /// Speed over which that fades [rad/s]; where 0, a part of nominal speed.
+    pub stribeck_speed: f64,
 }
 
 /// A shaft with a gear mesh at its end.
@@ -91,14 +93,30 @@ impl Chain {
                 .find(|i| i.name == name)
                 .map_or(1.0, |i| i.speed_ratio)
         };
+        let dry = |inertia: &Inertia| inertia.referred_friction().unwrap_or_default();
+        let presliding = (drivetrain.inertias.iter().enumerate())
+            .map(|(body, inertia)| (body, dry(inertia)))
+            .filter(|(_, dry)| dry.presliding_rad > 0.0 && dry.coulomb_nm > 0.0)
+            .map(|(body, dry)| Presliding {
+                body,
+                torque: dry.coulomb_nm,
+                angle: dry.presliding_rad,
+            })
+            .collect();
         Self {
             bodies: drivetrain
                 .inertias
                 .iter()
-                .map(|i| Body {
-                    inertia: i.moment_kg_m2 * i.speed_ratio * i.speed_ratio,
-                    viscous: i.drag_nm_s_per_rad * i.speed_ratio * i.speed_ratio,
-                    ..Body::default()
+                .map(|i| {
+                    let dry = dry(i);
+                    let builds_up = dry.presliding_rad > 0.0;
+                    Body {
+                        inertia: i.moment_kg_m2 * i.speed_ratio * i.speed_ratio,
+                        viscous: i.drag_nm_s_per_rad * i.speed_ratio * i.speed_ratio,
+                        coulomb: if builds_up { 0.0 } else { dry.coulomb_nm },
+                        stribeck: dry.stribeck_nm,
+                        stribeck_speed: dry.stribeck_rad_s.unwrap_or(0.0),
+                    }
                 })
                 .collect(),
             shafts: drivetrain
@@ -114,7 +132,7 @@ impl Chain {
                 })
                 .collect(),
             ripples: Vec::new(),
-            presliding: None,
+            presliding,
             nominal_speed: drivetrain.nominal_speed_rad_s,
             nominal_torque: drivetrain
                 .loads

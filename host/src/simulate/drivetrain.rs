@@ -298,20 +298,7 @@ fn gauge(
     let sensitivity = channel.sensitivity_over_angle(machine)?;
     let in_unit = |si: f64| channel.unit.from_si(si);
     let map = AngleFunction::new(sensitivity.into_iter().map(in_unit).collect());
-    let load = &drivetrain.loads[0];
-    let ratio = |name: &str| {
-        drivetrain.inertias[place(drivetrain, name)]
-            .speed_ratio
-            .abs()
-    };
-    let referred = load.nominal_nm * ratio(&load.inertia);
-    let nominal = match (&channel.senses, sensed(drivetrain, &channel.senses)) {
-        (_, Sensed::Shaft(_, factor)) => referred * factor.abs(),
-        (_, Sensed::Speed(_, factor)) => drivetrain.nominal_speed_rad_s * factor.abs(),
-        (_, Sensed::Load(i)) => drivetrain.loads[i].nominal_nm,
-        (Senses::Drive(name), _) => referred / ratio(name),
-        (_, Sensed::Drive(_)) => referred,
-    };
+    let nominal = drivetrain.nominal_sensed(&channel.senses);
     let is_load_sensor = matches!(channel.senses, Senses::Shaft(_) | Senses::Load(_));
     Ok(Gauge::new(channel, map, nominal, is_load_sensor, rng))
 }

@@ -4,7 +4,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use crate::machine::Channel;
+use crate::machine::{self, Channel};
 
 use super::angle_function::AngleFunction;
 
@@ -29,6 +29,26 @@ pub(super) trait Disturbance: Send {
     fn apply(&mut self, moment: &Moment, reading: f64) -> f64;
 }
 
+/// `dz/dt = (amplitude level - z) / time`, added to the reading.
+pub(super) struct Creep {
+    described: machine::Creep,
+    z: f64,
+}
+
+impl Creep {
+    pub(super) fn new(described: machine::Creep) -> Self {
+        Self { described, z: 0.0 }
+    }
+}
+
+impl Disturbance for Creep {
+    fn apply(&mut self, moment: &Moment, reading: f64) -> f64 {
+        let machine::Creep { at_nominal, time_s } = self.described;
+        self.z += moment.dt / time_s * (at_nominal * moment.level - self.z);
+        reading + self.z
+    }
+}
+
 /// Changes what the converter delivers.
 pub(super) trait WordFault: Send {
     /// The word that is delivered, if any; called once for each sample.
@@ -50,6 +70,8 @@ pub(super) struct Gauge {
     pub shift: f64,
     /// Sensitivity over the carrier angle [unit/Nm, unit/(rad/s)].
     pub map: AngleFunction,
+    /// Part of the reading by which it is larger at nominal load than in proportion.
+    pub nonlinearity: f64,
     /// What is sensed at nominal load and speed, > 0.
     pub nominal: f64,
     /// Whether it responds to torque and is no measured drive.
@@ -82,9 +104,12 @@ impl Gauge {
             gain: 1.0,
             shift: 0.0,
             map,
+            nonlinearity: channel.nonlinearity,
             nominal,
             is_load_sensor,
-            disturbances: Vec::new(),
+            disturbances: (channel.creep.iter())
+                .map(|creep| Box::new(Creep::new(*creep)) as Box<dyn Disturbance>)
+                .collect(),
             faults: Vec::new(),
             noise_std: channel.noise_std,
             lsb: channel.unit.from_si(channel.lsb_si()),
@@ -112,7 +137,8 @@ impl Gauge {
             ..*moment
         };
         let sensitivity = self.gain * self.map.at(moment.angle - self.shift);
-        let mut reading = self.offset + sensitivity * sensed;
+        let bent = sensed * (1.0 + self.nonlinearity * moment.level);
+        let mut reading = self.offset + sensitivity * bent;
         for disturbance in &mut self.disturbances {
             reading = disturbance.apply(moment, reading);
         }

@@ -39,7 +39,9 @@ mod rotor_plant;
 mod scenario;
 mod thermal;
 
-pub use bearing::{BEARING_EFFECTS, BearingEffect, BearingScenario, BearingSimulation};
+pub use bearing::{
+    BEARING_EFFECTS, BearingCourse, BearingEffect, BearingScenario, BearingSimulation,
+};
 pub use drivetrain::Simulation;
 pub use effect::{Applied, EFFECTS, Effect};
 pub use error::SimulateError;

@@ -99,8 +99,8 @@ pub(super) struct State {
     twist: [f64; BODIES],
     /// [rad/s].
     speed: [f64; BODIES],
-    /// Pre-sliding friction [N m].
-    friction: f64,
+    /// Each pre-sliding friction [N m].
+    friction: [f64; BODIES],
     /// Torque of the machine that holds the speed [N m].
     drive: f64,
     /// Integral part of its controller [N m].
@@ -114,7 +114,7 @@ pub(super) struct Plant {
     bodies: [Body; BODIES],
     segments: [Segment; BODIES],
     ripples: Vec<Ripple>,
-    presliding: Option<Presliding>,
+    presliding: Vec<Presliding>,
     controller: Controller,
     nominal_speed: f64,
     state: State,
@@ -138,7 +138,7 @@ impl Plant {
             bodies: [Body::default(); BODIES],
             segments: [Segment::default(); BODIES],
             ripples: chain.ripples.clone(),
-            presliding: chain.presliding,
+            presliding: chain.presliding.clone(),
             controller: Controller::default(),
             nominal_speed: chain.nominal_speed,
             state: State::default(),
@@ -149,7 +149,7 @@ impl Plant {
         for ripple in &mut plant.ripples {
             ripple.body *= 2;
         }
-        if let Some(presliding) = &mut plant.presliding {
+        for presliding in &mut plant.presliding {
             presliding.body *= 2;
         }
         for (i, shaft) in chain.shafts.iter().enumerate() {
@@ -201,7 +201,7 @@ impl Plant {
                     damper += s.damping * (1.0 + coupling);
                 }
             }
-            if let Some(p) = self.presliding.filter(|p| p.body == i) {
+            for p in self.presliding.iter().filter(|p| p.body == i) {
                 spring += p.torque / p.angle;
             }
             step = step
@@ -230,9 +230,7 @@ impl Plant {
             ..State::default()
         };
         self.state.speed[..self.count].fill(speed);
-        if let Some(p) = self.presliding {
-            self.state.friction = p.torque * self.direction(speed);
-        }
+        self.state.friction = self.slid(speed);
         let mut torque = 0.0;
         for i in 0..self.count - 1 {
             torque += drive.loads[i] - self.friction(i, &self.state);
@@ -248,12 +246,21 @@ impl Plant {
 
     /// Friction of all bodies at `speed` without that of the meshes [N m].
     pub(super) fn drag(&self, speed: f64) -> f64 {
-        let mut state = State::default();
-        if let Some(p) = self.presliding {
-            state.friction = p.torque * self.direction(speed);
-        }
+        let mut state = State {
+            friction: self.slid(speed),
+            ..State::default()
+        };
         state.speed[..self.count].fill(speed);
         (0..self.count).map(|i| self.friction(i, &state)).sum()
+    }
+
+    /// Pre-sliding frictions once all slide at `speed` [N m].
+    fn slid(&self, speed: f64) -> [f64; BODIES] {
+        let mut friction = [0.0; BODIES];
+        for (friction, p) in friction.iter_mut().zip(&self.presliding) {
+            *friction = p.torque * self.direction(speed);
+        }
+        friction
     }
 
     /// Moment of inertia of all bodies [kg m^2].
@@ -278,12 +285,14 @@ impl Plant {
     fn along(&self, x: &State, rate: &State, h: f64) -> State {
         let mut next = *x;
         next.angle += h * rate.angle;
-        next.friction += h * rate.friction;
         next.drive += h * rate.drive;
         next.integral += h * rate.integral;
         for i in 0..self.count {
             next.twist[i] += h * rate.twist[i];
             next.speed[i] += h * rate.speed[i];
+        }
+        for j in 0..self.presliding.len().min(BODIES) {
+            next.friction[j] += h * rate.friction[j];
         }
         next
     }
@@ -320,9 +329,14 @@ impl Plant {
                 * (ripple.order * x.angle + ripple.phase).cos()
                 / self.bodies[ripple.body].inertia;
         }
-        if let Some(p) = self.presliding {
+        for ((rate, friction), p) in rate
+            .friction
+            .iter_mut()
+            .zip(x.friction)
+            .zip(&self.presliding)
+        {
             let w = x.speed[p.body];
-            rate.friction = (w * p.torque - w.abs() * x.friction) / p.angle;
+            *rate = (w * p.torque - w.abs() * friction) / p.angle;
         }
         rate
     }
@@ -353,11 +367,17 @@ impl Plant {
         let w = x.speed[i];
         let mut torque = body.viscous * w;
         if body.coulomb != 0.0 || body.stribeck != 0.0 {
-            let fade = w / (STRIBECK * self.nominal_speed);
+            let fade = if body.stribeck_speed > 0.0 {
+                w / body.stribeck_speed
+            } else {
+                w / (STRIBECK * self.nominal_speed)
+            };
             torque += (body.coulomb + body.stribeck * (-fade * fade).exp()) * self.direction(w);
         }
-        if self.presliding.is_some_and(|p| p.body == i) {
-            torque += x.friction;
+        for (p, friction) in self.presliding.iter().zip(x.friction) {
+            if p.body == i {
+                torque += friction;
+            }
         }
         torque
     }

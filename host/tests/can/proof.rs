@@ -142,6 +142,21 @@ fn lost_frames_of_every_kind_are_counted_and_nothing_else_is_blamed() {
             "{part}"
         );
         assert!(figures.unverifiable_frames >= 2, "{part}: {figures:#?}");
+        assert!(figures.unsettled_frames > 0, "{part}: {figures:#?}");
+
+        // Once the machine has started anew its state is known.
+        frames.extend(clean.iter().copied());
+        let at = frames
+            .iter()
+            .rposition(|f| id(f) == 1)
+            .expect("a load frame");
+        frames[at] = forged(&frames[at], 24);
+        let (verdict, figures) = compare(&model, &frames);
+        assert_eq!(
+            (verdict, figures.differing_frames),
+            (Verdict::Different, 1),
+            "{part}"
+        );
     }
 }
 

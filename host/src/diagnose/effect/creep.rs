@@ -1,13 +1,14 @@
 //! Zeros that remember the load, or wander.
 
 use super::thermal::lag;
-use super::{Effect, Linear, Shape, each, one_shape};
+use super::{Effect, GaugeModel, Linear, Shape, each, one_shape};
 use crate::diagnose::stream::{Session, Term};
+use crate::machine::Creep;
 
 /// `scale a z`, `dz/dt = (level - z) / tau`.
-pub struct Creep;
+pub struct GaugeCreep;
 
-impl Effect for Creep {
+impl Effect for GaugeCreep {
     fn name(&self) -> &'static str {
         "gauge-creep"
     }
@@ -36,6 +37,16 @@ impl Effect for Creep {
         let signals = &session.signals;
         let level = signals.level.iter().copied();
         vec![Term::Zero(lag(level, signals.dt_s / shape[0]))]
+    }
+    fn mend(&self, shape: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+        let is_new = gauge.creep.is_none();
+        if is_new {
+            gauge.creep = Some(Creep {
+                at_nominal: parameters[0] * gauge.full_scale,
+                time_s: shape[0],
+            });
+        }
+        is_new
     }
     fn experiment(&self) -> &'static str {
         "a long hold at nominal load and then a long one without load"

@@ -3,10 +3,7 @@
 use super::{Coupling, Effect, Linear, Shape};
 use crate::diagnose::signals::Signals;
 use crate::diagnose::stream::{Kind, Session, Stream, Term};
-
-/// Speeds below this part of nominal count as standstill: friction is as
-/// steep there as the encoder resolves.
-const CREEP: f64 = 0.003;
+use crate::machine::{self, CREEP, Drivetrain};
 
 const BODY: Shape = Shape {
     name: "inertia",
@@ -26,13 +23,27 @@ pub struct Friction {
     /// Values of the law's own parameter from which the search starts; none
     /// where it has none.
     starts: &'static [f64],
-    /// Torque sample by sample, part of its size.
-    law: fn(&Signals, &[f64]) -> Vec<f64>,
-    /// Whether it holds the inertia at standstill.
-    sticks: bool,
-    /// Whether it is a drag in proportion to speed, which the line runs.
-    is_drag: bool,
+    /// Torque, part of its size.
+    law: Law,
 }
+
+/// How a friction hangs on the motion.
+enum Law {
+    /// Dry: it holds the inertia at standstill. Speeds in parts of nominal, angles of the main shaft.
+    Dry(fn(&[f64]) -> machine::Friction),
+    /// In proportion to speed.
+    Drag,
+    /// In proportion to what a mesh carries.
+    Load,
+}
+
+/// A torque of 1 at every speed.
+const ONE: machine::Friction = machine::Friction {
+    coulomb_nm: 1.0,
+    stribeck_nm: 0.0,
+    stribeck_rad_s: None,
+    presliding_rad: 0.0,
+};
 
 /// `a sign(w)`.
 pub const COULOMB: Friction = Friction {
@@ -41,12 +52,10 @@ pub const COULOMB: Friction = Friction {
     experiment: "slow turning both ways without load, with standstill between",
     shape: &[BODY],
     starts: &[],
-    law: |signals, shape| speed(signals, shape).map(direction).collect(),
-    sticks: true,
-    is_drag: false,
+    law: Law::Dry(|_| ONE),
 };
 
-/// `a exp(-(|w| / ws)^1.5) sign(w)`: what sticking adds near standstill.
+/// `a exp(-(|w| / w_s)^1.5) sign(w)`: what sticking adds near standstill.
 pub const STRIBECK: Friction = Friction {
     name: "stribeck-friction",
     about: "a torque that brakes near standstill and fades with speed",
@@ -62,12 +71,12 @@ pub const STRIBECK: Friction = Friction {
         },
     ],
     starts: &[0.02, 0.05, 0.12, 0.3],
-    law: |signals, shape| {
-        let fades = |w: f64| direction(w) * (-(w.abs() / shape[1]).powf(1.5)).exp();
-        speed(signals, shape).map(fades).collect()
-    },
-    sticks: true,
-    is_drag: false,
+    law: Law::Dry(|shape| machine::Friction {
+        coulomb_nm: 0.0,
+        stribeck_nm: 1.0,
+        stribeck_rad_s: Some(shape[1]),
+        ..ONE
+    }),
 };
 
 /// `a w`.
@@ -77,9 +86,7 @@ pub const VISCOUS: Friction = Friction {
     experiment: "several speeds without load",
     shape: &[BODY],
     starts: &[],
-    law: |signals, shape| speed(signals, shape).collect(),
-    sticks: false,
-    is_drag: true,
+    law: Law::Drag,
 };
 
 /// `a |level| sign(w)`: what a mesh loses of what it carries.
@@ -89,14 +96,7 @@ pub const LOAD_DEPENDENT: Friction = Friction {
     experiment: "torque ramps at constant speed, both ways",
     shape: &[BODY],
     starts: &[],
-    law: |signals, shape| {
-        speed(signals, shape)
-            .zip(&signals.level)
-            .map(|(w, level)| level.abs() * direction(w))
-            .collect()
-    },
-    sticks: false,
-    is_drag: false,
+    law: Law::Load,
 };
 
 /// Friction that builds up over an angle: `du = (d(angle) - |d(angle)| u) / width`
@@ -116,9 +116,10 @@ pub const PRESLIDING: Friction = Friction {
         },
     ],
     starts: &[0.001, 0.005, 0.025, 0.1],
-    law: presliding,
-    sticks: true,
-    is_drag: false,
+    law: Law::Dry(|shape| machine::Friction {
+        presliding_rad: shape[1],
+        ..ONE
+    }),
 };
 
 impl Effect for Friction {
@@ -159,37 +160,58 @@ impl Effect for Friction {
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
         vec![Term::Brake {
             body: shape[0] as usize,
-            u: (self.law)(&session.signals, shape),
-            sticks: self.sticks,
+            u: self.law.torque(&session.signals, shape),
+            sticks: matches!(self.law, Law::Dry(_)),
         }]
     }
-    fn drag(&self, shape: &[f64], parameters: &[f64]) -> Option<(usize, f64)> {
-        self.is_drag.then(|| (shape[0] as usize, parameters[0]))
+    fn mend_chain(
+        &self,
+        session: &Session,
+        shape: &[f64],
+        parameters: &[f64],
+        chain: &mut Drivetrain,
+    ) -> bool {
+        let inertia = &mut chain.inertias[shape[0] as usize];
+        let ratio = inertia.speed_ratio.abs();
+        let signals = &session.signals;
+        // At the inertia's own speed.
+        let torque = parameters[0] * signals.nominal_torque / ratio;
+        let speed = ratio * signals.nominal_speed;
+        match &self.law {
+            Law::Drag => {
+                let drag = inertia.drag_nm_s_per_rad + torque / speed;
+                inertia.drag_nm_s_per_rad = drag.max(0.0);
+                true
+            }
+            Law::Dry(law) => {
+                let mut own = law(shape).scaled(torque, ratio);
+                own.stribeck_rad_s = own.stribeck_rad_s.map(|w| w * signals.nominal_speed);
+                let both = (inertia.friction.unwrap_or_default())
+                    .joined(&own)
+                    .filter(|_| torque > 0.0);
+                inertia.friction = both.or(inertia.friction);
+                both.is_some()
+            }
+            Law::Load => false,
+        }
     }
     fn experiment(&self) -> &'static str {
         self.experiment
     }
 }
 
-/// Speed of the inertia that is braked, part of nominal.
-fn speed(signals: &Signals, shape: &[f64]) -> impl Iterator<Item = f64> {
-    signals.vibrating_speed(shape[0] as usize)
-}
-
-fn direction(w: f64) -> f64 {
-    w / (w * w + CREEP * CREEP).sqrt()
-}
-
-fn presliding(signals: &Signals, shape: &[f64]) -> Vec<f64> {
-    let turned = signals.nominal_speed * signals.dt_s;
-    // Where it came from is not known: from the first turning.
-    let mut z = speed(signals, shape).next().map_or(0.0, direction);
-    speed(signals, shape)
-        .map(|w| {
-            let step = w * turned / shape[1];
-            // Exact for a step of one sign: it tends to the sign of the motion.
-            z = step.signum() + (z - step.signum()) * (-step.abs()).exp();
-            z
-        })
-        .collect()
+impl Law {
+    fn torque(&self, signals: &Signals, shape: &[f64]) -> Vec<f64> {
+        // Part of nominal.
+        let speeds = signals.vibrating_speed(shape[0] as usize);
+        let turned = signals.nominal_speed * signals.dt_s;
+        match self {
+            Self::Dry(law) => law(shape).course(speeds, turned, CREEP),
+            Self::Drag => speeds.collect(),
+            Self::Load => (ONE.course(speeds, turned, CREEP).iter())
+                .zip(&signals.level)
+                .map(|(direction, level)| level.abs() * direction)
+                .collect(),
+        }
+    }
 }

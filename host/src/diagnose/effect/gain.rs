@@ -129,6 +129,10 @@ impl Effect for Nonlinearity {
         let column = |s: &Stream| product(&s.reading, level);
         vec![Term::Each(session.streams.iter().map(column).collect())]
     }
+    fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+        gauge.nonlinearity += parameters[0];
+        true
+    }
     fn experiment(&self) -> &'static str {
         "slow torque ramps through zero to both ends"
     }

@@ -16,7 +16,7 @@ mod word;
 
 use super::observed::Observed;
 use super::stream::Session;
-use crate::machine::MAP_ENTRIES;
+use crate::machine::{Creep, Drivetrain, MAP_ENTRIES};
 
 /// Whether an effect has its parameters in each channel or once for all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -133,10 +133,15 @@ pub trait Effect<S: Observed = Session>: Sync {
         false
     }
 
-    /// The inertia and the drag, part of nominal torque at nominal speed, that
-    /// it comes to; none where it is no drag.
-    fn drag(&self, _shape: &[f64], _parameters: &[f64]) -> Option<(usize, f64)> {
-        None
+    /// The same, into the description's drivetrain.
+    fn mend_chain(
+        &self,
+        _: &S,
+        _shape: &[f64],
+        _parameters: &[f64],
+        _chain: &mut Drivetrain,
+    ) -> bool {
+        false
     }
 
     /// The experiment that shows it best.
@@ -152,6 +157,10 @@ pub struct GaugeModel {
     pub map: Vec<f64>,
     /// Reading at nominal torque, root mean square.
     pub full_scale: f64,
+    /// Part of the reading by which it is larger at nominal torque than in proportion.
+    pub nonlinearity: f64,
+    /// Creep of the zero.
+    pub creep: Option<Creep>,
 }
 
 impl GaugeModel {
@@ -180,7 +189,7 @@ pub static LIBRARY: &[&dyn Effect] = &[
     &thermal::Drift,
     &thermal::Unrecorded,
     &thermal::Gain,
-    &creep::Creep,
+    &creep::GaugeCreep,
     &creep::Drift,
     &creep::StrainHysteresis,
     &step::STEP,

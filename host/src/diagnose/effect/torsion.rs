@@ -51,9 +51,10 @@ impl Effect for Backlash {
         ]
     }
     fn grid(&self, session: &Session) -> Vec<Vec<f64>> {
-        const PLAYS: [f64; 6] = [0.02, 0.05, 0.1, 0.18, 0.25, 0.35];
+        // Fine: the play decides on the phase of what vibrates once the flank is met again.
+        let plays = (0..20).map(|i| 0.015 * 1.2_f64.powi(i));
         (0..session.twist.len())
-            .flat_map(|i| PLAYS.map(|play| vec![i as f64, play]))
+            .flat_map(|i| plays.clone().map(move |play| vec![i as f64, play]))
             .collect()
     }
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
@@ -73,6 +74,10 @@ impl Effect for Backlash {
             *torque = signals.fast(torque);
         }
         vec![Term::Chain(change)]
+    }
+    /// How flanks part and meet is rougher here than in a machine.
+    fn form(&self) -> f64 {
+        0.3
     }
     fn experiment(&self) -> &'static str {
         "torque through zero both ways at low speed, with an encoder at both ends"

@@ -2,7 +2,7 @@
 //!
 //! Nothing measures an unbalance, so that it belongs to the residual: what unbalances at the
 //! loads, the motion before the first sample and what is known roughly can explain is taken out
-//! of the readings, and of what effects predict alike ([`taken`]). What an unbalance does as
+//! of the readings, and of what effects predict alike ([`super::taken`]). What an unbalance does as
 //! well as an effect, as at one constant speed, is then not seen of that effect.
 
 mod clean;
@@ -11,7 +11,6 @@ mod observed;
 mod recorded;
 mod rough;
 mod seen;
-mod taken;
 mod write;
 
 use std::sync::Arc;
@@ -23,7 +22,7 @@ use seen::Seen;
 
 use super::DiagnoseError;
 
-pub use taken::Readings;
+pub use super::taken::Readings;
 
 /// Part of a prediction that must be left beside unbalance and start, or an unbalance does the
 /// same.

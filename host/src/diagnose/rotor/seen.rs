@@ -5,8 +5,8 @@ use std::sync::Arc;
 use super::Readings;
 use super::recorded::Recorded;
 use super::rough::Rough;
-use super::taken::Taken;
 use crate::diagnose::DiagnoseError;
+use crate::diagnose::taken::Taken;
 use crate::machine::{Channel, Rotor};
 use crate::rotor::{DrivenRotor, Turning, TurningForce};
 

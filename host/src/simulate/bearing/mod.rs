@@ -1,5 +1,6 @@
 //! Recordings of a wheel bearing that is not there.
 
+mod course;
 mod effect;
 mod plant;
 mod scenario;
@@ -16,6 +17,8 @@ use crate::recording::{OutputColumn, Unit};
 use plant::{Individual, Plant};
 use scenario::Course;
 
+pub use course::BearingCourse;
+use course::Driven;
 pub use effect::{BEARING_EFFECTS, BearingEffect};
 pub use scenario::BearingScenario;
 
@@ -29,7 +32,7 @@ pub type BearingSimulation = Recorder<DrivenBearing>;
 /// A bearing under its loads, with its sensors.
 pub struct DrivenBearing {
     plant: Plant,
-    course: Course,
+    course: Box<dyn Driven>,
     channels: Vec<(Channel, usize)>,
     encoders: Vec<Encoder>,
     references: Vec<(Reference, usize, f64)>,
@@ -71,7 +74,50 @@ impl BearingSimulation {
             effect.apply(&mut part);
         }
         let mut rng = draw.recording;
-        let course = Course::new(scenario, duration_s, &mut rng);
+        let course = Box::new(Course::new(scenario, duration_s, &mut rng));
+        let driven = DrivenBearing::new(machine, bearing, part, course, effects, rng);
+        let scenario = format!("{scenario:?}").to_lowercase();
+        let columns = driven.columns();
+        Ok(Self::start(
+            driven, columns, machine, &scenario, seed, duration_s,
+        ))
+    }
+
+    /// Sets up the recording of another bearing that does the same; `individual` draws it,
+    /// seated on the rig or on the road.
+    ///
+    /// # Errors
+    /// [`SimulateError`] where the duration is out of range.
+    pub fn along(
+        machine: &Machine,
+        bearing: &Bearing,
+        course: BearingCourse,
+        seed: u64,
+        individual: u64,
+        on_road: bool,
+    ) -> Result<Self, SimulateError> {
+        let duration_s = course.duration_s();
+        check_duration(duration_s)?;
+        let mut draw = Draw::new("bearing", individual, seed);
+        let part = Individual::draw(bearing, &mut draw.individual, on_road);
+        let course = Box::new(course);
+        let driven = DrivenBearing::new(machine, bearing, part, course, &[], draw.recording);
+        let columns = driven.columns();
+        Ok(Self::start(
+            driven, columns, machine, "recorded", seed, duration_s,
+        ))
+    }
+}
+
+impl DrivenBearing {
+    fn new(
+        machine: &Machine,
+        bearing: &Bearing,
+        part: Individual,
+        course: Box<dyn Driven>,
+        effects: &[BearingEffect],
+        mut rng: ChaCha8Rng,
+    ) -> Self {
         let cage = [rng.random_range(0.0..1.0), rng.random_range(0.0..1.0)];
         let offsets = (0..bearing.gauges.len())
             .map(|_| Drift {
@@ -99,21 +145,7 @@ impl BearingSimulation {
                 Some((r.clone(), load, ranges[load][1] - ranges[load][0]))
             })
             .collect();
-        let columns = (channels.iter().map(|(c, _)| (c.name.clone(), c.unit)))
-            .chain(
-                machine
-                    .encoders
-                    .iter()
-                    .map(|e| (e.name.clone(), Unit::COUNTS)),
-            )
-            .chain(references.iter().map(|(r, ..)| (r.name.clone(), r.unit)))
-            .map(|(name, unit)| OutputColumn {
-                name,
-                unit,
-                single: false,
-            })
-            .collect();
-        let driven = DrivenBearing {
+        Self {
             plant: Plant::new(part, cage, course.loads(0.0)),
             course,
             channels,
@@ -125,15 +157,21 @@ impl BearingSimulation {
             wheel: rng.random_range(0.0..1.0),
             rng,
             dt: 1.0 / machine.rate_hz,
-        };
-        let scenario = format!("{scenario:?}").to_lowercase();
-        Ok(Self::start(
-            driven, columns, machine, &scenario, seed, duration_s,
-        ))
+        }
     }
-}
 
-impl DrivenBearing {
+    fn columns(&self) -> Vec<OutputColumn> {
+        (self.channels.iter().map(|(c, _)| (c.name.clone(), c.unit)))
+            .chain((self.encoders.iter()).map(|e| (e.name.clone(), Unit::COUNTS)))
+            .chain((self.references.iter()).map(|(r, ..)| (r.name.clone(), r.unit)))
+            .map(|(name, unit)| OutputColumn {
+                name,
+                unit,
+                single: false,
+            })
+            .collect()
+    }
+
     fn normal(&mut self) -> f64 {
         self.rng.sample(StandardNormal)
     }

@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::super::SimulateError;
 use super::super::scenario::Waves;
+use super::course::Driven;
 
 /// A load case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -112,9 +113,10 @@ impl Course {
             draws: (0..64).map(|_| rng.random::<f64>()).collect(),
         }
     }
+}
 
-    /// Speed of the wheel [rad/s].
-    pub(super) fn speed(&self, t: f64) -> f64 {
+impl Driven for Course {
+    fn speed(&self, t: f64) -> f64 {
         match self.scenario {
             BearingScenario::Lc1 | BearingScenario::Lc2 => RIG_SPEED,
             BearingScenario::Lc3 => (35.0 + 25.0 * t / self.duration) / 3.6 / TYRE_M,
@@ -126,8 +128,7 @@ impl Course {
         }
     }
 
-    /// `Fx, Fy, Fz` [N], `Mx, Mz` [N m].
-    pub(super) fn loads(&self, t: f64) -> [f64; 5] {
+    fn loads(&self, t: f64) -> [f64; 5] {
         let rough = |i: usize| self.waves[i].at(t);
         let corner = |mx: f64, fx: f64, extra: f64| {
             // The weight moves to the outer wheel with the moment; the tyre

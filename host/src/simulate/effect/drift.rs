@@ -4,7 +4,8 @@ use rand::RngExt;
 use rand_distr::StandardNormal;
 
 use super::{Apply, Dose, Effect, Scope};
-use crate::simulate::gauge::{Disturbance, Gauge, Moment};
+use crate::machine;
+use crate::simulate::gauge::{Creep, Disturbance, Gauge, Moment};
 
 /// `dz/dt = (amplitude level - z) / 30 s`, added to each channel of the group
 /// that responds least.
@@ -21,9 +22,10 @@ pub(super) const CREEP: Effect = Effect {
         for gauge in gauges {
             let n: f64 = dose.draw.individual.sample(StandardNormal);
             let amplitude = 0.12 * dose.strength * mean * (1.0 + 0.1 * n);
-            gauge
-                .disturbances
-                .push(Box::new(Creep { amplitude, z: 0.0 }));
+            gauge.disturbances.push(Box::new(Creep::new(machine::Creep {
+                at_nominal: amplitude,
+                time_s: CREEP_TIME_S,
+            })));
         }
     }),
 };
@@ -39,19 +41,7 @@ fn mean_span(gauges: &[&mut Gauge]) -> f64 {
     gauges.iter().map(|g| g.span()).sum::<f64>() / gauges.len().max(1) as f64
 }
 
-struct Creep {
-    amplitude: f64,
-    z: f64,
-}
-
 const CREEP_TIME_S: f64 = 30.0;
-
-impl Disturbance for Creep {
-    fn apply(&mut self, moment: &Moment, reading: f64) -> f64 {
-        self.z += moment.dt / CREEP_TIME_S * (self.amplitude * moment.level - self.z);
-        reading + self.z
-    }
-}
 
 struct Thermal {
     per_kelvin: f64,

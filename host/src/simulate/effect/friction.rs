@@ -51,7 +51,7 @@ pub(super) const PRESLIDING: Effect = Effect {
     name: "presliding-hysteresis",
     typical: "Dahl friction of 2 % of nominal torque on the first inertia",
     apply: Apply::Drivetrain(|chain, dose| {
-        chain.presliding = Some(Presliding {
+        chain.presliding.push(Presliding {
             body: 0,
             torque: 0.02 * dose.strength * chain.nominal_torque,
             // Broken away after 2 ms at nominal speed.

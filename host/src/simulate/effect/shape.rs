@@ -3,9 +3,8 @@
 use rand::RngExt;
 
 use super::{Apply, Effect, Scope};
-use crate::simulate::gauge::{Disturbance, Moment};
 
-/// `(reading - offset) (1 + 0.05 s level)` on each channel, of one sign.
+/// `map s (1 + 0.05 strength s / nominal)` on each channel, of one sign.
 pub(super) const NONLINEARITY: Effect = Effect {
     name: "strain-nonlinearity",
     typical: "the response of each channel changes by 5 % from no load to nominal load",
@@ -16,21 +15,7 @@ pub(super) const NONLINEARITY: Effect = Effect {
             -1.0
         };
         for gauge in gauges {
-            gauge.disturbances.push(Box::new(Nonlinearity {
-                part: 0.05 * dose.strength * sign,
-                offset: gauge.offset,
-            }));
+            gauge.nonlinearity += 0.05 * dose.strength * sign;
         }
     }),
 };
-
-struct Nonlinearity {
-    part: f64,
-    offset: f64,
-}
-
-impl Disturbance for Nonlinearity {
-    fn apply(&mut self, moment: &Moment, reading: f64) -> f64 {
-        self.offset + (reading - self.offset) * (1.0 + self.part * moment.level)
-    }
-}

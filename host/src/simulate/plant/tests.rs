@@ -19,7 +19,7 @@ fn two(gear: f64, backlash: f64) -> Plant {
             gear,
         }],
         ripples: vec![],
-        presliding: None,
+        presliding: Vec::new(),
         nominal_speed: 2.7,
         nominal_torque: 3.0e5,
     };

@@ -1,13 +1,13 @@
-//! What unbalance, start and tolerances explain is taken out of residuals and columns alike.
+//! What any recording may contain is taken out of residuals and columns alike.
 
 use faer::Mat;
 
-use super::super::sums::{mirror, solved};
+use super::sums::{mirror, solved};
 
-/// Readings or predictions of all sensors: `[sensor][sample]`.
+/// Readings or predictions of all streams: `[stream][sample]`.
 pub type Readings = Vec<Vec<f64>>;
 
-/// Columns that all sensors share the parameters of, taken out by weighted least squares:
+/// Columns that all streams share the parameters of, taken out by weighted least squares:
 /// `y - U (U' W U + L)^-1 U' W y`.
 ///
 /// Fitted beside a column without them, the parameters of an effect are those of a fit of
