@@ -25,6 +25,9 @@ use crate::machine::Machine;
 /// Length of the blocks that are left out [s].
 const BLOCK_S: f64 = 1.5;
 
+/// For how long what a calibration lacks stays the same: about as long as the loads do [s].
+const LASTS_S: f64 = 1.0;
+
 impl BearingSession {
     /// The recording in `path` as residuals.
     ///
@@ -207,7 +210,7 @@ impl Observed for BearingSession {
     }
 
     fn inflation(&self, _: usize) -> f64 {
-        1.0
+        LASTS_S / self.dt_s()
     }
 
     fn nuisances(&self, _: usize) -> Vec<Prior> {
