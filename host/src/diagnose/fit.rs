@@ -62,7 +62,9 @@ pub struct Trial {
     pub about: Vec<Vec<f64>>,
     /// Logarithm of the evidence on left-out blocks.
     pub score: f64,
-    /// The same of each draw without effect.
+    /// The same with each stream's part over its overdispersion: what counts beside chance.
+    pub tempered: f64,
+    /// The tempered evidence of each draw without effect.
     pub null: Vec<f64>,
     /// Part of each stream.
     pub streams: Vec<f64>,
@@ -270,29 +272,35 @@ impl Data {
                 (fitted, strained, overdispersion)
             }
         };
-        let gain = |k: usize, r: usize| match &fitted[k] {
+        let gain = |k: usize, r: usize, overdispersion: f64| match &fitted[k] {
             Some(fitted) => {
                 let without = &base.fitted[k];
                 let relieved = (without.strained[r] - fitted.strained[r]) / self.tempered(k);
                 let ratio = without.errors[r] / fitted.errors[r].max(1e-300);
-                0.5 * (self.independent(k) * ratio.ln() + relieved)
+                0.5 * (self.independent(k) / overdispersion * ratio.ln() + relieved)
             }
             None => 0.0,
         };
-        let sum = |r: usize| -> f64 {
-            let gains = (0..self.streams.len()).map(|k| match effect.coupling() {
-                // A channel that the effect does not act on has none of it.
-                Coupling::Own => gain(k, r).max(0.0),
-                Coupling::Shared => gain(k, r),
+        let sum = |r: usize, overdispersion: &dyn Fn(usize) -> f64| -> f64 {
+            let gains = (0..self.streams.len()).map(|k| {
+                let gain = gain(k, r, overdispersion(k));
+                match effect.coupling() {
+                    // A channel that the effect does not act on has none of it.
+                    Coupling::Own => gain.max(0.0),
+                    Coupling::Shared => gain,
+                }
             });
             gains.sum::<f64>() - 0.5 * strained[r]
         };
+        let own = |k: usize| overdispersion[k];
         Trial {
             shape: shape.to_vec(),
             about: Vec::new(),
-            score: sum(0),
-            null: (1..sides).map(sum).collect(),
-            streams: (0..self.streams.len()).map(|k| gain(k, 0)).collect(),
+            // Candidates are compared by the same noise.
+            score: sum(0, &|_| 1.0),
+            tempered: sum(0, &own),
+            null: (1..sides).map(|r| sum(r, &own)).collect(),
+            streams: (0..self.streams.len()).map(|k| gain(k, 0, 1.0)).collect(),
             overdispersion,
         }
     }

@@ -226,8 +226,11 @@ fn is_material<S: Observed>(data: &Data, sessions: &[S], candidate: &Ranked<S>) 
     } else {
         MATERIAL
     };
-    let mut gains = candidate.trial.streams.iter().enumerate();
-    gains.any(|(k, gain)| (2.0 * gain / data.independent(k)).exp() > 1.0 + least)
+    let trial = &candidate.trial;
+    let gains = trial.streams.iter().zip(&trial.overdispersion);
+    gains
+        .enumerate()
+        .any(|(k, (gain, over))| (2.0 * gain / over / data.independent(k)).exp() > 1.0 + least)
 }
 
 /// Whether a candidate explains more, in the streams on which it acts, than a
@@ -300,7 +303,7 @@ fn rank<S: Observed>(
                     trial = bent;
                 }
             }
-            trial.score = charged(effect, sessions, trial.score);
+            charge(effect, sessions, &mut trial);
             Some((*i, trial))
         })
         .collect();
@@ -320,9 +323,9 @@ fn rank<S: Observed>(
         ranked.push(Ranked {
             effect: *effect,
             trial: (*best).clone(),
-            threshold: by_chance(&null, candidates.len()),
+            threshold: by_chance(best, &null, candidates.len()),
             null,
-            elsewhere: elsewhere(*effect, best, &own),
+            elsewhere: elsewhere(*effect, &sessions[0], best, &own),
         });
     }
     ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
@@ -332,13 +335,15 @@ fn rank<S: Observed>(
 /// Shapes of which each is a place of its own, and that explain what `best` explains.
 fn elsewhere<S: Observed>(
     effect: &dyn Effect<S>,
+    session: &S,
     best: &Trial,
     trials: &[&Trial],
 ) -> Vec<Vec<f64>> {
     let separate = effect.shape().iter().all(|parameter| parameter.step == 0.0);
     let gap = |trial: &Trial| best.score - trial.score;
     (trials.iter().filter(|_| separate))
-        .filter(|trial| trial.shape != best.shape && gap(trial) < same(best.score))
+        .filter(|trial| effect.place(session, &trial.shape) != effect.place(session, &best.shape))
+        .filter(|trial| gap(trial) < same(best.score))
         .map(|trial| trial.shape.clone())
         .collect()
 }
@@ -371,24 +376,31 @@ fn relinearised<S: Observed>(
     }
 }
 
-/// Evidence that a machine without the effect hardly reaches.
+/// Evidence that a machine without the effect hardly reaches: tempered as that of the
+/// `draws`, and as much more as that of `trial` is without.
 ///
 /// The draws know the power of what a clean machine leaves only within a
 /// factor, taken as two; evidence is in proportion to it.
-fn by_chance(draws: &[f64], candidates: usize) -> f64 {
+fn by_chance(trial: &Trial, draws: &[f64], candidates: usize) -> f64 {
     const ROUGHLY: f64 = 2.0;
-    (ROUGHLY * gumbel(draws, FALSE_ALARM / candidates as f64)).max(LEAST)
+    let tempered = (ROUGHLY * gumbel(draws, FALSE_ALARM / candidates as f64)).max(LEAST);
+    if trial.tempered > 0.0 {
+        tempered * (trial.score / trial.tempered).max(1.0)
+    } else {
+        f64::MAX
+    }
 }
 
-/// Evidence less what latent degrees of freedom cost; a signal that is free to
+/// Takes from the evidence what latent degrees of freedom cost; a signal that is free to
 /// explain anything has to explain twice as much.
-fn charged<S: Observed>(effect: &dyn Effect<S>, sessions: &[S], score: f64) -> f64 {
+fn charge<S: Observed>(effect: &dyn Effect<S>, sessions: &[S], trial: &mut Trial) {
     let latent: f64 = sessions.iter().map(|s| effect.latent(s)).sum();
-    if latent == 0.0 {
-        return score;
+    if latent > 0.0 {
+        let samples: f64 = sessions.iter().map(|s| s.speed().len() as f64).sum();
+        let cost = 0.5 * latent * samples.ln();
+        trial.score = 0.5 * (trial.score - cost);
+        trial.tempered = 0.5 * (trial.tempered - cost);
     }
-    let samples: f64 = sessions.iter().map(|s| s.speed().len() as f64).sum();
-    0.5 * (score - 0.5 * latent * samples.ln())
 }
 
 /// The value that an extreme-value distribution with the draws' mean and
@@ -427,11 +439,11 @@ fn refine<S: Observed>(
             }
             let columns = columns(sessions, effect, &shape, &[]);
             candidate.trial = data.trial(base, effect, &shape, &columns, None);
-            candidate.trial.score = charged(effect, sessions, candidate.trial.score);
+            charge(effect, sessions, &mut candidate.trial);
             for (most, here) in candidate.null.iter_mut().zip(&candidate.trial.null) {
                 *most = most.max(*here);
             }
-            candidate.threshold = by_chance(&candidate.null, candidates);
+            candidate.threshold = by_chance(&candidate.trial, &candidate.null, candidates);
         });
     ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
 }

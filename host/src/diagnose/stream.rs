@@ -89,8 +89,7 @@ pub enum Term {
         body: usize,
         /// Torque, part of nominal.
         u: Vec<f64>,
-        /// Whether it holds the inertia at standstill. What it vibrates then hangs
-        /// on how it sticks, and is not predicted.
+        /// Whether what it sets off hangs on how it sticks, and is not predicted.
         sticks: bool,
     },
     /// An error `u` [rad] of the angle that the encoder on inertia `body` counts.

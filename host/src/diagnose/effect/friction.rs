@@ -13,12 +13,22 @@ const BODY: Shape = Shape {
     logarithmic: false,
 };
 
+/// How much of what it sets off is told: 0 where it sticks and slips otherwise than the chain would
+/// answer to a torque that is known, 1 where the chain answers so.
+const SETS_OFF: Shape = Shape {
+    name: "what it sets off is told",
+    unit: "part",
+    bounds: (0.0, 1.0),
+    step: 0.0,
+    logarithmic: false,
+};
+
 /// A torque that brakes one inertia: `a u`, with `u` by its law.
 pub struct Friction {
     name: &'static str,
     about: &'static str,
     experiment: &'static str,
-    /// The inertia first, then what the law needs.
+    /// The inertia first, then what the law needs; of dry friction [`SETS_OFF`] last.
     shape: &'static [Shape],
     /// Values of the law's own parameter from which the search starts; none
     /// where it has none.
@@ -50,7 +60,7 @@ pub const COULOMB: Friction = Friction {
     name: "coulomb-friction",
     about: "a torque that brakes with the same size at every speed",
     experiment: "slow turning both ways without load, with standstill between",
-    shape: &[BODY],
+    shape: &[BODY, SETS_OFF],
     starts: &[],
     law: Law::Dry(|_| ONE),
 };
@@ -69,6 +79,7 @@ pub const STRIBECK: Friction = Friction {
             step: 0.3,
             logarithmic: true,
         },
+        SETS_OFF,
     ],
     starts: &[0.02, 0.05, 0.12, 0.3],
     law: Law::Dry(|shape| machine::Friction {
@@ -114,6 +125,7 @@ pub const PRESLIDING: Friction = Friction {
             step: 0.5,
             logarithmic: true,
         },
+        SETS_OFF,
     ],
     starts: &[0.001, 0.005, 0.025, 0.1],
     law: Law::Dry(|shape| machine::Friction {
@@ -146,11 +158,19 @@ impl Effect for Friction {
         if !session.streams.iter().any(|s| s.kind == Kind::Balance) {
             return Vec::new();
         }
+        let laws: Vec<Vec<f64>> = match self.starts {
+            [] => vec![Vec::new()],
+            starts => starts.iter().map(|start| vec![*start]).collect(),
+        };
+        let sets_off: &[&[f64]] = match self.law {
+            Law::Dry(_) => &[&[0.0], &[1.0]],
+            Law::Drag | Law::Load => &[&[]],
+        };
         (0..session.signals.inertias.len())
-            .map(|body| body as f64)
-            .flat_map(|body| match self.starts {
-                [] => vec![vec![body]],
-                starts => starts.iter().map(|start| vec![body, *start]).collect(),
+            .flat_map(|body| laws.iter().map(move |law| (body, law)))
+            .flat_map(|(body, law)| {
+                let shape = move |told: &&[f64]| [&[body as f64], law.as_slice(), told].concat();
+                sets_off.iter().map(shape)
             })
             .collect()
     }
@@ -161,8 +181,11 @@ impl Effect for Friction {
         vec![Term::Brake {
             body: shape[0] as usize,
             u: self.law.torque(&session.signals, shape),
-            sticks: matches!(self.law, Law::Dry(_)),
+            sticks: matches!(self.law, Law::Dry(_)) && shape.last() == Some(&0.0),
         }]
+    }
+    fn place(&self, session: &Session, shape: &[f64]) -> Option<String> {
+        session.signals.inertias.get(shape[0] as usize).cloned()
     }
     fn mend_chain(
         &self,
