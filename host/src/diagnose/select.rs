@@ -182,7 +182,7 @@ pub fn select<S: Observed>(
                 .iter()
                 .filter(|other| other.effect.name() != best.effect.name())
                 .filter(|other| other.parameters() <= best.parameters())
-                .filter(|other| indistinct(&best, other))
+                .filter(|other| is_material(&data, sessions, other) && indistinct(&best, other))
                 .cloned()
                 .collect();
         }
