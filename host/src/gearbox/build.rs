@@ -11,11 +11,12 @@ use loadtwin_common::measurement::{Converter, Counter, IndexPulse};
 use loadtwin_common::phase::{Phase, PhaseStep};
 use loadtwin_common::table::PeriodicTable;
 
+use super::channel_tables::Tables;
 use super::process_noise::process_noise;
 use super::steady::{SteadyTable, steady_gains};
 use super::torsion::Torsion;
 use crate::build::{self, BuildError, Filter, Sensors};
-use crate::machine::{self, CREEP, Drift, Drivetrain, MAP_ENTRIES, Machine, Senses, resampled};
+use crate::machine::{self, CREEP, Drift, Drivetrain, Machine, Senses};
 
 /// Load at the end of the scale on the bus, in nominal loads.
 const FULL_SCALE: f64 = 4.0;
@@ -437,59 +438,6 @@ impl Plan {
         std[self.first_load() + self.loads..].fill(1e-9);
         std
     }
-}
-
-/// The tables of one channel, as they lie in the image.
-struct Tables {
-    unit: f64,
-    sensed: f64,
-    mean: f64,
-    deviation: f64,
-    map: Vec<u8>,
-    variance: Vec<u8>,
-}
-
-impl Tables {
-    fn new(
-        machine: &Machine,
-        drivetrain: &Drivetrain,
-        channel: &machine::Channel,
-    ) -> Result<Self, BuildError> {
-        let map = powered(&channel.sensitivity_over_angle(machine)?);
-        let noise = channel.noise_over_angle(machine)?;
-        let sensed = drivetrain.nominal_sensed(&channel.senses);
-        let peak = map.iter().fold(0.0_f64, |peak, m| peak.max(m.abs()));
-        // Readings are of the order of 100 at the nominal load.
-        let unit = 10.0_f64.powf((peak * sensed).log10().floor() - 2.0);
-        let mean = map.iter().sum::<f64>() / map.len() as f64;
-        let deviation =
-            (map.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / map.len() as f64).sqrt();
-        let bins = noise.len().next_power_of_two();
-        let variance = (0..bins).map(|i| (noise[i * noise.len() / bins] / unit).powi(2));
-        Ok(Self {
-            unit,
-            sensed,
-            mean,
-            deviation,
-            variance: little_endian(variance),
-            map: little_endian(map.iter().map(|m| m * sensed / unit)),
-        })
-    }
-}
-
-/// A map in 1 or in [`MAP_ENTRIES`] steps.
-fn powered(values: &[f64]) -> Vec<f64> {
-    if values.len() == 1 {
-        values.to_vec()
-    } else {
-        resampled(values, MAP_ENTRIES)
-    }
-}
-
-fn little_endian(values: impl Iterator<Item = f64>) -> Vec<u8> {
-    values
-        .flat_map(|value| (value as f32).to_le_bytes())
-        .collect()
 }
 
 fn fixed<const N: usize>(values: &[f64]) -> Result<FixedVec<f32, N>, BuildError> {

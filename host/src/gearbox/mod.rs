@@ -1,6 +1,7 @@
 //! Design-time model of the gearbox and other torsional drivetrains.
 
 mod build;
+mod channel_tables;
 mod process_noise;
 mod steady;
 mod torsion;
