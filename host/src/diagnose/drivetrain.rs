@@ -124,22 +124,32 @@ impl Observed for Session {
     /// A zero for each strain and angle, the reference's zero and an error of the inertia in
     /// the balance, an error of the stiffness in an angle; what is only known roughly; and
     /// what a clean machine leaves when it does the same.
+    fn zero_std(&self, k: usize) -> f64 {
+        let stream = &self.streams[k];
+        let part = match stream.kind {
+            Kind::Strain => 1.0,
+            Kind::Balance => 1e-3,
+            Kind::Angle => 1e3,
+        };
+        part * stream.scale
+    }
+
     fn nuisances(&self, k: usize) -> Vec<Prior> {
         let (stream, signals) = (&self.streams[k], &self.signals);
         let n = signals.len();
-        let constant = |part: f64| Prior {
+        let zero = Prior {
             column: vec![1.0; n],
-            std: part * stream.scale,
+            std: self.zero_std(k),
         };
         let mut own = match stream.kind {
-            Kind::Strain => vec![constant(1.0)],
+            Kind::Strain => vec![zero],
             Kind::Balance => {
                 let moment: f64 = signals
                     .response
                     .as_ref()
                     .map_or(0.0, |r| r.bodies.iter().map(|b| b.0).sum());
                 vec![
-                    constant(1e-3),
+                    zero,
                     Prior {
                         column: signals.acceleration.iter().map(|a| a * moment).collect(),
                         std: 0.02,
@@ -147,7 +157,7 @@ impl Observed for Session {
                 ]
             }
             Kind::Angle => vec![
-                constant(1e3),
+                zero,
                 Prior {
                     column: signals.level.iter().map(|l| l * stream.scale).collect(),
                     std: 0.1,

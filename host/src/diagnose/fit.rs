@@ -139,6 +139,12 @@ impl Data {
         self.streams[k].count / self.streams[k].inflation
     }
 
+    /// Squares that evidence `gain` in stream `k` explains, over the mean square that it leaves.
+    pub fn squares(&self, k: usize, gain: f64) -> f64 {
+        let n = self.independent(k);
+        n * (2.0 * gain / n).exp_m1()
+    }
+
     /// The base of the columns of each stream.
     pub fn base(&self, columns: Vec<Vec<Prior>>) -> Base {
         let sums: Vec<Sums> = columns

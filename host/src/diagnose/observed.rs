@@ -110,6 +110,11 @@ pub trait Observed: Clone + Send + Sync + 'static {
     /// Samples of stream `k` for one that tells something new.
     fn inflation(&self, k: usize) -> f64;
 
+    /// How far the mean of stream `k` is known to be off from recording to recording.
+    fn zero_std(&self, _: usize) -> f64 {
+        f64::INFINITY
+    }
+
     /// Columns that are in the model of stream `k` anyway.
     fn nuisances(&self, k: usize) -> Vec<Prior>;
 

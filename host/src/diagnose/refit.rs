@@ -6,7 +6,8 @@ use super::columns::{base_columns, columns, joined};
 use super::effect::Coupling;
 use super::fit::Prior;
 use super::observed::Observed;
-use super::select::{Found, RELINEARISED};
+use super::rank::RELINEARISED;
+use super::select::Found;
 use super::stream::Columns;
 use super::sums::{Eliminated, products, solved};
 

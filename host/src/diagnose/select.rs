@@ -1,25 +1,21 @@
 //! Which effects: one after another, the best that is significant, then
 //! without those that became superfluous.
 
-use rayon::prelude::*;
+use std::cmp::Ordering;
 
 use super::columns::{base_columns, columns};
-use super::effect::Effect;
-use super::fit::{Base, Data, Trial};
+use super::effect::{Coupling, Effect};
+use super::fit::Data;
 use super::null::Draws;
 use super::observed::Observed;
+use super::rank::{LEAST, Ranked, rank, refine, same};
 use super::refit::{refit, rest};
 use super::shape::best_shape;
-use super::stream::{Columns, Session};
+use super::stream::Session;
 
-/// Chance of an effect being named where there is none, over all candidates.
-const FALSE_ALARM: f64 = 0.005;
-
-/// Evidence below which nothing is named, whatever the draws say.
-const LEAST: f64 = 16.0;
-
-/// Part of the evidence by which two forms of the same may differ.
-const SAME: f64 = 0.001;
+/// Part, in squares, of what a form explains that another may explain beyond it and still say
+/// the same.
+const SAME: f64 = 0.02;
 
 /// Part of what is left of a residual that an effect must explain somewhere:
 /// what a simulated clean machine leaves is not known better.
@@ -30,12 +26,6 @@ const MATERIAL_OF_LATENT: f64 = 0.15;
 
 /// Most effects that are named.
 const MOST: usize = 3;
-
-/// Times that an effect which is not linear is taken about what its fit says.
-pub(super) const RELINEARISED: usize = 4;
-
-/// Candidates whose shape is refined.
-const REFINED: usize = 6;
 
 /// An effect with its parameters.
 #[derive(Clone)]
@@ -59,33 +49,6 @@ pub struct Found<S: Observed = Session> {
     pub elsewhere: Vec<Vec<f64>>,
 }
 
-/// A candidate with its evidence.
-#[derive(Clone)]
-pub struct Ranked<S: Observed = Session> {
-    /// The effect.
-    pub effect: &'static dyn Effect<S>,
-    /// Its best trial.
-    pub trial: Trial,
-    /// Evidence that chance alone does not reach.
-    pub threshold: f64,
-    /// The most that each draw without effect reaches with any shape.
-    null: Vec<f64>,
-    /// Shapes elsewhere on the grid that explain the same.
-    elsewhere: Vec<Vec<f64>>,
-}
-
-impl<S: Observed> Ranked<S> {
-    /// Evidence beyond what the machine without effect shows.
-    pub fn margin(&self) -> f64 {
-        self.trial.score - self.threshold
-    }
-
-    /// How many numbers it may choose.
-    fn parameters(&self) -> usize {
-        self.effect.linear().len() + self.effect.shape().len()
-    }
-}
-
 /// What the search came to.
 pub struct Selection<S: Observed = Session> {
     /// Effects, the first found first.
@@ -98,50 +61,6 @@ pub struct Selection<S: Observed = Session> {
     pub nuisance: Vec<Vec<f64>>,
     /// Residuals after everything found: `[session][stream]`.
     pub rest: Vec<Vec<Vec<f64>>>,
-}
-
-impl<S: Observed> Selection<S> {
-    /// Keeps of the further effects those that explain recordings which took
-    /// no part in the search.
-    pub fn confirm(&mut self, sessions: &[S], unseen: &[S]) {
-        let mut kept: Vec<Found<S>> = Vec::new();
-        for found in &self.found {
-            let mut with = kept.clone();
-            with.push(found.clone());
-            let helps = kept.is_empty()
-                || !found.effect.lasts()
-                || size(sessions, unseen, &with) < size(sessions, unseen, &kept);
-            if helps {
-                kept = with;
-            }
-        }
-        if kept.len() < self.found.len() {
-            self.nuisance = refit(sessions, &mut kept, None);
-            self.rest = rest(sessions, &kept, &self.nuisance);
-            self.found = kept;
-        }
-    }
-}
-
-/// Half the logarithm of the mean squares that are left of `unseen`, each as
-/// often as it has independent samples.
-fn size<S: Observed>(sessions: &[S], unseen: &[S], found: &[Found<S>]) -> f64 {
-    let mut found: Vec<Found<S>> = found.iter().filter(|f| f.effect.lasts()).cloned().collect();
-    let nuisance = refit(sessions, &mut found, None);
-    unseen
-        .iter()
-        .zip(rest(unseen, &found, &nuisance))
-        .flat_map(|(session, rest)| {
-            rest.into_iter().enumerate().map(|(k, rest)| {
-                let known = rest.iter().filter(|r| r.is_finite());
-                let n = known.clone().count().max(1) as f64;
-                // Zeros differ from recording to recording.
-                let mean = known.clone().sum::<f64>() / n;
-                let square = known.map(|r| (r - mean).powi(2)).sum::<f64>() / n;
-                0.5 * n / session.inflation(k) * square.max(1e-300).ln()
-            })
-        })
-        .sum()
 }
 
 /// Searches `candidates` for what explains the residuals of `sessions`.
@@ -167,10 +86,11 @@ pub fn select<S: Observed>(
         progress((round as f64 + 0.7) / MOST as f64);
         refine(&data, &base, &working, &mut ranked, left.len());
         let accepted = simplest(
+            &data,
             ranked
                 .iter()
                 .filter(|r| r.margin() > 0.0 && is_material(&data, sessions, r))
-                .filter(|r| brings_more(&data, r, &found)),
+                .filter(|r| brings_more(&data, sessions, r, &found)),
         )
         .cloned();
         if round == 0 {
@@ -181,7 +101,9 @@ pub fn select<S: Observed>(
             alike = ranked
                 .iter()
                 .filter(|other| other.effect.name() != best.effect.name())
-                .filter(|other| other.parameters() <= best.parameters())
+                .filter(|other| {
+                    other.parameters() <= best.parameters() || predicts_the_same(&best, other)
+                })
                 .filter(|other| is_material(&data, sessions, other) && indistinct(&best, other))
                 .cloned()
                 .collect();
@@ -220,8 +142,7 @@ pub fn select<S: Observed>(
 
 /// Whether a candidate explains a part of some residual that is worth a name.
 fn is_material<S: Observed>(data: &Data, sessions: &[S], candidate: &Ranked<S>) -> bool {
-    let is_latent = sessions.iter().any(|s| candidate.effect.latent(s) > 0.0);
-    let least = if is_latent {
+    let least = if is_latent(sessions, candidate.effect) {
         MATERIAL_OF_LATENT
     } else {
         MATERIAL
@@ -230,222 +151,112 @@ fn is_material<S: Observed>(data: &Data, sessions: &[S], candidate: &Ranked<S>) 
     let gains = trial.streams.iter().zip(&trial.overdispersion);
     gains
         .enumerate()
-        .any(|(k, (gain, over))| (2.0 * gain / over / data.independent(k)).exp() > 1.0 + least)
+        .any(|(k, (gain, over))| data.squares(k, gain / over) > least * data.independent(k))
 }
 
-/// Whether a candidate explains more, in the streams on which it acts, than a
-/// form that is not quite right leaves of the effects found before; in squares
-/// over what is left in the end.
-fn brings_more<S: Observed>(data: &Data, candidate: &Ranked<S>, found: &[Found<S>]) -> bool {
-    let (mut brought, mut before) = (0.0, 0.0);
-    for (k, gain) in candidate.trial.streams.iter().enumerate() {
-        if *gain > 0.02 * candidate.trial.score {
-            let n = data.independent(k);
-            let ratio = |gain: f64| (2.0 * gain / n).exp();
-            brought += n * (ratio(*gain) - 1.0);
-            let mut later = ratio(*gain);
-            for f in found.iter().rev() {
-                let own = ratio(f.streams[k].max(0.0));
-                before += f.effect.form().powi(2) * n * (own - 1.0) * later;
-                later *= own;
-            }
+/// Whether a signal of the effect is free to explain anything.
+fn is_latent<S: Observed>(sessions: &[S], effect: &dyn Effect<S>) -> bool {
+    sessions.iter().any(|s| effect.latent(s) > 0.0)
+}
+
+/// Whether a candidate explains more than a form that is not quite right leaves of the effects
+/// found before, one that is free to explain anything twice as much; in squares over what is left
+/// in the end. What acts on each stream by itself is judged where no other such effect leaves more.
+fn brings_more<S: Observed>(
+    data: &Data,
+    sessions: &[S],
+    candidate: &Ranked<S>,
+    found: &[Found<S>],
+) -> bool {
+    let trial = &candidate.trial;
+    let alone = candidate.effect.coupling() == Coupling::Own;
+    let times = if is_latent(sessions, candidate.effect) {
+        2.0
+    } else {
+        1.0
+    };
+    let most = trial.streams.iter().copied().fold(0.0, f64::max);
+    let (mut score, mut brought, mut before) = (trial.score, 0.0, 0.0);
+    for (k, gain) in trial.streams.iter().enumerate() {
+        if *gain <= 0.02 * most {
+            continue;
+        }
+        let own = data.squares(k, *gain);
+        let left = |coupling| times * left_by(data, found, coupling, k, *gain);
+        if alone && own < left(Coupling::Own) {
+            score -= gain;
+        } else {
+            brought += own;
+            before += left(Coupling::Own) + left(Coupling::Shared);
         }
     }
-    brought > before
+    brought > before && score > candidate.threshold
 }
 
-/// The first of `ranked`, or one that explains the same with fewer parameters:
-/// a gauge that came loose before the recording began has another gain.
-fn simplest<'a, S: Observed>(ranked: impl Iterator<Item = &'a Ranked<S>>) -> Option<&'a Ranked<S>> {
+/// Squares in stream `k`, beside further evidence `later`, that the forms of those of `found`
+/// with that coupling may have left.
+fn left_by<S: Observed>(
+    data: &Data,
+    found: &[Found<S>],
+    coupling: Coupling,
+    k: usize,
+    mut later: f64,
+) -> f64 {
+    let mut left = 0.0;
+    for f in found.iter().rev() {
+        let own = f.streams[k].max(0.0);
+        if f.effect.coupling() == coupling {
+            let explained = data.squares(k, later + own) - data.squares(k, later);
+            left += f.effect.form().powi(2) * explained;
+        }
+        later += own;
+    }
+    left
+}
+
+/// The first of `ranked`, or what explains the same with fewer parameters (a gauge that came
+/// loose before the recording began has another gain), of such the first in the library.
+fn simplest<'a, S: Observed>(
+    data: &Data,
+    ranked: impl Iterator<Item = &'a Ranked<S>>,
+) -> Option<&'a Ranked<S>> {
     let mut ranked = ranked.peekable();
-    let best = ranked.peek()?.trial.score;
+    let best = *ranked.peek()?;
+    let place = |r: &Ranked<S>| {
+        let named = |e: &&dyn Effect<S>| e.name() == r.effect.name();
+        S::library().iter().position(named)
+    };
     ranked
-        .filter(|r| r.trial.score > best - LEAST.max(SAME * best))
-        .min_by_key(|r| r.parameters())
+        .filter(|r| says_the_same(data, best, r))
+        .min_by_key(|r| (r.parameters(), place(r)))
+}
+
+/// Whether `other` explains what `best` does, but for chance or, with fewer parameters, for
+/// what a form that is not quite right leaves.
+fn says_the_same<S: Observed>(data: &Data, best: &Ranked<S>, other: &Ranked<S>) -> bool {
+    let gap = best.trial.score - other.trial.score;
+    let explained = |r: &Ranked<S>| -> f64 {
+        let gains = r.trial.streams.iter().enumerate();
+        gains.map(|(k, gain)| data.squares(k, *gain)).sum()
+    };
+    match other.parameters().cmp(&best.parameters()) {
+        Ordering::Less => gap < LEAST || explained(best) < (1.0 + SAME) * explained(other),
+        Ordering::Equal => gap < same(best.trial.score),
+        Ordering::Greater => false,
+    }
+}
+
+/// Whether all that tells the two apart did not happen in the recordings: friction that builds
+/// up over an angle, where nothing ever stood still.
+fn predicts_the_same<S: Observed>(best: &Ranked<S>, other: &Ranked<S>) -> bool {
+    const NOTHING: f64 = 0.05;
+    other.effect.lasts() && (best.trial.score - other.trial.score).abs() < NOTHING
 }
 
 /// Whether what tells `other` from `best` could be chance.
 fn indistinct<S: Observed>(best: &Ranked<S>, other: &Ranked<S>) -> bool {
     let gap = best.margin() - other.margin();
     other.margin() > 0.0 && gap < same(best.margin())
-}
-
-/// Candidates on the grid of their shapes, the best evidence first; without
-/// those that the recording cannot show.
-fn rank<S: Observed>(
-    data: &Data,
-    base: &Base,
-    sessions: &[S],
-    candidates: &[&'static dyn Effect<S>],
-) -> Vec<Ranked<S>> {
-    let jobs: Vec<(usize, Vec<f64>)> = candidates
-        .iter()
-        .enumerate()
-        .flat_map(|(i, effect)| {
-            effect
-                .grid(&sessions[0])
-                .into_iter()
-                .map(move |shape| (i, shape))
-        })
-        .collect();
-    let trials: Vec<(usize, Trial)> = jobs
-        .par_iter()
-        .filter_map(|(i, shape)| {
-            let effect = candidates[*i];
-            let linear = columns(sessions, effect, shape, &[]);
-            if linear.iter().flatten().all(Vec::is_empty) {
-                return None;
-            }
-            let mut trial = data.trial(base, effect, shape, &linear, None);
-            if !effect.is_linear() {
-                let bent = relinearised(data, base, sessions, effect, &trial, linear);
-                if bent.score > trial.score {
-                    trial = bent;
-                }
-            }
-            charge(effect, sessions, &mut trial);
-            Some((*i, trial))
-        })
-        .collect();
-    let mut ranked: Vec<Ranked<S>> = Vec::new();
-    for (i, effect) in candidates.iter().enumerate() {
-        let own: Vec<&Trial> = trials
-            .iter()
-            .filter(|(j, _)| *j == i)
-            .map(|(_, t)| t)
-            .collect();
-        let Some(best) = own.iter().max_by(|a, b| a.score.total_cmp(&b.score)) else {
-            continue;
-        };
-        let null: Vec<f64> = (0..best.null.len())
-            .map(|m| own.iter().map(|t| t.null[m]).fold(0.0, f64::max))
-            .collect();
-        ranked.push(Ranked {
-            effect: *effect,
-            trial: (*best).clone(),
-            threshold: by_chance(best, &null, candidates.len()),
-            null,
-            elsewhere: elsewhere(*effect, &sessions[0], best, &own),
-        });
-    }
-    ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
-    ranked
-}
-
-/// Shapes of which each is a place of its own, and that explain what `best` explains.
-fn elsewhere<S: Observed>(
-    effect: &dyn Effect<S>,
-    session: &S,
-    best: &Trial,
-    trials: &[&Trial],
-) -> Vec<Vec<f64>> {
-    let separate = effect.shape().iter().all(|parameter| parameter.step == 0.0);
-    let gap = |trial: &Trial| best.score - trial.score;
-    (trials.iter().filter(|_| separate))
-        .filter(|trial| effect.place(session, &trial.shape) != effect.place(session, &best.shape))
-        .filter(|trial| gap(trial) < same(best.score))
-        .map(|trial| trial.shape.clone())
-        .collect()
-}
-
-/// Evidence by which two that explain the same may differ by chance.
-fn same(evidence: f64) -> f64 {
-    4.0_f64.max(0.002 * evidence)
-}
-
-/// A trial of an effect that is not linear in its parameters: its terms are
-/// taken about what the fit says, in turn.
-fn relinearised<S: Observed>(
-    data: &Data,
-    base: &Base,
-    sessions: &[S],
-    effect: &dyn Effect<S>,
-    at_first: &Trial,
-    linear: Vec<Columns>,
-) -> Trial {
-    let shape = &at_first.shape;
-    let mut about = Vec::new();
-    let mut terms = linear;
-    for _ in 0..RELINEARISED {
-        about = data.parameters(base, effect, &terms, &at_first.overdispersion);
-        terms = columns(sessions, effect, shape, &about);
-    }
-    Trial {
-        about,
-        ..data.trial(base, effect, shape, &terms, None)
-    }
-}
-
-/// Evidence that a machine without the effect hardly reaches: tempered as that of the
-/// `draws`, and as much more as that of `trial` is without.
-///
-/// The draws know the power of what a clean machine leaves only within a
-/// factor, taken as two; evidence is in proportion to it.
-fn by_chance(trial: &Trial, draws: &[f64], candidates: usize) -> f64 {
-    const ROUGHLY: f64 = 2.0;
-    let tempered = (ROUGHLY * gumbel(draws, FALSE_ALARM / candidates as f64)).max(LEAST);
-    if trial.tempered > 0.0 {
-        tempered * (trial.score / trial.tempered).max(1.0)
-    } else {
-        f64::MAX
-    }
-}
-
-/// Takes from the evidence what latent degrees of freedom cost; a signal that is free to
-/// explain anything has to explain twice as much.
-fn charge<S: Observed>(effect: &dyn Effect<S>, sessions: &[S], trial: &mut Trial) {
-    let latent: f64 = sessions.iter().map(|s| effect.latent(s)).sum();
-    if latent > 0.0 {
-        let samples: f64 = sessions.iter().map(|s| s.speed().len() as f64).sum();
-        let cost = 0.5 * latent * samples.ln();
-        trial.score = 0.5 * (trial.score - cost);
-        trial.tempered = 0.5 * (trial.tempered - cost);
-    }
-}
-
-/// The value that an extreme-value distribution with the draws' mean and
-/// standard deviation exceeds with `probability`.
-fn gumbel(draws: &[f64], probability: f64) -> f64 {
-    let n = draws.len() as f64;
-    if n < 2.0 {
-        return 0.0;
-    }
-    let mean = draws.iter().sum::<f64>() / n;
-    let variance = draws.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    let width = (6.0 * variance).sqrt() / std::f64::consts::PI;
-    mean - 0.577_2 * width - width * (-(1.0 - probability).ln()).ln()
-}
-
-/// Refines the shapes of the best candidates by a pattern search; draws without
-/// effect may take the shape found as well.
-fn refine<S: Observed>(
-    data: &Data,
-    base: &Base,
-    sessions: &[S],
-    ranked: &mut [Ranked<S>],
-    candidates: usize,
-) {
-    let best = ranked.first().map_or(0.0, Ranked::margin);
-    ranked
-        .par_iter_mut()
-        .take(REFINED)
-        .filter(|r| r.margin() > 0.1 * best && r.trial.score > 0.5 * r.threshold)
-        .for_each(|candidate| {
-            let effect = candidate.effect;
-            let at_first = candidate.trial.clone();
-            let shape = best_shape(data, base, sessions, effect, at_first);
-            if shape == candidate.trial.shape {
-                return;
-            }
-            let columns = columns(sessions, effect, &shape, &[]);
-            candidate.trial = data.trial(base, effect, &shape, &columns, None);
-            charge(effect, sessions, &mut candidate.trial);
-            for (most, here) in candidate.null.iter_mut().zip(&candidate.trial.null) {
-                *most = most.max(*here);
-            }
-            candidate.threshold = by_chance(&candidate.trial, &candidate.null, candidates);
-        });
-    ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
 }
 
 /// Takes out effects without which the evidence is hardly less; the others take

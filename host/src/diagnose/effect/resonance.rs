@@ -75,6 +75,10 @@ impl Effect for Resonance {
         }
         vec![Term::Chain(change)]
     }
+    /// What vibrates a little faster is soon out of step.
+    fn form(&self) -> f64 {
+        0.4
+    }
     fn experiment(&self) -> &'static str {
         "a torque sweep up to the highest torsional mode"
     }

@@ -66,6 +66,10 @@ impl Effect for Sudden {
     fn grid(&self, session: &Session) -> Vec<Vec<f64>> {
         moments(session)
     }
+    /// The moment is that of the recording.
+    fn lasts(&self) -> bool {
+        false
+    }
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
         vec![(self.term)(after(session, shape[0]))]
     }

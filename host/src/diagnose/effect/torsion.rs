@@ -77,7 +77,7 @@ impl Effect for Backlash {
     }
     /// How flanks part and meet is rougher here than in a machine.
     fn form(&self) -> f64 {
-        0.3
+        0.35
     }
     fn experiment(&self) -> &'static str {
         "torque through zero both ways at low speed, with an encoder at both ends"

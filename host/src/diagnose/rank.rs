@@ -1,0 +1,227 @@
+//! Candidates with their evidence: on the grid of their shapes, then refined.
+
+use rayon::prelude::*;
+
+use super::columns::columns;
+use super::effect::Effect;
+use super::fit::{Base, Data, Trial};
+use super::observed::Observed;
+use super::shape::best_shape;
+use super::stream::{Columns, Session};
+
+/// Chance of an effect being named where there is none, over all candidates.
+const FALSE_ALARM: f64 = 0.005;
+
+/// Evidence below which nothing is named, whatever the draws say.
+pub(super) const LEAST: f64 = 16.0;
+
+/// Times that an effect which is not linear is taken about what its fit says.
+pub(super) const RELINEARISED: usize = 4;
+
+/// Candidates whose shape is refined.
+const REFINED: usize = 6;
+
+/// A candidate with its evidence.
+#[derive(Clone)]
+pub struct Ranked<S: Observed = Session> {
+    /// The effect.
+    pub effect: &'static dyn Effect<S>,
+    /// Its best trial.
+    pub trial: Trial,
+    /// Evidence that chance alone does not reach.
+    pub threshold: f64,
+    /// The most that each draw without effect reaches with any shape.
+    null: Vec<f64>,
+    /// Shapes elsewhere on the grid that explain the same.
+    pub(super) elsewhere: Vec<Vec<f64>>,
+}
+
+impl<S: Observed> Ranked<S> {
+    /// Evidence beyond what the machine without effect shows.
+    pub fn margin(&self) -> f64 {
+        self.trial.score - self.threshold
+    }
+
+    /// How many numbers it may choose.
+    pub(super) fn parameters(&self) -> usize {
+        self.effect.linear().len() + self.effect.shape().len()
+    }
+}
+
+/// Candidates on the grid of their shapes, the best evidence first; without
+/// those that the recording cannot show.
+pub(super) fn rank<S: Observed>(
+    data: &Data,
+    base: &Base,
+    sessions: &[S],
+    candidates: &[&'static dyn Effect<S>],
+) -> Vec<Ranked<S>> {
+    let jobs: Vec<(usize, Vec<f64>)> = candidates
+        .iter()
+        .enumerate()
+        .flat_map(|(i, effect)| {
+            effect
+                .grid(&sessions[0])
+                .into_iter()
+                .map(move |shape| (i, shape))
+        })
+        .collect();
+    let trials: Vec<(usize, Trial)> = jobs
+        .par_iter()
+        .filter_map(|(i, shape)| {
+            let effect = candidates[*i];
+            let linear = columns(sessions, effect, shape, &[]);
+            if linear.iter().flatten().all(Vec::is_empty) {
+                return None;
+            }
+            let mut trial = data.trial(base, effect, shape, &linear, None);
+            if !effect.is_linear() {
+                let bent = relinearised(data, base, sessions, effect, &trial, linear);
+                if bent.score > trial.score {
+                    trial = bent;
+                }
+            }
+            charge(effect, sessions, &mut trial);
+            Some((*i, trial))
+        })
+        .collect();
+    let mut ranked: Vec<Ranked<S>> = Vec::new();
+    for (i, effect) in candidates.iter().enumerate() {
+        let own: Vec<&Trial> = trials
+            .iter()
+            .filter(|(j, _)| *j == i)
+            .map(|(_, t)| t)
+            .collect();
+        let Some(best) = own.iter().max_by(|a, b| a.score.total_cmp(&b.score)) else {
+            continue;
+        };
+        let null: Vec<f64> = (0..best.null.len())
+            .map(|m| own.iter().map(|t| t.null[m]).fold(0.0, f64::max))
+            .collect();
+        ranked.push(Ranked {
+            effect: *effect,
+            trial: (*best).clone(),
+            threshold: by_chance(best, &null, candidates.len()),
+            null,
+            elsewhere: elsewhere(*effect, &sessions[0], best, &own),
+        });
+    }
+    ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
+    ranked
+}
+
+/// Shapes of which each is a place of its own, and that explain what `best` explains.
+fn elsewhere<S: Observed>(
+    effect: &dyn Effect<S>,
+    session: &S,
+    best: &Trial,
+    trials: &[&Trial],
+) -> Vec<Vec<f64>> {
+    let separate = effect.shape().iter().all(|parameter| parameter.step == 0.0);
+    let gap = |trial: &Trial| best.score - trial.score;
+    (trials.iter().filter(|_| separate))
+        .filter(|trial| effect.place(session, &trial.shape) != effect.place(session, &best.shape))
+        .filter(|trial| gap(trial) < same(best.score))
+        .map(|trial| trial.shape.clone())
+        .collect()
+}
+
+/// Evidence by which two that explain the same may differ by chance.
+pub(super) fn same(evidence: f64) -> f64 {
+    4.0_f64.max(0.002 * evidence)
+}
+
+/// A trial of an effect that is not linear in its parameters: its terms are
+/// taken about what the fit says, in turn.
+fn relinearised<S: Observed>(
+    data: &Data,
+    base: &Base,
+    sessions: &[S],
+    effect: &dyn Effect<S>,
+    at_first: &Trial,
+    linear: Vec<Columns>,
+) -> Trial {
+    let shape = &at_first.shape;
+    let mut about = Vec::new();
+    let mut terms = linear;
+    for _ in 0..RELINEARISED {
+        about = data.parameters(base, effect, &terms, &at_first.overdispersion);
+        terms = columns(sessions, effect, shape, &about);
+    }
+    Trial {
+        about,
+        ..data.trial(base, effect, shape, &terms, None)
+    }
+}
+
+/// Evidence that a machine without the effect hardly reaches: tempered as that of the
+/// `draws`, and as much more as that of `trial` is without.
+///
+/// The draws know the power of what a clean machine leaves only within a
+/// factor, taken as two; evidence is in proportion to it.
+fn by_chance(trial: &Trial, draws: &[f64], candidates: usize) -> f64 {
+    const ROUGHLY: f64 = 2.0;
+    let tempered = (ROUGHLY * gumbel(draws, FALSE_ALARM / candidates as f64)).max(LEAST);
+    if trial.tempered > 0.0 {
+        tempered * (trial.score / trial.tempered).max(1.0)
+    } else {
+        f64::MAX
+    }
+}
+
+/// Takes from the evidence what latent degrees of freedom cost; a signal that is free to
+/// explain anything has to explain twice as much.
+fn charge<S: Observed>(effect: &dyn Effect<S>, sessions: &[S], trial: &mut Trial) {
+    let latent: f64 = sessions.iter().map(|s| effect.latent(s)).sum();
+    if latent > 0.0 {
+        let samples: f64 = sessions.iter().map(|s| s.speed().len() as f64).sum();
+        let cost = 0.5 * latent * samples.ln();
+        trial.score = 0.5 * (trial.score - cost);
+        trial.tempered = 0.5 * (trial.tempered - cost);
+    }
+}
+
+/// The value that an extreme-value distribution with the draws' mean and
+/// standard deviation exceeds with `probability`.
+fn gumbel(draws: &[f64], probability: f64) -> f64 {
+    let n = draws.len() as f64;
+    if n < 2.0 {
+        return 0.0;
+    }
+    let mean = draws.iter().sum::<f64>() / n;
+    let variance = draws.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let width = (6.0 * variance).sqrt() / std::f64::consts::PI;
+    mean - 0.577_2 * width - width * (-(1.0 - probability).ln()).ln()
+}
+
+/// Refines the shapes of the best candidates by a pattern search; draws without
+/// effect may take the shape found as well.
+pub(super) fn refine<S: Observed>(
+    data: &Data,
+    base: &Base,
+    sessions: &[S],
+    ranked: &mut [Ranked<S>],
+    candidates: usize,
+) {
+    let best = ranked.first().map_or(0.0, Ranked::margin);
+    ranked
+        .par_iter_mut()
+        .take(REFINED)
+        .filter(|r| r.margin() > 0.1 * best && r.trial.score > 0.5 * r.threshold)
+        .for_each(|candidate| {
+            let effect = candidate.effect;
+            let at_first = candidate.trial.clone();
+            let shape = best_shape(data, base, sessions, effect, at_first);
+            if shape == candidate.trial.shape {
+                return;
+            }
+            let columns = columns(sessions, effect, &shape, &[]);
+            candidate.trial = data.trial(base, effect, &shape, &columns, None);
+            charge(effect, sessions, &mut candidate.trial);
+            for (most, here) in candidate.null.iter_mut().zip(&candidate.trial.null) {
+                *most = most.max(*here);
+            }
+            candidate.threshold = by_chance(&candidate.trial, &candidate.null, candidates);
+        });
+    ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
+}
