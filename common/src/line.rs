@@ -138,6 +138,15 @@ impl<'a> Line<'a> {
         }
     }
 
+    /// The tracked speed of a rotor [rad/s]; 0 for other machines.
+    pub fn rotor_speed(&self) -> f32 {
+        match &self.kind {
+            Kind::Rotor20(_, s) => s.speed(),
+            Kind::Rotor24(_, s) => s.speed(),
+            _ => 0.0,
+        }
+    }
+
     /// The modal displacements and the rest of a rotor's state, in the image's
     /// scale, for displacements at nodes without sensor; empty for other machines.
     pub fn rotor_state(&self) -> &[f32] {

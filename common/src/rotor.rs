@@ -455,4 +455,9 @@ impl<const NZ: usize, const NX: usize> RotorState<NZ, NX> {
     pub fn state(&self) -> &[f32] {
         &self.belief.state
     }
+
+    /// The tracked speed [rad/s].
+    pub fn speed(&self) -> f32 {
+        self.shaft.speed
+    }
 }

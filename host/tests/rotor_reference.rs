@@ -155,7 +155,7 @@ fn the_response_over_time_is_that_of_ross() {
             .into_iter()
             .flat_map(|node| [0.0, std::f64::consts::FRAC_PI_2].map(|a| model.direction(node, a)))
             .collect();
-        let reduced = Reduced::new(&model, SPEED, &[SPEED], 40, &rows).unwrap();
+        let reduced = Reduced::with_statics(&model, SPEED, 40, &rows).unwrap();
         let mut response = TimeResponse::new(&model, &reduced, SPEED, &rows, dt);
         response.set_force(&forces(0.0));
         let (mut step, mut worst, mut peak) = (0, 0.0_f64, 0.0_f64);

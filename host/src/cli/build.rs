@@ -67,7 +67,7 @@ impl Build {
         written.with_context(|| self.output.display().to_string())?;
         let reduction = match machine.kind() {
             Some(Kind::Rotor(rotor)) => {
-                Some(RotorPlan::new(&machine, rotor, &sensors.channels)?.reduction_error(rotor)?)
+                Some(RotorPlan::new(&machine, rotor, &sensors.channels)?.reduction_error())
             }
             _ => None,
         };

@@ -165,7 +165,7 @@ pub enum LoadKind {
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Reduction {
-    /// Directions of free motion beside the whirls under the loads, at least 2; as many as
+    /// Pairs of eigenvalues beside one for each component of the loads, at least 2; as many as
     /// fit where absent.
     pub modes: Option<usize>,
     /// Standard deviation of what the model lacks in one sample, as part of each
@@ -181,7 +181,7 @@ impl Default for Reduction {
     fn default() -> Self {
         Self {
             modes: None,
-            model_std: 5e-6,
+            model_std: 1e-6,
             initial_std: 1.0,
         }
     }

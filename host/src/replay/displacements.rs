@@ -87,7 +87,8 @@ impl Displacements {
         let (Some(plan), Some(orbits)) = (&self.plan, &mut self.orbits) else {
             return;
         };
-        plan.displacements(line.rotor_state(), &mut self.estimate);
+        let speed = f64::from(line.rotor_speed());
+        plan.displacements(line.rotor_state(), speed, &mut self.estimate);
         orbits.push(sample.t, &self.estimate, sample.displacements);
         for (segment, errors) in self.segments.iter().zip(&mut self.errors) {
             if !(segment.from_s..segment.to_s).contains(&sample.t) {

@@ -3,8 +3,8 @@
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale};
 
-use super::model::RotorModel;
-use super::reduction::Reduced;
+use super::reduction::motion;
+use super::truncation::Truncated;
 use crate::exponential::exponential;
 
 /// Smallest part of a mode's speed that must be seen in its next displacement.
@@ -27,26 +27,17 @@ pub struct Discrete {
 ///
 /// Source: Van Loan, IEEE Trans. Autom. Control 23 (1978); Rezende et al. 2023,
 /// eq. (5), (6), whose `A^-1` needs no inverse here.
-pub fn held(
-    model: &RotorModel,
-    reduced: &Reduced,
-    speed_rad_s: f64,
-    forces: &[Vec<f64>],
-    turning: &[bool],
-    dt_s: f64,
-) -> Mat<f64> {
-    let (r, m) = (reduced.len(), forces.len());
+pub(super) fn held(rotor: &Truncated, dt_s: f64) -> Mat<f64> {
+    let (r, m) = (rotor.input.nrows(), rotor.input.ncols());
     let n = 2 * r;
-    let mut a = reduced.motion(model, speed_rad_s, dt_s, m);
-    for (j, force) in forces.iter().enumerate() {
-        for (i, value) in reduced.row(force).iter().enumerate() {
-            a[(r + i, n + j)] = value * dt_s;
+    let mut a = motion(&rotor.stiffness, &rotor.damping, dt_s, m);
+    for j in 0..m {
+        for i in 0..r {
+            a[(r + i, n + j)] = rotor.input[(i, j)] * dt_s;
         }
-    }
-    for k in (0..turning.len()).filter(|k| turning[*k]) {
-        let (x, y) = (n + 2 * k, n + 2 * k + 1);
-        a[(x, y)] = -speed_rad_s * dt_s;
-        a[(y, x)] = speed_rad_s * dt_s;
+        for i in 0..m {
+            a[(n + i, n + j)] = rotor.turning[(i, j)] * dt_s;
+        }
     }
     let e = exponential(&a);
     Mat::from_fn(n, n + m, |i, j| e[(i, j)])

@@ -46,7 +46,7 @@ impl RotorPlan {
         let variances: Vec<f64> = (sensors.channels.iter())
             .map(|c| (c.to_si(c.noise_std) / UNIT_M).powi(2))
             .collect();
-        let nominal = self.discrete(self.nominal_speed)?;
+        let nominal = self.discrete(self.nominal_rotor())?;
         let (q, p) = self.covariances(rotor, &nominal);
         let tables = self.tables(&h, &q, &variances)?;
         let f = self.transition_of(&nominal);
@@ -116,8 +116,8 @@ impl RotorPlan {
     ) -> Result<Vec<f64>, BuildError> {
         let (nz, nx) = self.size;
         let mut tables = Vec::new();
-        for speed in &self.speeds {
-            let discrete = self.discrete(*speed)?;
+        for rotor in self.rotors() {
+            let discrete = self.discrete(rotor)?;
             let f = self.transition_of(&discrete);
             let steady = steady_covariance(&f, h, q, variances).ok_or(BuildError::NotObserved)?;
             let k = gain(&steady, h, variances);

@@ -52,7 +52,7 @@ impl PhasorInversion {
             let mut force = Mat::<c64>::zeros(self.model.len(), 1);
             force[(4 * node, 0)] = c64::new(1.0, 0.0);
             force[(4 * node + 1, 0)] = c64::new(0.0, -1.0);
-            let q = forced_response(&self.model, speed_rad_s, &force).ok()?;
+            let q = forced_response(&self.model, speed_rad_s, speed_rad_s, &force).ok()?;
             for (i, row) in self.rows.iter().enumerate() {
                 response[(i, j)] = row.iter().zip(&q).map(|(r, q)| *q * *r).sum();
             }

@@ -3,8 +3,8 @@
 mod convergence;
 mod discrete;
 mod driven;
+mod eigenpairs;
 mod element;
-mod free_motion;
 mod image;
 mod inversion;
 mod model;
@@ -13,12 +13,13 @@ mod plan;
 mod reduction;
 mod response;
 mod ross;
+mod truncation;
 pub mod tune;
 mod unbalance;
 
 use thiserror::Error;
 
-pub use discrete::{Discrete, discrete, held, moved, turned};
+pub use discrete::{Discrete, discrete, moved, turned};
 pub use driven::{DrivenRotor, Turning, TurningForce};
 pub use element::{ElementMatrix, NODE, PartMatrices, ShaftElement};
 

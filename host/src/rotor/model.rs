@@ -123,6 +123,11 @@ impl RotorModel {
         self.damping(speed_rad_s) + faer::Scale(speed_rad_s) * &self.gyroscopic
     }
 
+    /// Nodes that bearings hold.
+    pub(super) fn held_nodes(&self) -> impl Iterator<Item = usize> + '_ {
+        self.bearings.iter().map(|bearing| bearing.node)
+    }
+
     /// A unit force along a direction [rad] at a node, or the row that measures
     /// the displacement there.
     pub fn direction(&self, node: usize, angle_rad: f64) -> Vec<f64> {

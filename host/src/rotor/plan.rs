@@ -1,16 +1,16 @@
 //! A rotor as its filter knows it: reduced, scaled, discretised.
 
-use faer::{Mat, c64};
+use faer::Mat;
+use faer::linalg::solvers::Solve;
 use loadtwin_common::line::ROTOR_SIZES;
 use loadtwin_common::rotor::filter::{BIASES, FORCES};
 
-use super::RotorError;
 use super::convergence::triangle;
 use super::discrete::{Discrete, discrete, held, moved, turned};
 use super::image::bytes;
-use super::model::{BAND, RotorModel};
-use super::reduction::{Reduced, ReductionError};
-use super::unbalance::{Unbalance, unbalance_response};
+use super::model::RotorModel;
+use super::reduction::ReductionError;
+use super::truncation::{Coordinates, Ports, Truncated, truncated};
 use crate::build::BuildError;
 use crate::machine::{Channel, Drift, LoadKind, Machine, Rotor, Senses};
 
@@ -23,14 +23,18 @@ pub(super) const UNIT_M: f64 = 1e-6;
 /// Everything that the image of a rotor is made of.
 pub struct RotorPlan {
     model: RotorModel,
-    reduced: Reduced,
+    coordinates: Coordinates,
+    /// At each of `speeds`, then at the machine's.
+    rotors: Vec<Truncated>,
+    /// Displacements of all nodes along x and y over the states of the filter [m], at each of
+    /// `speeds`.
+    displacements: Vec<Mat<f64>>,
     /// Modal displacements and states of the filter.
     pub(super) size: (usize, usize),
     pub(super) scale: Vec<f64>,
     pub(super) dt_s: f64,
     pub(super) speeds: Vec<f64>,
     pub(super) nominal_speed: f64,
-    forces: Vec<Vec<f64>>,
     pub(super) turning: Vec<bool>,
     pub(super) nominal: Vec<f64>,
     /// Drifts of the sensors that have one [SI], by name.
@@ -78,25 +82,42 @@ impl RotorPlan {
         let speeds = (0..count)
             .map(|k| low + (high - low) * k as f64 / (count.max(2) - 1) as f64)
             .collect::<Vec<f64>>();
-        let reduced = Reduced::new(&model, rotor.speed_rad_s, &speeds, kept, &forces)?;
+        let turning: Vec<bool> = (rotor.loads.iter())
+            .map(|load| load.kind == LoadKind::Unbalance)
+            .collect();
+        let rows: Vec<Vec<f64>> = (channels.iter())
+            .filter_map(|channel| match &channel.senses {
+                Senses::Displacement(at) => {
+                    Some(model.direction(at.node, at.direction_deg.to_radians()))
+                }
+                _ => None,
+            })
+            .collect();
+        let count = kept + forces.len();
+        let ports = Ports {
+            forces: &forces,
+            turning: &turning,
+            sensors: &rows,
+        };
+        let (coordinates, rotors) = truncated(&model, rotor.speed_rad_s, &speeds, count, &ports)?;
         let mut plan = Self {
             model,
-            reduced,
+            coordinates,
+            rotors,
+            displacements: Vec::new(),
             size,
             scale: Vec::new(),
             dt_s: 1.0 / machine.rate_hz,
             speeds,
             nominal_speed: rotor.speed_rad_s,
-            turning: rotor
-                .loads
-                .iter()
-                .map(|l| l.kind == LoadKind::Unbalance)
-                .collect(),
+            turning,
             nominal: rotor.loads.iter().flat_map(|l| [l.nominal_n; 2]).collect(),
-            forces,
             drifts,
         };
-        plan.scale = plan.scales()?;
+        plan.scale = plan.scales();
+        plan.displacements = (0..plan.speeds.len())
+            .map(|at| plan.displacements_at(at))
+            .collect::<Result<_, _>>()?;
         Ok(plan)
     }
 
@@ -109,36 +130,17 @@ impl RotorPlan {
 
     /// Modal displacements kept.
     fn modes(&self) -> usize {
-        self.reduced.len()
+        self.coordinates.squares.len()
     }
 
     /// Amplitude of each state under the nominal loads; 1 for a state that nothing depends on.
-    fn scales(&self) -> Result<Vec<f64>, BuildError> {
+    fn scales(&self) -> Vec<f64> {
         let (nz, nx) = self.size;
         let mut scale = vec![1.0_f64; nx];
         for i in 0..self.modes() {
-            scale[i] = 1e-12;
-        }
-        for speed in self.speeds.iter().chain([&self.nominal_speed]) {
-            for pair in 0..self.turning.len() {
-                let growth = if self.turning[pair] {
-                    (speed / self.nominal_speed).powi(2)
-                } else {
-                    1.0
-                };
-                let force = self.phasor(pair, growth * self.nominal[2 * pair]);
-                let q = self.reduced.response(&self.model, *speed, &force)?;
-                let mq = Mat::from_fn(q.len(), 1, |i, _| {
-                    let row = i.saturating_sub(BAND)..q.len().min(i + BAND + 1);
-                    row.map(|j| q[j] * self.model.mass[(i, j)]).sum::<c64>()
-                });
-                for i in 0..self.modes() {
-                    let z: c64 = (0..q.len())
-                        .map(|j| mq[(j, 0)] * self.reduced.basis[(j, i)])
-                        .sum();
-                    scale[i] = scale[i].max(z.re.hypot(z.im));
-                }
-            }
+            let sizes = (self.rotors.iter())
+                .flat_map(|rotor| self.amplitudes(rotor, &rotor.steady).map(move |of| of(i)));
+            scale[i] = sizes.fold(1e-12, f64::max);
         }
         // The change in a sample is added to the displacement: in its unit.
         scale.copy_within(0..nz, nz);
@@ -149,7 +151,7 @@ impl RotorPlan {
         for state in self.first_bias()..self.first_bias() + self.drifts.len() {
             scale[state] = UNIT_M;
         }
-        Ok(scale)
+        scale
     }
 
     fn first_bias(&self) -> usize {
@@ -178,11 +180,18 @@ impl RotorPlan {
         m
     }
 
-    /// A force of `size` [N] that turns with the shaft at the node of a pair.
-    fn phasor(&self, pair: usize, size: f64) -> Vec<c64> {
-        (self.forces[2 * pair].iter().zip(&self.forces[2 * pair + 1]))
-            .map(|(x, y)| c64::new(size * x, -size * y))
-            .collect()
+    /// For each pair of loads: amplitude of row `i` of what `over` the forces gives, at their
+    /// nominal size.
+    fn amplitudes<'a>(
+        &'a self,
+        rotor: &'a Truncated,
+        over: &'a Mat<f64>,
+    ) -> impl Iterator<Item = impl Fn(usize) -> f64 + 'a> + 'a {
+        let growth = (rotor.speed_rad_s / self.nominal_speed).powi(2);
+        self.turning.iter().enumerate().map(move |(pair, turns)| {
+            let size = self.nominal[2 * pair] * if *turns { growth } else { 1.0 };
+            move |i: usize| size * over[(i, 2 * pair)].hypot(over[(i, 2 * pair + 1)])
+        })
     }
 
     /// Where reduced state `i` of `2 modes + loads` stands in the filter.
@@ -195,16 +204,36 @@ impl RotorPlan {
         }
     }
 
-    pub(super) fn discrete(&self, speed: f64) -> Result<Discrete, BuildError> {
-        let held = held(
-            &self.model,
-            &self.reduced,
-            speed,
-            &self.forces,
-            &self.turning,
-            self.dt_s,
-        );
-        discrete(&held, &moved(&self.turning, speed * self.dt_s)).ok_or(BuildError::Sampled)
+    /// The rotor at the machine's speed.
+    pub(super) fn nominal_rotor(&self) -> &Truncated {
+        &self.rotors[self.speeds.len()]
+    }
+
+    /// The rotor at each speed of the tables.
+    pub(super) fn rotors(&self) -> &[Truncated] {
+        &self.rotors[..self.speeds.len()]
+    }
+
+    pub(super) fn discrete(&self, rotor: &Truncated) -> Result<Discrete, BuildError> {
+        let moved = moved(&self.turning, rotor.speed_rad_s * self.dt_s);
+        discrete(&held(rotor, self.dt_s), &moved).ok_or(BuildError::Sampled)
+    }
+
+    fn displacements_at(&self, at: usize) -> Result<Mat<f64>, BuildError> {
+        let rotor = &self.rotors[at];
+        let coordinates = self.discrete(rotor)?.coordinates;
+        // Over (z, e, f) in place of (z, z', f), solved from the right.
+        let lu = coordinates.transpose().partial_piv_lu();
+        let over = lu.solve(&rotor.shapes);
+        let mut map = Mat::<f64>::zeros(2 * self.model.nodes, self.size.1);
+        for k in 0..map.nrows() {
+            let row = 4 * (k / 2) + k % 2;
+            for j in 0..over.nrows() {
+                let place = self.place(j);
+                map[(k, place)] = over[(j, row)] * self.scale[place];
+            }
+        }
+        Ok(map)
     }
 
     /// A matrix over the reduced states, in the scale and the places of the filter:
@@ -228,7 +257,7 @@ impl RotorPlan {
         let mut row = vec![0.0; self.size.1];
         if let Senses::Displacement(at) = &channel.senses {
             let direction = self.model.direction(at.node, at.direction_deg.to_radians());
-            for (i, value) in self.reduced.row(&direction).iter().enumerate() {
+            for (i, value) in self.coordinates.row(&direction).iter().enumerate() {
                 row[i] = channel.sensitivity.unwrap_or(1.0) * value * self.scale[i] / UNIT_M;
             }
         }
@@ -239,14 +268,20 @@ impl RotorPlan {
     }
 
     /// Displacements along x and y of every node [m], node by node, of the
-    /// filter's state in the image's scale.
-    pub fn displacements(&self, state: &[f32], into: &mut [f64]) {
-        let basis = &self.reduced.basis;
-        for (k, slot) in into.iter_mut().enumerate() {
-            let row = 4 * (k / 2) + k % 2;
-            *slot = (0..self.modes().min(state.len()))
-                .map(|i| basis[(row, i)] * self.scale[i] * f64::from(state[i]))
-                .sum();
+    /// filter's state in the image's scale at a speed [rad/s].
+    pub fn displacements(&self, state: &[f32], speed_rad_s: f64, into: &mut [f64]) {
+        into.fill(0.0);
+        let last = self.speeds.len() - 1;
+        let step = (self.speeds[last] - self.speeds[0]) / last.max(1) as f64;
+        let place = ((speed_rad_s - self.speeds[0]) / step).clamp(0.0, last as f64);
+        let place = if last == 0 { 0.0 } else { place };
+        let (low, part) = (place as usize, place.fract());
+        for (map, share) in self.displacements[low..].iter().zip([1.0 - part, part]) {
+            for (column, value) in map.col_iter().zip(state) {
+                for (slot, shape) in into.iter_mut().zip(column.iter()) {
+                    *slot += share * shape * f64::from(*value);
+                }
+            }
         }
     }
 
@@ -255,39 +290,31 @@ impl RotorPlan {
         self.model.nodes
     }
 
-    /// What the reduction loses of the response to nominal loads over the speeds.
-    ///
-    /// # Errors
-    /// [`RotorError::Resonance`] for an undamped rotor at its critical speed.
-    pub fn reduction_error(&self, rotor: &Rotor) -> Result<ReductionError, RotorError> {
+    /// What the reduction loses of a start under the nominal loads over the speeds: steady
+    /// motion is exact, and of what begins as minus it the modes left out have an end.
+    pub fn reduction_error(&self) -> ReductionError {
         let mut error = ReductionError::default();
-        let mut speeds = self.speeds.clone();
-        speeds.push(self.nominal_speed);
-        for speed in speeds.into_iter().filter(|speed| *speed > 0.0) {
-            for (pair, load) in rotor.loads.iter().enumerate() {
-                let growth = (speed / self.nominal_speed).powi(2);
-                let unbalance = Unbalance {
-                    node: load.node,
-                    moment_kg_m: load.nominal_n / self.nominal_speed.powi(2),
-                    phase_rad: 0.0,
-                };
-                let whole = unbalance_response(&self.model, speed, &[unbalance])?;
-                let force = self.phasor(pair, growth * load.nominal_n);
-                let reduced = self.reduced.response(&self.model, speed, &force)?;
-                error.push(speed, &whole, &reduced);
+        for rotor in &self.rotors {
+            let (whole, lost) = (
+                self.amplitudes(rotor, &rotor.whirls),
+                self.amplitudes(rotor, &rotor.residual),
+            );
+            for (whole, lost) in whole.zip(lost) {
+                for i in (0..rotor.whirls.nrows()).filter(|i| i % 4 < 2) {
+                    error.push(rotor.speed_rad_s, whole(i), lost(i));
+                }
             }
         }
-        Ok(error)
+        error
     }
 
     /// Q and the covariance before the first sample, in the scale of the filter.
     pub(super) fn covariances(&self, rotor: &Rotor, discrete: &Discrete) -> (Mat<f64>, Mat<f64>) {
         let modes = self.modes();
-        let k = self.reduced.stiffness(&self.model, self.nominal_speed);
         let n = 2 * modes + self.nominal.len();
         let (mut q, mut p) = (Mat::<f64>::zeros(n, n), Mat::<f64>::zeros(n, n));
         for i in 0..modes {
-            let (z, w2) = (self.scale[i].powi(2), k[(i, i)]);
+            let (z, w2) = (self.scale[i].powi(2), self.coordinates.squares[i]);
             let (model, start) = (
                 rotor.reduction.model_std.powi(2),
                 rotor.reduction.initial_std.powi(2),
@@ -302,8 +329,14 @@ impl RotorPlan {
             q[(2 * modes + j, 2 * modes + j)] = walk * walk * self.dt_s;
             p[(2 * modes + j, 2 * modes + j)] = nominal * nominal;
         }
-        let t = &discrete.coordinates;
-        let (q, p) = (turned(t, &q), turned(t, &p));
+        // What modes left out have of a force is there as soon as it is.
+        let begins = &self.nominal_rotor().begins;
+        let at_once = Mat::from_fn(n, n, |i, j| match j.checked_sub(2 * modes) {
+            Some(force) if i < 2 * modes => begins[(i, force)],
+            _ => f64::from(u8::from(i == j)),
+        });
+        let t = &discrete.coordinates * at_once;
+        let (q, p) = (turned(&t, &q), turned(&t, &p));
         (
             self.with_biases(self.scaled(&q, true), |left, variance| {
                 variance * (1.0 - left * left)
@@ -322,8 +355,13 @@ impl RotorPlan {
     /// # Errors
     /// [`BuildError::Sampled`] where a mode is sampled at a multiple of half its period.
     pub fn transitions(&self) -> Result<Vec<(f64, Mat<f64>)>, BuildError> {
-        (self.speeds.iter().chain([&self.nominal_speed]))
-            .map(|speed| Ok((*speed, self.transition_of(&self.discrete(*speed)?))))
+        (self.rotors.iter())
+            .map(|rotor| {
+                Ok((
+                    rotor.speed_rad_s,
+                    self.transition_of(&self.discrete(rotor)?),
+                ))
+            })
             .collect()
     }
 
@@ -333,7 +371,7 @@ impl RotorPlan {
     /// # Errors
     /// As [`RotorPlan::transitions`].
     pub fn noise(&self, rotor: &Rotor) -> Result<[Vec<u8>; 2], BuildError> {
-        let (q, p) = self.covariances(rotor, &self.discrete(self.nominal_speed)?);
+        let (q, p) = self.covariances(rotor, &self.discrete(self.nominal_rotor())?);
         Ok([&q, &p].map(|m| bytes(triangle(m))))
     }
 }

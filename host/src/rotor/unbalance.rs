@@ -40,20 +40,21 @@ pub fn unbalance_response(
         force[(NODE * unbalance.node, 0)] += x;
         force[(NODE * unbalance.node + 1, 0)] += c64::new(x.im, -x.re);
     }
-    forced_response(model, speed_rad_s, &force)
+    forced_response(model, speed_rad_s, speed_rad_s, &force)
 }
 
-/// Amplitudes of all degrees of freedom under `force exp(i speed t)`.
+/// Amplitudes of all degrees of freedom at a speed under `force exp(i frequency t)`.
 ///
 /// # Errors
 /// [`RotorError::Resonance`] for an undamped rotor at its critical speed.
 pub(super) fn forced_response(
     model: &RotorModel,
     speed_rad_s: f64,
+    frequency_rad_s: f64,
     force: &Mat<c64>,
 ) -> Result<Vec<c64>, RotorError> {
     let matrix = model.dynamic_stiffness(
-        c64::new(0.0, speed_rad_s),
+        c64::new(0.0, frequency_rad_s),
         &model.turning_damping(speed_rad_s),
         &model.stiffness(speed_rad_s),
     )?;

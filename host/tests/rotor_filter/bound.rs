@@ -13,7 +13,7 @@ use loadtwin::simulate::{AppliedUnbalance, RotorScenario};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::{judged, machine, paper, record, soft};
+use crate::{judged, machine, paper, record, replayed_as, soft};
 
 /// Sensors and displacements of every node [m], `[sample][of each]`.
 struct Recorded {
@@ -149,38 +149,83 @@ fn drawn(seed: u64) -> Machine {
 }
 
 /// Settled error [µm] of the filter, and of least squares with the rotor known exactly.
-#[test]
-fn the_filter_errs_by_little_more_than_what_no_estimator_betters() {
-    const SEEDS: std::ops::Range<u64> = 21..24;
+fn compared(machine: &mut Machine, seeds: std::ops::Range<u64>) {
     // What a reduced model errs by after a start, part of the peak.
-    const MODEL: f64 = 2e-3;
+    const MODEL: f64 = 3e-4;
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rotor.parquet");
-    for mut machine in [machine(), soft(), drawn(5), drawn(6)] {
-        let speeds_rad_s = [machine.rotor.as_ref().unwrap().speed_rad_s; 2];
-        let scenario = |seed| RotorScenario {
-            speeds_rad_s,
-            ..paper(1.0, seed)
-        };
-        let bound = Bound::new(&machine, &scenario(0));
-        for noise_m in [1e-7, 1e-6] {
-            for channel in &mut machine.channels {
-                channel.noise_std = noise_m;
+    let speeds_rad_s = [machine.rotor.as_ref().unwrap().speed_rad_s; 2];
+    let scenario = |seed| RotorScenario {
+        speeds_rad_s,
+        ..paper(1.0, seed)
+    };
+    let bound = Bound::new(machine, &scenario(0));
+    for noise_m in [1e-7, 1e-6] {
+        for channel in &mut machine.channels {
+            channel.noise_std = noise_m;
+        }
+        let (mut filter, mut start, mut least, mut peak) = (0.0, 0.0, 0.0, 0.0);
+        let count = (seeds.end - seeds.start) as f64;
+        for seed in seeds.clone() {
+            record(machine, scenario(seed), &path);
+            let outcome = judged(machine, &path);
+            filter += outcome.settled_um / count;
+            start += outcome.start_um / count;
+            least += bound.settled_um(machine, &path, 1.0) / count;
+            peak = outcome.peak_um;
+        }
+        println!(
+            "{}, {:.0} rad/s, {peak:.0} µm, noise {noise_m:e} m: settled {filter:.3} µm, bound {least:.3} µm; start-up {start:.2} µm",
+            machine.name, speeds_rad_s[0]
+        );
+        assert!(filter < least + MODEL * peak, "{filter} {least}");
+    }
+}
+
+/// `ROTORS`: seeds of other drawn rotors.
+#[test]
+fn the_filter_errs_by_little_more_than_what_no_estimator_betters() {
+    let seeds = std::env::var("ROTORS").unwrap_or_else(|_| "5,6".into());
+    let others = seeds.split(',').map(|seed| drawn(seed.parse().unwrap()));
+    for mut machine in [machine(), soft()].into_iter().chain(others) {
+        compared(&mut machine, 21..24);
+    }
+}
+
+/// Modulus 0.2 %, bearings 1 % and all damping 10 % above and below what is described.
+#[test]
+fn a_rotor_that_is_not_quite_as_described_is_estimated_within_percents() {
+    // Settled error, part of the peak.
+    const MOST: f64 = 0.06;
+    for described in [machine(), drawn(3)] {
+        for sign in [-1.0, 1.0] {
+            let mut real = described.clone();
+            let rotor = real.rotor.as_mut().unwrap();
+            for material in &mut rotor.materials {
+                material.young_pa *= 1.0 + 0.002 * sign;
             }
-            let (mut filter, mut least, mut peak) = (0.0, 0.0, 0.0);
-            for seed in SEEDS {
-                record(&machine, scenario(seed), &path);
-                let outcome = judged(&machine, &path);
-                let share = 1.0 / SEEDS.count() as f64;
-                filter += share * outcome.settled_um;
-                least += share * bound.settled_um(&machine, &path, 1.0);
-                peak = outcome.peak_um;
+            for section in &mut rotor.sections {
+                section.alpha_per_s *= 1.0 + 0.1 * sign;
+                section.beta_s *= 1.0 + 0.1 * sign;
             }
+            for bearing in &mut rotor.bearings {
+                for k in bearing.stiffness_n_per_m.iter_mut().flatten().flatten() {
+                    *k *= 1.0 + 0.01 * sign;
+                }
+                for c in bearing.damping_n_s_per_m.iter_mut().flatten() {
+                    *c *= 1.0 + 0.1 * sign;
+                }
+            }
+            let scenario = RotorScenario {
+                speeds_rad_s: [rotor.speed_rad_s; 2],
+                ..paper(1.0, 21)
+            };
+            let outcome = replayed_as(&described, &real, scenario);
             println!(
-                "{}, {:.0} rad/s, {peak:.0} µm, noise {noise_m:e} m: settled {filter:.2} µm, bound {least:.2} µm",
-                machine.name, speeds_rad_s[0]
+                "{}, {sign:+} times what it is off: settled {:.2} µm of {:.0} µm",
+                described.name, outcome.settled_um, outcome.peak_um
             );
-            assert!(filter < least + MODEL * peak, "{filter} {least}");
+            assert!(outcome.settled_um < MOST * outcome.peak_um);
         }
     }
 }
