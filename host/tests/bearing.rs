@@ -8,7 +8,9 @@ use loadtwin::build::Sensors;
 use loadtwin::machine::{Kind, Machine};
 use loadtwin::replay::{self, Baselines, Figures};
 use loadtwin::simulate::{BearingEffect, BearingScenario, BearingSimulation};
+use loadtwin_common::bearing::Bearing;
 use loadtwin_common::fault::Fault;
+use loadtwin_common::raw::RawSample;
 
 /// The individual that the example is calibrated for.
 const CALIBRATED: u64 = 101;
@@ -64,6 +66,36 @@ fn moments_are_found_from_an_unknown_start() {
         let rmse = load.rmse_percent.unwrap();
         println!("{name}: {rmse:.2} % of its range");
         assert!(rmse < bound, "{name} {rmse}");
+    }
+}
+
+/// However many jobs a sample has to do.
+#[test]
+fn every_block_is_taken_in_at_any_rate() {
+    let mut machine = example();
+    let bearing = machine.bearing.clone().unwrap();
+    let calibration = loadtwin::bearing::calibration(&machine, &bearing).unwrap();
+    for rate_hz in [400.0, 700.0, 1000.0, 2000.0] {
+        machine.rate_hz = rate_hz;
+        let sensors = Sensors::choose(&machine, None).unwrap();
+        let model = loadtwin::bearing::model(&machine, &bearing, &sensors, &calibration).unwrap();
+        let filter = Bearing::try_build(model, rate_hz as f32).unwrap();
+        let mut state = filter.start();
+        state.know([0.0; 5]);
+        let mut taken_in = 0;
+        for tick in 0..rate_hz as u32 {
+            let mut raw = RawSample {
+                tick,
+                ..RawSample::default()
+            };
+            (0..4).for_each(|g| raw.set_word(g, 10 * (tick % 7) as i32));
+            let turns = 15.0 * f64::from(tick) / rate_hz;
+            raw.set_encoder(0, (turns * machine.encoders[0].counts_per_turn) as u32);
+            filter.step(&mut state, &raw);
+            taken_in += u32::from(state.taken_in().is_some());
+        }
+        // The first tells the speed, the last is on its way.
+        assert!((97..=99).contains(&taken_in), "{taken_in} at {rate_hz} Hz");
     }
 }
 

@@ -78,6 +78,8 @@ pub struct BearingState {
     sums: Sums,
     block: Block,
     job: u16,
+    /// Whether the champion's last job of a block was done with the last sample.
+    taken_in: bool,
     champion: Belief,
     challenger: Belief,
     told: [Told; GAUGES],
@@ -124,6 +126,7 @@ impl Bearing {
             sums: Sums::default(),
             block: Block::default(),
             job: JOBS,
+            taken_in: false,
             champion: Belief::blank(),
             challenger: Belief::blank(),
             told: [Told::default(); GAUGES],
@@ -154,7 +157,9 @@ impl Bearing {
             *reading = value.ok();
         }
         state.sums.add(phase, &readings);
+        state.taken_in = false;
         for _ in 0..self.jobs_per_sample {
+            state.taken_in |= state.job == BELIEF_JOBS - 1;
             self.work(state);
         }
         if state.sums.count >= self.block_samples {
@@ -269,9 +274,9 @@ impl BearingState {
     }
 
     /// The champion and the block that it took in last, once it has taken it in
-    /// whole: at the sample that ends the jobs of that block.
+    /// whole: at the sample that ends its jobs on that block.
     pub fn taken_in(&self) -> Option<(&Block, &Belief)> {
-        (self.running && self.job == JOBS - 1).then_some((&self.block, &self.champion))
+        (self.running && self.taken_in).then_some((&self.block, &self.champion))
     }
 
     /// Whether the champion can be believed: it has met a challenge, is told from its mirror image, explains the
