@@ -5,7 +5,7 @@ use std::process::{Command, Output};
 
 use loadtwin::machine::Machine;
 use loadtwin::simulate::{Course, Demand, Scenario, Simulation};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 fn machine() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/gearbox/machine.toml")
@@ -186,6 +186,46 @@ fn what_no_candidate_explains_is_unknown() {
     let said = diagnosed(&recording, &[]);
     assert_eq!(said["verdict"], "unknown", "{said}");
     assert!(said["unexplained"][0]["after"].as_f64().unwrap() > 1.5);
+    // Bursts go with nothing that was measured.
+    assert_eq!(said["empirical_corrections"], json!([]), "{said}");
+}
+
+/// A gauge that reads `8 µm/m sin(20 torque / nominal)` too much.
+fn wavy(clean: &str, wavy: &Path) {
+    let mut to = csv::Writer::from_path(wavy).unwrap();
+    let mut from = csv::ReaderBuilder::new()
+        .comment(Some(b'#'))
+        .from_path(clean)
+        .unwrap();
+    let header = from.headers().unwrap().clone();
+    let column = |name: &str| header.iter().position(|h| h.starts_with(name)).unwrap();
+    let (gauge, torque) = (column("ta2"), column("torque_main"));
+    to.write_record(&header).unwrap();
+    for record in from.records() {
+        let record = record.unwrap();
+        let told = |k: usize| record[k].parse::<f64>().unwrap();
+        let reads = told(gauge) + 8e-6 * (20.0 * told(torque) / 312e3).sin();
+        let cells = record.iter().enumerate();
+        to.write_record(cells.map(|(k, cell)| match k {
+            _ if k == gauge => reads.to_string(),
+            _ => cell.to_owned(),
+        }))
+        .unwrap();
+    }
+}
+
+#[test]
+fn what_goes_with_torque_is_offered_as_a_correction_without_a_cause() {
+    let folder = tempfile::tempdir().unwrap();
+    let clean = recorded(folder.path(), "clean.csv", "start-stop", "60", &[]);
+    let path = folder.path().join("wavy.csv");
+    wavy(&clean, &path);
+    let said = diagnosed(&path.display().to_string(), &[]);
+    assert_eq!(said["verdict"], "unknown", "{said}");
+    let offered = &said["empirical_corrections"][0];
+    assert_eq!(offered["channel"], "ta2", "{said}");
+    assert_eq!(offered["over"], "Torque over nominal", "{said}");
+    assert!(offered["takes"].as_f64().unwrap() > 0.5, "{offered}");
 }
 
 /// The one line that `diagnose` gives instead of a verdict.

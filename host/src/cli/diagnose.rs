@@ -148,6 +148,14 @@ fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
             say!("{} at {}", found.effect.name(), places.join(", or at "));
         }
     }
+    for correction in &diagnosis.corrections {
+        say!(
+            "an empirical correction over {} takes {:.0} % of {} (see --json)",
+            correction.over.to_lowercase(),
+            100.0 * correction.takes,
+            correction.channel
+        );
+    }
     if let Verdict::Inseparable(names) = &diagnosis.verdict
         && let Some(effect) = names.first().and_then(|n| diagnose::by_name::<S>(n))
     {

@@ -16,6 +16,7 @@ mod correct;
 mod doubt;
 mod drivetrain;
 pub mod effect;
+mod empirical;
 mod error;
 mod fit;
 mod known;
@@ -47,6 +48,7 @@ use thiserror::Error;
 
 pub use bearing::BearingSession;
 pub use correct::corrected;
+pub use empirical::Correction;
 pub use error::{Interval, LoadErrors, load_errors};
 pub use observe::observe;
 pub use observed::{Abscissa, Observed};
@@ -131,6 +133,8 @@ pub struct Diagnosis<S: Observed = Session> {
     pub oddities: Vec<Oddity>,
     /// What is said.
     pub verdict: Verdict,
+    /// What may be subtracted where something is missing that no candidate explains.
+    pub corrections: Vec<Correction>,
     /// Errors on the unseen recordings; on the fitted ones where there are none.
     pub errors: LoadErrors,
 }
@@ -178,6 +182,10 @@ impl<S: Observed> Residuals<S> {
         }
         let oddities = oddities(sessions, &selection, draws);
         let verdict = Verdict::of(sessions, &selection, &oddities, draws);
+        let corrections = match verdict {
+            Verdict::Unknown => empirical::corrections(sessions, &oddities),
+            _ => Vec::new(),
+        };
         let errors = if unseen.is_empty() {
             S::errors(sessions, &selection.found)
         } else {
@@ -190,6 +198,7 @@ impl<S: Observed> Residuals<S> {
             selection,
             oddities,
             verdict,
+            corrections,
             errors,
         }
     }

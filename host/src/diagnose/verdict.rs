@@ -188,6 +188,7 @@ pub fn report<S: Observed>(
         "error": diagnosis.errors,
         "validated_on": validated_on,
         "machine_out": machine_out,
+        "empirical_corrections": diagnosis.corrections,
         "unexplained": if unknown { json!(strangest(&diagnosis.oddities)) } else { Value::Null },
     });
     if let Some(object) = out.as_object_mut() {
