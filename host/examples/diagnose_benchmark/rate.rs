@@ -26,7 +26,7 @@ impl Rate {
         let p = self.right as f64 / n;
         let middle = p + Z * Z / (2.0 * n);
         let half = Z * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
-        [middle - half, middle + half].map(|v| v / (1.0 + Z * Z / n))
+        [middle - half, middle + half].map(|v| (v / (1.0 + Z * Z / n)).clamp(0.0, 1.0))
     }
 }
 
