@@ -107,7 +107,7 @@ impl Score {
                 let mut named = row.names();
                 named.sort_unstable();
                 wanted.sort_unstable();
-                let exact = named == wanted;
+                let exact = row.verdict == "effects" && named == wanted;
                 self.two_exact.count(exact);
                 self.unknown_inside.count(unknown);
                 exact
