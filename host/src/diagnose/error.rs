@@ -41,6 +41,21 @@ pub struct LoadErrors {
     pub recalibrated: Pair,
 }
 
+impl LoadErrors {
+    /// Of blocks without and with what was found, each by its sum and its count, where nothing
+    /// is calibrated anew.
+    pub(super) fn as_described(before: &[(f64, f64)], after: &[(f64, f64)], seed: u64) -> Self {
+        let pair = |before, after| Pair {
+            before: means(before, seed),
+            after: means(after, seed),
+        };
+        Self {
+            nominal: pair(before, after),
+            recalibrated: pair(&[], &[]),
+        }
+    }
+}
+
 /// Errors of `sessions` without and with what was found.
 ///
 /// Sample by sample the torque is that which explains the gauges best:
@@ -123,7 +138,7 @@ fn interval(sessions: &[Session], residuals: &[Vec<Vec<f64>>], seed: u64) -> Int
 }
 
 /// Mean of blocks, each by its sum and its count, with its interval [%]; none without blocks.
-pub(super) fn means(blocks: &[(f64, f64)], seed: u64) -> Interval {
+fn means(blocks: &[(f64, f64)], seed: u64) -> Interval {
     let blocks: Vec<(f64, f64)> = blocks.iter().copied().filter(|b| b.1 > 0.0).collect();
     if blocks.is_empty() {
         return Interval {

@@ -12,7 +12,7 @@ use super::{BearingPlace, BearingSession, BearingStream, Kind, STREAMS, clean, e
 use crate::bearing::{Calibration, Rig, calibration, recorded};
 use crate::build::Sensors;
 use crate::diagnose::effect::Effect;
-use crate::diagnose::error::{LoadErrors, Pair, means};
+use crate::diagnose::error::LoadErrors;
 use crate::diagnose::fit::Prior;
 use crate::diagnose::observed::{Abscissa, Observed};
 use crate::diagnose::refit::rest;
@@ -152,17 +152,7 @@ impl Observed for BearingSession {
                 .flat_map(|(session, rest)| session.blocks_of(&rest))
                 .collect()
         };
-        let (before, after) = (blocks(&[]), blocks(found));
-        LoadErrors {
-            nominal: Pair {
-                before: means(&before, SEED),
-                after: means(&after, SEED),
-            },
-            recalibrated: Pair {
-                before: means(&[], SEED),
-                after: means(&[], SEED),
-            },
-        }
+        LoadErrors::as_described(&blocks(&[]), &blocks(found), SEED)
     }
 
     fn dt_s(&self) -> f64 {

@@ -8,7 +8,7 @@ use super::recorded::Recorded;
 use super::{Readings, RotorPlace, RotorSession, RotorStream, clean, effect, write};
 use crate::build::Sensors;
 use crate::diagnose::effect::{Coupling, Effect};
-use crate::diagnose::error::{LoadErrors, Pair, means};
+use crate::diagnose::error::LoadErrors;
 use crate::diagnose::fit::Prior;
 use crate::diagnose::observed::{Abscissa, Observed};
 use crate::diagnose::refit::rest;
@@ -79,17 +79,7 @@ impl Observed for RotorSession {
                 .flat_map(|(session, rest)| session.blocks_of(&rest))
                 .collect()
         };
-        let (before, after) = (blocks(&[]), blocks(found));
-        LoadErrors {
-            nominal: Pair {
-                before: means(&before, SEED),
-                after: means(&after, SEED),
-            },
-            recalibrated: Pair {
-                before: means(&[], SEED),
-                after: means(&[], SEED),
-            },
-        }
+        LoadErrors::as_described(&blocks(&[]), &blocks(found), SEED)
     }
 
     fn dt_s(&self) -> f64 {

@@ -14,8 +14,8 @@ use crate::diagnose::effect::{Effect, Shape};
 /// Every effect that is tried.
 pub static LIBRARY: &[&dyn Effect<RotorSession>] = &[
     &bias::SensorBias,
-    &runout::Runout,
-    &runout::SurfaceLobes,
+    &runout::RUNOUT,
+    &runout::SURFACE_LOBES,
     &gain::GainError,
     &bow::ShaftBow,
     &misalignment::Misalignment,
