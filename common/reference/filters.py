@@ -6,7 +6,7 @@ Made with Python 3.11, filterpy 1.4.5, numpy 2.4.6, scipy 1.17.1:
 
 Each row is one step: measurements, then the posterior state, then the upper
 triangle of the posterior covariance column by column. The models are those
-of ../tests/reference.rs.
+of ../tests/kalman/model.rs.
 """
 
 import pathlib

@@ -5,8 +5,7 @@
 //! of the state (for covariances: to both): f32 rounds a step of a few hundred
 //! operations by some 1e-6, and the filters forget within tens of steps.
 
-mod model;
-
+use crate::model::{Pendulum, rows, shaft, three_channels};
 use loadtwin_common::butterworth::{Butterworth, ButterworthState};
 use loadtwin_common::gaussian::Gaussian;
 use loadtwin_common::innovation::{Gate, Innovation};
@@ -14,7 +13,6 @@ use loadtwin_common::kalman::{Observation, predict, predict_extended, update};
 use loadtwin_common::scheduled_gain::{GainBin, GainSchedule};
 use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
 use loadtwin_common::unscented::Unscented;
-use model::{Pendulum, rows, shaft, three_channels};
 use nalgebra::{RowVector3, SMatrix, SVector, Vector1, Vector2, Vector3, Vector4};
 
 /// Largest difference from a reference row (`NY` measurements, `NX` states,
@@ -54,7 +52,7 @@ fn shaft_filter() -> (Transition<4, 1>, ProcessNoise<4>, Gaussian<4>) {
 fn linear_filter_equals_filterpy() {
     let (transition, noise, mut belief) = shaft_filter();
     let (h, r) = (shaft::observation(), shaft::measurement_noise());
-    for (k, row) in rows::<16>(include_str!("../reference/kalman.csv"))
+    for (k, row) in rows::<16>(include_str!("../../reference/kalman.csv"))
         .iter()
         .enumerate()
     {
@@ -70,8 +68,8 @@ fn linear_filter_equals_filterpy() {
 
 #[test]
 fn constant_gain_and_steady_state_equal_the_riccati_solution() {
-    let reference = rows::<16>(include_str!("../reference/steady.csv"));
-    let gain = rows::<2>(include_str!("../reference/steady_gain.csv"));
+    let reference = rows::<16>(include_str!("../../reference/steady.csv"));
+    let gain = rows::<2>(include_str!("../../reference/steady_gain.csv"));
     let load_variance = reference[0][15] as f32;
     let bins = [GainBin {
         gain: SMatrix::from_fn(|i, j| gain[i][j] as f32),
@@ -119,7 +117,7 @@ fn pendulum_belief() -> (ProcessNoise<3>, Gaussian<3>) {
 fn extended_filter_equals_filterpy() {
     let (noise, mut belief) = pendulum_belief();
     let r = [1e-3, 4e-3];
-    for (k, row) in rows::<11>(include_str!("../reference/extended.csv"))
+    for (k, row) in rows::<11>(include_str!("../../reference/extended.csv"))
         .iter()
         .enumerate()
     {
@@ -143,7 +141,7 @@ fn unscented_filter_equals_filterpy() {
     let unscented = Unscented::try_new(0.8, 2.0, 0.5).unwrap();
     let r = Vector3::new(1e-3, 4e-3, 0.1);
     let mut gates = [Gate::open(); 3];
-    for (k, row) in rows::<12>(include_str!("../reference/unscented.csv"))
+    for (k, row) in rows::<12>(include_str!("../../reference/unscented.csv"))
         .iter()
         .enumerate()
     {
@@ -166,7 +164,7 @@ fn unscented_filter_equals_filterpy() {
 fn butterworth_equals_scipy() {
     let filter = Butterworth::try_new(25.0, 0.001).unwrap();
     let mut state = ButterworthState::default();
-    for row in rows::<3>(include_str!("../reference/butterworth.csv")) {
+    for row in rows::<3>(include_str!("../../reference/butterworth.csv")) {
         let out = filter.step(&mut state, row[0] as f32);
         assert!(
             (f64::from(out.low) - row[1]).abs() < 2e-6,

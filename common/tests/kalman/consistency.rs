@@ -5,14 +5,12 @@
 //! independent. NIS: all samples of all runs; innovations of a consistent
 //! filter are white.
 
-mod model;
-
+use crate::model::{Pendulum, shaft, three_channels};
 use loadtwin_common::gaussian::Gaussian;
 use loadtwin_common::innovation::{Gate, Innovation};
 use loadtwin_common::kalman::{NonlinearTransition, predict, predict_extended, update, update_all};
 use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
 use loadtwin_common::unscented::Unscented;
-use model::{Pendulum, shaft, three_channels};
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector2, Vector3, Vector4};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

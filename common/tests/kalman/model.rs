@@ -1,5 +1,4 @@
 //! The models of `reference/filters.py`.
-#![allow(dead_code, reason = "each test uses some of them")]
 
 use loadtwin_common::kalman::{NonlinearTransition, Observation};
 use loadtwin_common::transition::{RandomWalk, Transition};

@@ -1,7 +1,6 @@
 //! What f32 must survive: ten million steps, bad scaling, any numbers.
 
-mod model;
-
+use crate::model::{Pendulum, shaft};
 use loadtwin_common::butterworth::{Butterworth, ButterworthState};
 use loadtwin_common::gaussian::Gaussian;
 use loadtwin_common::innovation::{Gate, Innovation};
@@ -11,7 +10,6 @@ use loadtwin_common::kalman::{
 use loadtwin_common::scheduled_gain::{GainBin, GainSchedule};
 use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
 use loadtwin_common::unscented::Unscented;
-use model::{Pendulum, shaft};
 use nalgebra::{
     Matrix4, RowSVector, RowVector4, SMatrix, SVector, Vector1, Vector2, Vector3, Vector4,
 };
