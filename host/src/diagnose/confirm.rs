@@ -12,14 +12,13 @@ impl<S: Observed> Selection<S> {
     /// no part in the search.
     pub fn confirm(&mut self, sessions: &[S], unseen: &[S]) {
         let mut kept: Vec<Found<S>> = Vec::new();
+        let mut left = f64::INFINITY;
         for found in &self.found {
             let mut with = kept.clone();
             with.push(found.clone());
-            let helps = kept.is_empty()
-                || !found.effect.lasts()
-                || size(sessions, unseen, &with) < size(sessions, unseen, &kept);
-            if helps {
-                kept = with;
+            let size = size(sessions, unseen, &with);
+            if kept.is_empty() || !found.effect.lasts() || size < left {
+                (kept, left) = (with, size);
             }
         }
         if kept.len() < self.found.len() {

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::observed::Observed;
+use super::observed::{Abscissa, Observed};
 use super::structure::Oddity;
 
 /// Values between which the correction is told, each with as many samples.
@@ -33,12 +33,21 @@ pub struct Correction {
 /// For each residual that is larger than a clean machine's the correction that takes most of it,
 /// where one takes enough. Time is no cause: what it explains is not there in the next recording.
 pub fn corrections<S: Observed>(sessions: &[S], oddities: &[Oddity]) -> Vec<Correction> {
-    let count = sessions[0].abscissae().len();
+    // Of each quantity, recording by recording.
+    let mut along: Vec<Vec<Abscissa>> = Vec::new();
+    for session in sessions {
+        let measured = session.abscissae().into_iter();
+        for (a, abscissa) in measured.filter(|a| a.quantity != "Time").enumerate() {
+            along.resize_with(along.len().max(a + 1), Vec::new);
+            along[a].push(abscissa);
+        }
+    }
+    // Not every recording has a temperature.
+    along.retain(|of| of.len() == sessions.len());
     let strange = (0..oddities.len()).filter(|k| oddities[*k].before > 1.1);
     let best = |k: usize| {
-        (0..count)
-            .filter(|a| sessions[0].abscissae()[*a].quantity != "Time")
-            .filter_map(|a| over(sessions, k, a))
+        (along.iter())
+            .filter_map(|along| over(sessions, k, along))
             .max_by(|a, b| a.takes.total_cmp(&b.takes))
     };
     let mut all: Vec<Correction> = strange.filter_map(best).collect();
@@ -46,30 +55,28 @@ pub fn corrections<S: Observed>(sessions: &[S], oddities: &[Oddity]) -> Vec<Corr
     all
 }
 
-/// Of stream `k` over abscissa `a`.
-fn over<S: Observed>(sessions: &[S], k: usize, a: usize) -> Option<Correction> {
+/// Of stream `k` over one quantity.
+fn over<S: Observed>(sessions: &[S], k: usize, along: &[Abscissa]) -> Option<Correction> {
     let mut samples = Vec::new();
-    for session in sessions {
-        let along = session.abscissae().swap_remove(a).values;
-        let known = session.residual(k).iter().zip(along.iter()).enumerate();
+    for (session, along) in sessions.iter().zip(along) {
+        let known = session.residual(k).iter().zip(along.values.iter());
         samples.extend(
-            known
+            (known.enumerate())
                 .filter(|(_, (y, x))| y.is_finite() && x.is_finite())
                 .map(|(i, (y, x))| (*x, *y, i / session.block() % 2)),
         );
     }
     let bins = Bins::of(&samples)?;
     let takes = bins.takes(&samples);
-    let all = bins.means(samples.iter().map(|(x, y, _)| (*x, *y)));
-    let abscissa = sessions[0].abscissae().swap_remove(a);
+    let subtract = bins.means(samples.iter().map(|(x, y, _)| (*x, *y)));
     (takes > WORTH).then(|| Correction {
         channel: sessions[0].name(k).to_owned(),
         unit: sessions[0].unit(k),
-        over: abscissa.quantity,
-        over_unit: abscissa.unit,
+        over: along[0].quantity,
+        over_unit: along[0].unit,
         takes,
         at: bins.middles,
-        subtract: all,
+        subtract,
     })
 }
 

@@ -105,13 +105,7 @@ impl Reduced {
 
     /// `row T`: a force, or a measured displacement, over what is kept.
     pub fn row(&self, row: &[f64]) -> Vec<f64> {
-        (0..self.len())
-            .map(|j| {
-                (row.iter().enumerate())
-                    .map(|(i, r)| r * self.basis[(i, j)])
-                    .sum()
-            })
-            .collect()
+        over(&self.basis, row)
     }
 }
 
@@ -138,6 +132,17 @@ pub(super) fn motion(stiffness: &Mat<f64>, damping: &Mat<f64>, dt_s: f64, more: 
         }
     }
     a
+}
+
+/// `row T`.
+pub(super) fn over(basis: &Mat<f64>, row: &[f64]) -> Vec<f64> {
+    (0..basis.ncols())
+        .map(|j| {
+            (row.iter().enumerate())
+                .map(|(i, r)| r * basis[(i, j)])
+                .sum()
+        })
+        .collect()
 }
 
 /// `T' A T` for a matrix of the model, within its band.

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::RotorError;
 use super::eigenpairs::Eigenpairs;
 use super::model::RotorModel;
-use super::reduction::{Reduced, project};
+use super::reduction::{Reduced, over, project};
 use super::unbalance::forced_response;
 
 /// Undamped modes beyond four times the eigenpairs kept that these are computed in.
@@ -23,7 +23,7 @@ const SPARE: usize = 24;
 #[derive(Clone, Debug)]
 pub(super) struct Coordinates {
     /// `T`, degrees of freedom x kept.
-    pub basis: Mat<f64>,
+    basis: Mat<f64>,
     /// Diagonal of `T' K T` [1/s^2].
     pub squares: Vec<f64>,
     /// `L`, kept x degrees of freedom.
@@ -100,10 +100,7 @@ impl Coordinates {
 
     /// `row T`: a measured displacement over `z`.
     pub fn row(&self, row: &[f64]) -> Vec<f64> {
-        let terms = |j: usize| row.iter().enumerate().map(move |(i, r)| (i, j, r));
-        (0..self.basis.ncols())
-            .map(|j| terms(j).map(|(i, j, r)| r * self.basis[(i, j)]).sum())
-            .collect()
+        over(&self.basis, row)
     }
 }
 
