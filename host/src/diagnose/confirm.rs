@@ -7,17 +7,23 @@ use super::select::{Found, Selection};
 /// Standard deviations that a zero may be off in a recording that took no part in the fit.
 const FARTHEST: f64 = 3.0;
 
+/// Part, in squares, of what is left of a stream that an effect must predict there, for that
+/// recording to tell whether it is right.
+const SHOWN: f64 = 0.05;
+
 impl<S: Observed> Selection<S> {
-    /// Keeps of the further effects those that explain recordings which took
-    /// no part in the search.
+    /// Keeps of the further effects those that explain recordings which took no part in the
+    /// search; one that these do not show stands by what the search found.
     pub fn confirm(&mut self, sessions: &[S], unseen: &[S]) {
         let mut kept: Vec<Found<S>> = Vec::new();
         let mut left = f64::INFINITY;
         for found in &self.found {
             let mut with = kept.clone();
             with.push(found.clone());
-            let size = size(sessions, unseen, &with);
-            if kept.is_empty() || !found.effect.lasts() || size < left {
+            let lasting = Lasting::fitted(sessions, &with);
+            let size = lasting.size(unseen);
+            let accepted = kept.is_empty() || !found.effect.lasts() || size < left;
+            if accepted || !lasting.shows_the_last(unseen) {
                 (kept, left) = (with, size);
             }
         }
@@ -29,30 +35,60 @@ impl<S: Observed> Selection<S> {
     }
 }
 
-/// Sum of the logarithms of the mean squares that are left of `unseen`: each stream counts
-/// alike, as what a form that is not quite right leaves does not average out.
-fn size<S: Observed>(sessions: &[S], unseen: &[S], found: &[Found<S>]) -> f64 {
-    let mut found: Vec<Found<S>> = found.iter().filter(|f| f.effect.lasts()).cloned().collect();
-    let nuisance = refit(sessions, &mut found, None);
-    unseen
-        .iter()
-        .zip(rest(unseen, &found, &nuisance))
-        .flat_map(|(session, rest)| {
-            let nuisance = &nuisance;
-            rest.into_iter().enumerate().map(move |(k, rest)| {
-                let known = rest.iter().filter(|r| r.is_finite());
-                let n = known.clone().count().max(1) as f64;
-                let mean = known.clone().sum::<f64>() / n;
-                let square = known.map(|r| (r - mean).powi(2)).sum::<f64>() / n;
-                // Zeros differ from recording to recording, though not without bound.
-                let std = session.zero_std(k);
-                let fitted = nuisance[k]
-                    .first()
-                    .filter(|_| std.is_finite())
-                    .unwrap_or(&0.0);
-                let beyond = ((mean + fitted).abs() - FARTHEST * std).max(0.0);
-                (square + beyond * beyond).max(1e-300).ln()
+/// Effects that are those of the machine, with nuisances, fitted together.
+struct Lasting<S: Observed> {
+    found: Vec<Found<S>>,
+    nuisance: Vec<Vec<f64>>,
+}
+
+impl<S: Observed> Lasting<S> {
+    fn fitted(sessions: &[S], found: &[Found<S>]) -> Self {
+        let mut found: Vec<Found<S>> = found.iter().filter(|f| f.effect.lasts()).cloned().collect();
+        let nuisance = refit(sessions, &mut found, None);
+        Self { found, nuisance }
+    }
+
+    /// Sum of the logarithms of the mean squares that are left of `unseen`: each stream counts
+    /// alike, as what a form that is not quite right leaves does not average out.
+    fn size(&self, unseen: &[S]) -> f64 {
+        unseen
+            .iter()
+            .zip(rest(unseen, &self.found, &self.nuisance))
+            .flat_map(|(session, rest)| {
+                rest.into_iter().enumerate().map(move |(k, rest)| {
+                    let (mean, square) = moments(&rest);
+                    // Zeros differ from recording to recording, though not without bound.
+                    let std = session.zero_std(k);
+                    let fitted = self.nuisance[k]
+                        .first()
+                        .filter(|_| std.is_finite())
+                        .unwrap_or(&0.0);
+                    let beyond = ((mean + fitted).abs() - FARTHEST * std).max(0.0);
+                    (square + beyond * beyond).max(1e-300).ln()
+                })
             })
+            .sum()
+    }
+
+    /// Whether the last one predicts something of `unseen`.
+    fn shows_the_last(&self, unseen: &[S]) -> bool {
+        let Some((_, others)) = self.found.split_last() else {
+            return false;
+        };
+        let with = rest(unseen, &self.found, &self.nuisance);
+        let without = rest(unseen, others, &self.nuisance);
+        (with.iter().flatten().zip(without.iter().flatten())).any(|(with, without)| {
+            let predicted: Vec<f64> = without.iter().zip(with).map(|(a, b)| a - b).collect();
+            moments(&predicted).1 > SHOWN * moments(with).1
         })
-        .sum()
+    }
+}
+
+/// Mean, and mean square about it, of what is known.
+fn moments(values: &[f64]) -> (f64, f64) {
+    let known = values.iter().filter(|v| v.is_finite());
+    let n = known.clone().count().max(1) as f64;
+    let mean = known.clone().sum::<f64>() / n;
+    let square = known.map(|v| (v - mean).powi(2)).sum::<f64>() / n;
+    (mean, square)
 }

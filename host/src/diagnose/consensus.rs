@@ -108,9 +108,9 @@ fn agreed(voters: &[Voter], recorded: &Recorded) -> Vec<f64> {
     filled(&torque)
 }
 
-/// The value on both sides of which lies half of the weight: between the two
+/// The value on both sides of which lies half of the weight of at least one vote: between the two
 /// next to it by a straight line over the weight.
-fn median(votes: &mut [(f64, f64)]) -> f64 {
+pub(super) fn median(votes: &mut [(f64, f64)]) -> f64 {
     votes.sort_by(|a, b| a.0.total_cmp(&b.0));
     let half = 0.5 * votes.iter().map(|v| v.1).sum::<f64>();
     let (mut below, mut before) = (0.0, votes[0]);

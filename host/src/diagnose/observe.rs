@@ -172,32 +172,36 @@ fn alone(spikes: &[Vec<usize>]) -> Vec<u64> {
 }
 
 /// Takes off the error that the counts of the index's encoder leave in the
-/// carrier angle: the shift that all maps agree on, up to two counts, beyond
+/// carrier angle: the shift on which most maps agree, up to two counts, beyond
 /// what a clean machine leaves.
 pub(super) fn home(streams: &mut [Stream], count: f64) {
-    let (mut told, mut weight) = (0.0, 0.0);
-    for stream in streams.iter().filter(|s| s.over_angle()) {
-        let clean = |i: usize| stream.clean.get(i).copied().unwrap_or(0.0);
-        let known: Vec<(f64, f64)> = stream
-            .residual
-            .iter()
-            .zip(&stream.slope)
-            .enumerate()
-            .map(|(i, (r, slope))| (r - clean(i), slope / stream.noise_std))
-            .filter(|(r, _)| r.is_finite())
-            .collect();
-        let mean = known.iter().map(|k| k.0).sum::<f64>() / known.len().max(1) as f64;
-        for (r, slope) in known {
-            told += slope * (r - mean) / stream.noise_std;
-            weight += slope * slope;
-        }
+    let mut told: Vec<(f64, f64)> = (streams.iter())
+        .filter(|s| s.over_angle())
+        .filter_map(shift_of_map)
+        .collect();
+    if told.is_empty() {
+        return;
     }
-    let shift = (told / f64::max(weight, 1e-300)).clamp(-2.0 * count, 2.0 * count);
+    // A gauge with a delay or another place may be far off.
+    let shift = consensus::median(&mut told).clamp(-2.0 * count, 2.0 * count);
     for stream in streams.iter_mut().filter(|s| s.over_angle()) {
         for (r, slope) in stream.residual.iter_mut().zip(&stream.slope) {
             *r -= shift * slope;
         }
     }
+}
+
+/// The shift of the carrier angle that explains most of a residual [rad], and its weight.
+fn shift_of_map(stream: &Stream) -> Option<(f64, f64)> {
+    let clean = |i: usize| stream.clean.get(i).copied().unwrap_or(0.0);
+    let known: Vec<(f64, f64)> = (stream.residual.iter().zip(&stream.slope).enumerate())
+        .map(|(i, (r, slope))| (r - clean(i), *slope))
+        .filter(|(r, _)| r.is_finite())
+        .collect();
+    let mean = known.iter().map(|k| k.0).sum::<f64>() / known.len().max(1) as f64;
+    let product: f64 = known.iter().map(|(r, slope)| slope * (r - mean)).sum();
+    let square: f64 = known.iter().map(|(_, slope)| slope * slope).sum();
+    (square > 0.0).then(|| (product / square, square * stream.noise_std.powi(-2)))
 }
 
 /// How each residual changes with the stiffness and the damping of the shafts,

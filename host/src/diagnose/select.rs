@@ -14,8 +14,9 @@ use super::shape::best_shape;
 use super::stream::Session;
 
 /// Part, in squares, of what a form explains that another may explain beyond it and still say
-/// the same.
+/// the same; beside effects found before, whose forms leave something, too.
 const SAME: f64 = 0.02;
+const SAME_BESIDE: f64 = 0.05;
 
 /// Part of what is left of a residual that an effect must explain somewhere:
 /// what a simulated clean machine leaves is not known better.
@@ -49,6 +50,28 @@ pub struct Found<S: Observed = Session> {
     pub elsewhere: Vec<Vec<f64>>,
 }
 
+impl<S: Observed> From<Ranked<S>> for Found<S> {
+    fn from(ranked: Ranked<S>) -> Self {
+        let Ranked {
+            effect,
+            trial,
+            threshold,
+            elsewhere,
+            ..
+        } = ranked;
+        Self {
+            effect,
+            shape: trial.shape,
+            parameters: trial.about,
+            evidence: trial.score,
+            threshold,
+            streams: trial.streams,
+            overdispersion: trial.overdispersion,
+            elsewhere,
+        }
+    }
+}
+
 /// What the search came to.
 pub struct Selection<S: Observed = Session> {
     /// Effects, the first found first.
@@ -70,63 +93,33 @@ pub fn select<S: Observed>(
     candidates: &[&'static dyn Effect<S>],
     progress: impl Fn(f64),
 ) -> Selection<S> {
-    let mut data = Data::new(sessions, draws);
+    let data = Data::new(sessions, draws);
     let mut found: Vec<Found<S>> = Vec::new();
     let mut ranking = Vec::new();
     let mut alike = Vec::new();
-    let mut working = sessions.to_vec();
     for round in 0..MOST {
-        let base = data.base(base_columns(sessions, &found));
-        let left: Vec<&'static dyn Effect<S>> = candidates
-            .iter()
-            .copied()
-            .filter(|e| !found.iter().any(|f| f.effect.name() == e.name()))
-            .collect();
-        let mut ranked = rank(&data, &base, &working, &left);
+        let ranked = beside(&data, sessions, &found, candidates);
         progress((round as f64 + 0.7) / MOST as f64);
-        refine(&data, &base, &working, &mut ranked, left.len());
-        let accepted = simplest(
-            &data,
-            ranked
-                .iter()
-                .filter(|r| r.margin() > 0.0 && is_material(&data, sessions, r))
-                .filter(|r| brings_more(&data, sessions, r, &found)),
-        )
-        .cloned();
-        if round == 0 {
-            ranking.clone_from(&ranked);
-        }
-        let Some(best) = accepted else { break };
-        if round == 0 {
+        let best = chosen(&data, sessions, &ranked, &found);
+        if let (0, Some(best)) = (round, &best) {
             alike = ranked
                 .iter()
                 .filter(|other| other.effect.name() != best.effect.name())
                 .filter(|other| {
-                    other.parameters() <= best.parameters() || predicts_the_same(&best, other)
+                    other.parameters() <= best.parameters() || predicts_the_same(best, other)
                 })
-                .filter(|other| is_material(&data, sessions, other) && indistinct(&best, other))
+                .filter(|other| is_material(&data, sessions, other) && indistinct(best, other))
                 .cloned()
                 .collect();
         }
-        found.push(Found {
-            effect: best.effect,
-            shape: best.trial.shape.clone(),
-            parameters: best.trial.about.clone(),
-            evidence: best.trial.score,
-            threshold: best.threshold,
-            streams: best.trial.streams.clone(),
-            overdispersion: best.trial.overdispersion.clone(),
-            elsewhere: best.elsewhere.clone(),
-        });
-        refit(sessions, &mut found, Some(&best.trial.streams));
-        settle(&data, sessions, &mut found);
-        let nuisance = refit(sessions, &mut found, None);
-        for (session, rest) in working.iter_mut().zip(rest(sessions, &found, &nuisance)) {
-            for (k, rest) in rest.into_iter().enumerate() {
-                session.set_residual(k, rest);
-            }
+        if round == 0 {
+            ranking = ranked;
         }
-        data = Data::new(sessions, draws);
+        let Some(best) = best else { break };
+        found.push(best.into());
+        refit_newest(sessions, &mut found);
+        settle(&data, sessions, &mut found);
+        exchange(&data, sessions, candidates, &mut found);
     }
     let nuisance = refit(sessions, &mut found, None);
     let rest = rest(sessions, &found, &nuisance);
@@ -138,6 +131,78 @@ pub fn select<S: Observed>(
         nuisance,
         rest,
     }
+}
+
+/// What of `candidates` explains beside those of `found`, the best evidence first.
+fn beside<S: Observed>(
+    data: &Data,
+    sessions: &[S],
+    found: &[Found<S>],
+    candidates: &[&'static dyn Effect<S>],
+) -> Vec<Ranked<S>> {
+    let mut found = found.to_vec();
+    let mut working = sessions.to_vec();
+    if !found.is_empty() {
+        let nuisance = refit(sessions, &mut found, None);
+        for (session, rest) in working.iter_mut().zip(rest(sessions, &found, &nuisance)) {
+            for (k, rest) in rest.into_iter().enumerate() {
+                session.set_residual(k, rest);
+            }
+        }
+    }
+    let base = data.base(base_columns(sessions, &found));
+    let left: Vec<&'static dyn Effect<S>> = candidates
+        .iter()
+        .copied()
+        .filter(|e| !found.iter().any(|f| f.effect.name() == e.name()))
+        .collect();
+    let mut ranked = rank(data, &base, &working, &left);
+    refine(data, &base, &working, &mut ranked, left.len());
+    ranked
+}
+
+/// The candidate of `ranked` that is significant, worth a name and more than what those of `found`
+/// leave; its score is the evidence that counts.
+fn chosen<S: Observed>(
+    data: &Data,
+    sessions: &[S],
+    ranked: &[Ranked<S>],
+    found: &[Found<S>],
+) -> Option<Ranked<S>> {
+    let mut worth: Vec<Ranked<S>> = ranked
+        .iter()
+        .filter(|r| r.margin() > 0.0 && is_material(data, sessions, r))
+        .filter_map(|r| beyond_forms(data, sessions, r, found))
+        .filter(|r| r.margin() > 0.0)
+        .collect();
+    worth.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
+    simplest(data, &worth, found).cloned()
+}
+
+/// Effects for which another is better, once what was found later is in the model.
+fn exchange<S: Observed>(
+    data: &Data,
+    sessions: &[S],
+    candidates: &[&'static dyn Effect<S>],
+    found: &mut Vec<Found<S>>,
+) {
+    for i in 0..found.len().saturating_sub(1) {
+        let mut others = found.clone();
+        let before = others.remove(i);
+        let ranked = beside(data, sessions, &others, candidates);
+        let better = chosen(data, sessions, &ranked, &others);
+        if let Some(better) = better.filter(|b| b.effect.name() != before.effect.name()) {
+            others.push(better.into());
+            refit_newest(sessions, &mut others);
+            *found = others;
+        }
+    }
+}
+
+/// Fits all of `found` together, the last where its evidence says that it acts.
+fn refit_newest<S: Observed>(sessions: &[S], found: &mut [Found<S>]) {
+    let streams = found.last().map(|f| f.streams.clone());
+    refit(sessions, found, streams.as_deref());
 }
 
 /// Whether a candidate explains a part of some residual that is worth a name.
@@ -159,15 +224,15 @@ fn is_latent<S: Observed>(sessions: &[S], effect: &dyn Effect<S>) -> bool {
     sessions.iter().any(|s| effect.latent(s) > 0.0)
 }
 
-/// Whether a candidate explains more than a form that is not quite right leaves of the effects
+/// A candidate that explains more than a form that is not quite right leaves of the effects
 /// found before, one that is free to explain anything twice as much; in squares over what is left
-/// in the end. What acts on each stream by itself is judged where no other such effect leaves more.
-fn brings_more<S: Observed>(
+/// in the end. What acts on each stream by itself counts where no other such effect leaves more.
+fn beyond_forms<S: Observed>(
     data: &Data,
     sessions: &[S],
     candidate: &Ranked<S>,
     found: &[Found<S>],
-) -> bool {
+) -> Option<Ranked<S>> {
     let trial = &candidate.trial;
     let alone = candidate.effect.coupling() == Coupling::Own;
     let times = if is_latent(sessions, candidate.effect) {
@@ -190,7 +255,9 @@ fn brings_more<S: Observed>(
             before += left(Coupling::Own) + left(Coupling::Shared);
         }
     }
-    brought > before && score > candidate.threshold
+    let mut counted = candidate.clone();
+    counted.trial.score = score;
+    (brought > before || found.is_empty()).then_some(counted)
 }
 
 /// Squares in stream `k`, beside further evidence `later`, that the forms of those of `found`
@@ -218,29 +285,36 @@ fn left_by<S: Observed>(
 /// loose before the recording began has another gain), of such the first in the library.
 fn simplest<'a, S: Observed>(
     data: &Data,
-    ranked: impl Iterator<Item = &'a Ranked<S>>,
+    ranked: &'a [Ranked<S>],
+    found: &[Found<S>],
 ) -> Option<&'a Ranked<S>> {
-    let mut ranked = ranked.peekable();
-    let best = *ranked.peek()?;
+    let best = ranked.first()?;
     let place = |r: &Ranked<S>| {
         let named = |e: &&dyn Effect<S>| e.name() == r.effect.name();
         S::library().iter().position(named)
     };
     ranked
-        .filter(|r| says_the_same(data, best, r))
+        .iter()
+        .filter(|r| says_the_same(data, best, r, found))
         .min_by_key(|r| (r.parameters(), place(r)))
 }
 
 /// Whether `other` explains what `best` does, but for chance or, with fewer parameters, for
-/// what a form that is not quite right leaves.
-fn says_the_same<S: Observed>(data: &Data, best: &Ranked<S>, other: &Ranked<S>) -> bool {
+/// what a form that is not quite right leaves: its own, or those `found` before.
+fn says_the_same<S: Observed>(
+    data: &Data,
+    best: &Ranked<S>,
+    other: &Ranked<S>,
+    found: &[Found<S>],
+) -> bool {
     let gap = best.trial.score - other.trial.score;
     let explained = |r: &Ranked<S>| -> f64 {
         let gains = r.trial.streams.iter().enumerate();
         gains.map(|(k, gain)| data.squares(k, *gain)).sum()
     };
+    let part = if found.is_empty() { SAME } else { SAME_BESIDE };
     match other.parameters().cmp(&best.parameters()) {
-        Ordering::Less => gap < LEAST || explained(best) < (1.0 + SAME) * explained(other),
+        Ordering::Less => gap < LEAST || explained(best) < (1.0 + part) * explained(other),
         Ordering::Equal => gap < same(best.trial.score),
         Ordering::Greater => false,
     }

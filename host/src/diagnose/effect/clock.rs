@@ -36,17 +36,35 @@ impl Effect for Delay {
     }
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
         let late = shape[0] / session.signals.dt_s;
+        let (whole, part) = (late.floor() as isize, late - late.floor());
+        let weights = cubic(part);
         let column = |s: &Stream| {
-            let n = s.reading.len();
-            let at = |i: isize| s.reading[i.clamp(0, n as isize - 1) as usize];
-            let (whole, part) = (late.floor() as isize, late - late.floor());
-            (0..n as isize)
-                .map(|i| at(i - whole) * (1.0 - part) + at(i - whole - 1) * part - at(i))
-                .collect()
+            let last = s.reading.len() as isize - 1;
+            let at = |i: isize| s.reading[i.clamp(0, last) as usize];
+            let delayed = |i: isize| -> f64 {
+                let newest = i - whole + 1;
+                (weights.iter().zip(0..))
+                    .map(|(w, j)| w * at(newest - j))
+                    .sum()
+            };
+            (0..=last).map(|i| delayed(i) - at(i)).collect()
         };
         vec![Term::Each(session.streams.iter().map(column).collect())]
     }
     fn experiment(&self) -> &'static str {
         "steps of torque"
     }
+}
+
+/// Weights of four samples, the newest first, for the value `part` of a sample older than the
+/// second: Lagrange's cubic. A straight line would smooth, and a map over the angle bends within
+/// a sample.
+fn cubic(part: f64) -> [f64; 4] {
+    let (newer, here, older, oldest) = (part + 1.0, part, part - 1.0, part - 2.0);
+    [
+        -here * older * oldest / 6.0,
+        newer * older * oldest / 2.0,
+        -newer * here * oldest / 2.0,
+        newer * here * older / 6.0,
+    ]
 }
