@@ -57,6 +57,8 @@ pub struct Gearbox<'a, const NX: usize> {
     /// The first channel of each direction, and the direction of each channel.
     directions: Vec<u8, MAX_CHANNELS>,
     direction_of: Vec<u8, MAX_CHANNELS>,
+    /// Channel of the thermometer, temperature at which zeros hold, rate.
+    thermometer: Option<(u8, Option<f32>, f32)>,
     transition: Transition<NX, LOADS, RandomWalk>,
     process_noise: ProcessNoise<NX>,
     initial: Gaussian<NX>,
@@ -69,11 +71,16 @@ pub struct GearboxState<const NX: usize> {
     unwrap: Unwrap,
     belief: Gaussian<NX>,
     gates: [Gate; MAX_SENSORS],
-    drive: [f32; MAX_CHANNELS],
+    /// The last reading of each known input.
+    known: [f32; MAX_CHANNELS],
     /// Direction in which each friction brakes, -1 to 1.
     braking: [f32; MAX_FRICTIONS],
     /// How far the zero of each channel has crept, in what the channel senses.
     crept: [f32; MAX_CHANNELS],
+    /// Temperature at which the zeros hold, once it is known [K].
+    zeroed_at: Option<f32>,
+    /// How much warmer it is now, smoothed [K].
+    warming: f32,
     age: u16,
     /// Turn of the carrier in the last sample [rad].
     turned: f32,
@@ -129,6 +136,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             encoder_rows,
             directions,
             direction_of,
+            thermometer: model.thermometer(),
             model,
         })
     }
@@ -139,9 +147,11 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             unwrap: Unwrap::default(),
             belief: self.initial,
             gates: [self.gate; MAX_SENSORS],
-            drive: [0.0; MAX_CHANNELS],
+            known: [0.0; MAX_CHANNELS],
             braking: [0.0; MAX_FRICTIONS],
             crept: [0.0; MAX_CHANNELS],
+            zeroed_at: None,
+            warming: 0.0,
             age: u16::MAX,
             turned: 0.0,
             homed_by_pulse: false,
@@ -167,6 +177,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             turn(&mut state.belief, by);
         }
         state.age = state.age.saturating_add(1);
+        self.warm(state, &m);
 
         let mut estimate = Estimate {
             tick: m.tick,
@@ -194,6 +205,23 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         // Days without any sensor overflow a variance; what follows is a new start.
         state.started = estimate.loads.iter().all(|load| load.std < f32::MAX);
         estimate
+    }
+
+    /// Follows the temperature: as far as it is off at start, then smoothed; where it is
+    /// missing, it stays.
+    fn warm(&self, state: &mut GearboxState<NX>, m: &Measurement) {
+        let Some((channel, at_zero, rate)) = self.thermometer else {
+            return;
+        };
+        if let Some(Ok(temperature)) = m.values.get(usize::from(channel)) {
+            if let Some(zero) = state.zeroed_at {
+                state.warming += rate * (temperature - zero - state.warming);
+            } else {
+                let zero = at_zero.unwrap_or(*temperature);
+                state.zeroed_at = Some(zero);
+                state.warming = temperature - zero;
+            }
+        }
     }
 
     /// The full recursion: encoders, then channels, one scalar update each.
@@ -263,7 +291,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         {
             match &channel.role {
                 Role::Drive => {
-                    let drive = state.drive.get(i).copied().unwrap_or(0.0);
+                    let drive = state.known.get(i).copied().unwrap_or(0.0);
                     state.belief.state += row.transpose() * drive;
                 }
                 Role::Measure { response, .. } if response.creep_rate > 0.0 => {
@@ -272,13 +300,13 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
                         *crept += response.creep_rate * (sensed - *crept);
                     }
                 }
-                Role::Measure { .. } => {}
+                Role::Measure { .. } | Role::Temperature { .. } => {}
             }
         }
         state.belief.state[0] = wrap_rad(state.belief.state[0]);
     }
 
-    /// One analogue channel: a reading for the filter, or the drive torque for the next step.
+    /// One analogue channel: a reading for the filter, or an input that is known from now on.
     fn update_channel(
         &self,
         state: &mut GearboxState<NX>,
@@ -310,8 +338,8 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             response,
         } = &channel.role
         else {
-            if let Some(drive) = state.drive.get_mut(i) {
-                *drive = value;
+            if let Some(known) = state.known.get_mut(i) {
+                *known = value;
             }
             return SensorEstimate {
                 measured: value * channel.unit,
@@ -330,12 +358,13 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         };
         // The angle is the encoder's business: what it is unsure of makes the
         // reading less certain, but a gauge whose map is wrong must not turn it.
-        let (bent, steepness) = response.bent(sensed);
+        let (bent, steepness) = response.bent(sensed, state.warming);
         let by_angle = bent * slope;
         r += by_angle * by_angle * state.belief.variances()[0];
         let mut gradient = row * (sensitivity * steepness);
         let crept = state.crept.get(i).copied().unwrap_or(0.0);
-        let mut predicted = offset + sensitivity * bent + response.creep * crept;
+        let zero = offset + response.zero(crept, state.warming);
+        let mut predicted = zero + sensitivity * bent;
         if let Some(b) = bias_state.map(usize::from)
             && let (Some(g), Some(x)) = (gradient.get_mut(b), state.belief.state.get(b))
         {

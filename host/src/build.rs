@@ -6,7 +6,7 @@ use clap::ValueEnum;
 use loadtwin_common::image::{Image, Model, VERSION};
 use thiserror::Error;
 
-use crate::machine::{Channel, Encoder, Kind, Machine, MachineError, SensorSet};
+use crate::machine::{Auxiliary, Channel, Encoder, Kind, Machine, MachineError, SensorSet};
 use crate::rotor::{RotorError, RotorPlan};
 use crate::{bearing, gearbox};
 
@@ -16,7 +16,7 @@ use crate::{bearing, gearbox};
 pub struct Sensors {
     /// Name of the set.
     pub name: String,
-    /// Analogue channels.
+    /// Analogue channels; last the thermometer, where a gauge answers to warmth.
     pub channels: Vec<Channel>,
     /// Counting encoders.
     pub encoders: Vec<Encoder>,
@@ -161,7 +161,7 @@ impl Sensors {
                     })?,
             ),
         };
-        let sensors = set.map_or_else(
+        let mut sensors = set.map_or_else(
             || Self {
                 name: "all".into(),
                 channels: machine.channels.clone(),
@@ -171,6 +171,10 @@ impl Sensors {
             },
             |set| Self::of_set(machine, set),
         );
+        if sensors.channels.iter().any(|c| c.thermal.is_some()) {
+            let thermometer = machine.thermometer().and_then(Auxiliary::sampled);
+            sensors.channels.extend(thermometer);
+        }
         let too_many = |what, found, most| {
             if found > most {
                 Err(BuildError::TooMany { what, found, most })

@@ -248,6 +248,14 @@ fn a_machine_that_is_wrong_is_refused_with_line_field_and_range() {
     bench.refused_machine("rate_hz = 500.0", "rate_hz = 100.0", &["0.002", "0.01"]);
     bench.refused_machine("two_inertias_map.csv", "absent.csv", &["absent.csv"]);
     bench.refused_machine("rate_hz = 500.0", "rate_hz = ", &["bad.toml:3"]);
+    bench.refused_machine(
+        "adc = { lsb = 0.001, stuck_after = 8 }",
+        "adc = { lsb = 0.001 }\nthermal = { gain_per_k = 0.01 }",
+        &[
+            "channel[1].thermal",
+            "[[auxiliary]] of a temperature with `adc`",
+        ],
+    );
 }
 
 #[test]

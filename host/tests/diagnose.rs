@@ -151,13 +151,14 @@ fn a_gain_error_is_named_and_the_description_is_mended() {
 
 /// What the line runs is no longer missing, on a recording that took no part.
 #[test]
-fn friction_response_and_creep_that_are_found_become_part_of_the_description() {
+fn friction_response_creep_and_warmth_that_are_found_become_part_of_the_description() {
     let folder = tempfile::tempdir().unwrap();
     let described = machine().display().to_string();
     for (effect, sensors) in [
         ("coulomb-friction", "torque-arm-3"),
         ("strain-nonlinearity", "torque-arm-3"),
         ("gauge-creep", "high-speed-housing-1"),
+        ("thermal-gain", "torque-arm-3"),
     ] {
         let seen = recorded(folder.path(), "seen.parquet", "start-stop", "60", &[effect]);
         let unseen = recorded(

@@ -92,6 +92,13 @@ pub enum Role<'a> {
     },
     /// A measured torque that drives the train: a known input.
     Drive,
+    /// The temperature that gauges answer to [K]: a known input.
+    Temperature {
+        /// Temperature at which their zeros hold; that of the first sample where absent.
+        at_zero: Option<f32>,
+        /// Part of what is new that is taken in at each sample, above 0 to 1.
+        rate: f32,
+    },
 }
 
 /// An encoder in the image.
@@ -111,7 +118,7 @@ pub struct Encoder {
 // Not generic over the number of states: compiled once, not for each of them.
 impl GearboxModel<'_> {
     /// What the channels sense: the first channel of each direction, and the
-    /// direction of each channel; the drives have none, `u8::MAX`.
+    /// direction of each channel; known inputs have none, `u8::MAX`.
     ///
     /// Channels whose rows are equal share a direction.
     pub fn directions(&self) -> (Vec<u8, MAX_CHANNELS>, Vec<u8, MAX_CHANNELS>) {
@@ -133,6 +140,14 @@ impl GearboxModel<'_> {
             let _ = of.push(direction);
         }
         (firsts, of)
+    }
+
+    /// The first channel that is a thermometer, the temperature at which zeros hold, and its rate.
+    pub(super) fn thermometer(&self) -> Option<(u8, Option<f32>, f32)> {
+        (self.channels.iter().zip(0..)).find_map(|(channel, i)| match channel.role {
+            Role::Temperature { at_zero, rate } => Some((i, at_zero, rate)),
+            _ => None,
+        })
     }
 
     /// Checks every length and range for `states` states.
@@ -193,6 +208,15 @@ impl Channel<'_> {
         positive([self.unit], "channel unit")?;
         if !(self.converter.gain.is_finite() && self.converter.gain != 0.0) {
             return Err(Error::OutOfRange("channel gain"));
+        }
+        if let Role::Temperature { at_zero, rate } = self.role {
+            finite(&[at_zero.unwrap_or(0.0)], 1, "temperature")?;
+            let known = rate > 0.0 && rate <= 1.0;
+            return if known {
+                Ok(())
+            } else {
+                Err(Error::OutOfRange("temperature rate"))
+            };
         }
         let Role::Measure {
             offset,

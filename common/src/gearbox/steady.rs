@@ -198,11 +198,12 @@ impl<const NX: usize> Gearbox<'_, NX> {
                     None => continue,
                 };
                 let (sensitivity, slope) = map.at(angle);
-                let (bent, steepness) = response.bent(sensed);
+                let (bent, steepness) = response.bent(sensed, state.warming);
                 let by_angle = bent * slope;
                 let r = variance.bin(angle) + by_angle * by_angle * angle_variance;
                 let crept = state.crept.get(i).copied().unwrap_or(0.0);
-                let nu = value - (offset + sensitivity * bent + response.creep * crept);
+                let zero = offset + response.zero(crept, state.warming);
+                let nu = value - (zero + sensitivity * bent);
                 let sensitivity = sensitivity * steepness;
                 let gate = &mut state.gates[i % MAX_CHANNELS];
                 let update = judge(nu, sensitivity * sensitivity * v + r, gate);
@@ -220,20 +221,20 @@ impl<const NX: usize> Gearbox<'_, NX> {
                 surprise / (1.0 + v * information),
             );
         }
-        self.take_drives(state, m, estimate);
+        self.take_known(state, m, estimate);
         bin.load_variances()
     }
 
-    /// Measured drive torques, for the next prediction.
-    fn take_drives(&self, state: &mut GearboxState<NX>, m: &Measurement, estimate: &mut Estimate) {
+    /// Known inputs, for the next prediction.
+    fn take_known(&self, state: &mut GearboxState<NX>, m: &Measurement, estimate: &mut Estimate) {
         for (i, channel) in self.model.channels.iter().enumerate() {
-            if matches!(channel.role, Role::Drive)
-                && let (Some(slot), Some(drive)) =
-                    (estimate.sensors.get_mut(i), state.drive.get_mut(i))
+            if !matches!(channel.role, Role::Measure { .. })
+                && let (Some(slot), Some(known)) =
+                    (estimate.sensors.get_mut(i), state.known.get_mut(i))
             {
                 match m.values.get(i) {
                     Some(Ok(value)) => {
-                        *drive = *value;
+                        *known = *value;
                         slot.measured = *value * channel.unit;
                     }
                     Some(Err(fault)) => slot.fault = *fault,

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::description::{Description, map_file};
 use super::{CalibrateError, Gauge, MapSource};
-use crate::machine::{Channel, Creep, MAP_ENTRIES, Machine, resampled};
+use crate::machine::{Channel, Creep, MAP_ENTRIES, Machine, Thermal, resampled};
 use crate::tune::{MeasurementNoise, NOISE_BINS, rms, step_function};
 
 /// The machine with offset, sensitivity and noise of its gauges as fitted; its
@@ -116,6 +116,15 @@ impl Description {
             {
                 let numbers = [("at_nominal", at_nominal), ("time_s", time_s)];
                 self.set_numbers("channel", name, "creep", numbers.into_iter());
+            }
+            if is.thermal != was.thermal
+                && let Some(Thermal {
+                    zero_per_k,
+                    gain_per_k,
+                }) = is.thermal
+            {
+                let numbers = [("zero_per_k", zero_per_k), ("gain_per_k", gain_per_k)];
+                self.set_numbers("channel", name, "thermal", numbers.into_iter());
             }
             if is.noise_std != was.noise_std {
                 self.set_number("channel", name, "noise_std", is.noise_std);

@@ -244,7 +244,10 @@ impl Motion {
         let drivetrain = machine.drivetrain.as_ref()?;
         let known = |j: usize| self.loads[j].iter().any(|load| load.is_finite());
         match senses {
-            Senses::Drive(_) | Senses::Displacement(_) | Senses::OuterRing(_) => None,
+            Senses::Drive(_)
+            | Senses::Displacement(_)
+            | Senses::OuterRing(_)
+            | Senses::Temperature => None,
             Senses::Speed(name) => {
                 let ratio = drivetrain
                     .inertias

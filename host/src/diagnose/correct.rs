@@ -1,5 +1,5 @@
 //! The machine description with what was found, as far as the line has a
-//! place for it: zeros, maps, response, creep, friction.
+//! place for it: zeros, maps, response, creep, warmth, friction.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use super::Diagnosis;
 use super::effect::{Coupling, GaugeModel};
 use super::stream::Kind;
 use crate::calibrate::{CalibrateError, Description, map_file};
-use crate::machine::{Creep, MAP_ENTRIES, Machine, resampled};
+use crate::machine::{Creep, MAP_ENTRIES, Machine, Thermal, resampled};
 
 /// Writes `machine` with the effects found to `path`, maps beside it; gives
 /// the names of the effects that the line has no place for.
@@ -66,6 +66,7 @@ pub fn corrected(
     let map_path = folder.path().join("maps.csv");
     let mut maps = Vec::new();
     let mut mended = vec![false; selection.found.len()];
+    let sampled = machine.thermometer().is_some_and(|t| t.adc.is_some());
     for (k, stream) in streams.iter().enumerate() {
         let Some(number) = machine.channels.iter().position(|c| c.name == stream.name) else {
             continue;
@@ -74,6 +75,7 @@ pub fn corrected(
             continue;
         }
         let channel = &machine.channels[number];
+        let described = channel.thermal.unwrap_or_default();
         let mut gauge = GaugeModel {
             offset: channel.to_si(channel.offset)
                 + selection.nuisance[k].first().copied().unwrap_or(0.0),
@@ -83,6 +85,10 @@ pub fn corrected(
             creep: channel.creep.map(|creep| Creep {
                 at_nominal: channel.to_si(creep.at_nominal),
                 ..creep
+            }),
+            thermal: sampled.then(|| Thermal {
+                zero_per_k: channel.to_si(described.zero_per_k),
+                ..described
             }),
         };
         let mut moved = false;
@@ -100,6 +106,11 @@ pub fn corrected(
         slot.creep = gauge.creep.map(|creep| Creep {
             at_nominal: slot.unit.from_si(creep.at_nominal),
             ..creep
+        });
+        let known = gauge.thermal.filter(|t| *t != Thermal::default());
+        slot.thermal = known.map(|thermal| Thermal {
+            zero_per_k: slot.unit.from_si(thermal.zero_per_k),
+            ..thermal
         });
         if moved {
             let own: Vec<f64> = gauge.map.iter().map(|m| slot.unit.from_si(*m)).collect();

@@ -85,10 +85,7 @@ impl Recorded {
                 required: true,
             });
         }
-        let thermometer = machine
-            .auxiliaries
-            .iter()
-            .find(|a| a.unit.quantity() == Quantity::Temperature);
+        let thermometer = machine.thermometer();
         if let Some(thermometer) = thermometer {
             wanted.push(Wanted {
                 name: &thermometer.name,

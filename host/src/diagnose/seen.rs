@@ -59,6 +59,14 @@ impl Seen<'_> {
             .collect()
     }
 
+    /// How much warmer it is than where zeros hold [K].
+    fn warming(&self) -> Option<Vec<f64>> {
+        let temperature = self.recorded.temperature.as_ref()?;
+        let at_zero = (self.machine.thermometer()).and_then(|t| Some(t.unit.to_si(t.at_zero?)));
+        let zero = at_zero.unwrap_or(temperature[0]);
+        Some(temperature.iter().map(|t| t - zero).collect())
+    }
+
     /// The signals that effects are made of.
     pub fn signals(&self) -> Signals {
         let (thin, recorded) = (&self.thin, &self.recorded);
@@ -76,11 +84,7 @@ impl Seen<'_> {
             response.carried = driven.carried();
             response
         });
-        let temperature = recorded
-            .temperature
-            .as_ref()
-            .map(|t| smooth(&thin.means(t), smoothing))
-            .map(|t| t.iter().map(|x| x - t[0]).collect());
+        let temperature = self.warming().map(|t| smooth(&thin.means(&t), smoothing));
         Signals {
             dt_s,
             t: thin.times(recorded.dt_s),
@@ -138,6 +142,9 @@ impl Seen<'_> {
             let levels = sensed.iter().map(|s| s / nominal);
             creep.course(levels, recorded.dt_s)
         });
+        let thermal = channel.thermal.unwrap_or_default();
+        let zero_per_k = channel.to_si(thermal.zero_per_k);
+        let warming = self.warming();
         for i in 0..n {
             let angle = if over_angle { recorded.angle[i] } else { 0.0 };
             if angle.is_nan() {
@@ -149,7 +156,9 @@ impl Seen<'_> {
             map[i] = m / ratio;
             reading[i] = map[i] * bent;
             slope[i] = dm / ratio * bent;
-            residual[i] = readings[i] - offset - crept - reading[i];
+            let warming = warming.as_ref().map_or(0.0, |w| w[i]);
+            let warm = warming * (zero_per_k + thermal.gain_per_k * reading[i]);
+            residual[i] = readings[i] - offset - crept - warm - reading[i];
         }
         let noise = channel.noise_over_angle(machine)?;
         let noise = (noise.iter().map(|s| s * s).sum::<f64>() / noise.len() as f64).sqrt();

@@ -16,7 +16,7 @@ use super::process_noise::process_noise;
 use super::steady::{SteadyTable, steady_gains};
 use super::torsion::Torsion;
 use crate::build::{self, BuildError, Filter, Sensors};
-use crate::machine::{self, CREEP, Drift, Drivetrain, Machine, Senses};
+use crate::machine::{self, Auxiliary, CREEP, Drift, Drivetrain, Machine, Senses};
 
 /// Load at the end of the scale on the bus, in nominal loads.
 const FULL_SCALE: f64 = 4.0;
@@ -29,6 +29,10 @@ const DEFAULT_WALK: f64 = 0.3;
 
 /// Standard deviation of a count that is only quantised [counts], `1 / sqrt(12)`.
 const QUANTISATION: f64 = 0.288_675;
+
+/// Time over which a temperature is smoothed [s]: long against its noise, short against the
+/// warming of a housing.
+const WARMING_S: f64 = 10.0;
 
 /// Size of an encoder's unknown zero [rad].
 const ZERO_SCALE: f64 = 1e-3;
@@ -54,7 +58,7 @@ pub fn image(
         .iter()
         .zip(&tables)
         .enumerate()
-        .map(|(i, (channel, tables))| plan.channel(i, channel, tables))
+        .map(|(i, (channel, tables))| plan.channel(i, channel, tables, machine.thermometer()))
         .collect::<Result<_, _>>()?;
     let full = plan.model(machine, drivetrain, sensors, channels)?;
     let table = match sensors.filter {
@@ -186,6 +190,7 @@ impl Plan {
         i: usize,
         channel: &machine::Channel,
         tables: &'a Tables,
+        thermometer: Option<&Auxiliary>,
     ) -> Result<Channel<'a>, BuildError> {
         let converter = Converter {
             zero: channel.zero_word(),
@@ -203,6 +208,13 @@ impl Plan {
                 row[i] = transition[(i, column)] / self.scale[i] * tables.unit / tables.mean;
             }
             (row, Role::Drive)
+        } else if channel.senses == Senses::Temperature {
+            let role = Role::Temperature {
+                at_zero: (thermometer.and_then(|t| Some(t.unit.to_si(t.at_zero?))))
+                    .map(|kelvin| kelvin as f32),
+                rate: (1.0 - (-self.dt_s / WARMING_S).exp()) as f32,
+            };
+            (vec![0.0; self.states()], role)
         } else {
             let row = self.scaled_row(&self.torsion.sensed_row(&channel.senses));
             let role = Role::Measure {
@@ -228,10 +240,13 @@ impl Plan {
     /// As the filter has it: what is sensed in parts of nominal.
     fn response(&self, channel: &machine::Channel, tables: &Tables) -> Response {
         let creep = channel.creep.as_ref();
+        let thermal = channel.thermal.unwrap_or_default();
         Response {
             bend: channel.nonlinearity as f32,
             creep: creep.map_or(0.0, |c| channel.to_si(c.at_nominal) / tables.unit) as f32,
             creep_rate: creep.map_or(0.0, |c| 1.0 - (-self.dt_s / c.time_s).exp()) as f32,
+            zero_per_k: (channel.to_si(thermal.zero_per_k) / tables.unit) as f32,
+            gain_per_k: thermal.gain_per_k as f32,
         }
     }
 

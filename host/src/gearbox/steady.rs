@@ -144,7 +144,7 @@ impl<'a> Recursion<'a> {
             .iter()
             .all(|channel| match &channel.role {
                 Role::Measure { map, variance, .. } => map.len() == 1 && variance.len() == 1,
-                Role::Drive => true,
+                Role::Drive | Role::Temperature { .. } => true,
             })
     }
 

@@ -180,7 +180,10 @@ impl Torsion {
                 let i = self.inertia(name);
                 row[self.n + i] = self.ratios[i];
             }
-            Senses::Drive(_) | Senses::Displacement(_) | Senses::OuterRing(_) => {}
+            Senses::Drive(_)
+            | Senses::Displacement(_)
+            | Senses::OuterRing(_)
+            | Senses::Temperature => {}
         }
         row
     }

@@ -53,6 +53,9 @@ pub struct Channel {
     pub nonlinearity: f64,
     /// Creep of the zero under load, of a channel on a drivetrain.
     pub creep: Option<Creep>,
+    /// What warmth does to zero and reading, of a channel on a drivetrain; needs an
+    /// `[[auxiliary]]` of a temperature with `adc`.
+    pub thermal: Option<Thermal>,
     /// What a displacement sensor reads of a surface that is out of true [unit]: parts with the
     /// cosine and the sine of the encoder's angle, then of twice and three times that angle.
     #[serde(default)]
@@ -193,6 +196,17 @@ impl Creep {
     }
 }
 
+/// What a gauge reads beside `y` when it is `w` warmer than when its zero was taken:
+/// `zero_per_k w + gain_per_k w (y - offset)`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Thermal {
+    /// [the channel's unit a kelvin].
+    pub zero_per_k: f64,
+    /// [part of the reading a kelvin].
+    pub gain_per_k: f64,
+}
+
 /// A group of sensors that tables show together.
 pub type Group = String;
 
@@ -213,6 +227,9 @@ pub enum Senses {
     Displacement(Displacement),
     /// The deformation of a bearing's outer ring at the named gauge.
     OuterRing(String),
+    /// The temperature of the machine [K], an `[[auxiliary]]`.
+    #[serde(skip)]
+    Temperature,
 }
 
 /// Where and along what a displacement is measured.
@@ -299,7 +316,7 @@ pub struct Reference {
     pub zero: f64,
 }
 
-/// Another recorded quantity.
+/// Another recorded quantity. The first temperature is that of the gauges.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Auxiliary {
@@ -307,6 +324,42 @@ pub struct Auxiliary {
     pub name: String,
     /// Unit of the column.
     pub unit: Unit,
+    /// The converter by which the board samples it, of a temperature that gauges' `thermal` needs.
+    pub adc: Option<Adc>,
+    /// Value at which the gauges' zeros hold [unit]; that of the first sample where absent, as
+    /// of gauges that are zeroed before each recording.
+    pub at_zero: Option<f64>,
+}
+
+impl Auxiliary {
+    /// As a channel that the board samples, in kelvin; none without converter.
+    pub fn sampled(&self) -> Option<Channel> {
+        let adc = self.adc.as_ref()?;
+        let zero = (self.unit.to_si(0.0) / adc.lsb).round() as i32;
+        Some(Channel {
+            name: self.name.clone(),
+            unit: self.unit.si(),
+            senses: Senses::Temperature,
+            offset: 0.0,
+            sensitivity: Some(1.0),
+            sensitivity_map: None,
+            place: None,
+            patch_map: None,
+            noise_std: adc.lsb.abs(),
+            noise_map: None,
+            drift: None,
+            nonlinearity: 0.0,
+            creep: None,
+            thermal: None,
+            runout: Vec::new(),
+            group: None,
+            adc: Adc {
+                zero: adc.zero.saturating_sub(zero),
+                ..adc.clone()
+            },
+            bridge: None,
+        })
+    }
 }
 
 fn one() -> f64 {
@@ -323,4 +376,31 @@ fn thirty_two() -> u32 {
 
 fn index_tolerance() -> f64 {
     0.05
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Adc, Auxiliary};
+    use crate::recording::Unit;
+
+    #[test]
+    fn the_board_samples_kelvins_of_a_thermometer_in_degrees() {
+        let adc = Adc {
+            lsb: 0.01,
+            zero: 500,
+            bits: 24,
+            stuck_after: 0,
+        };
+        let sampled = Auxiliary {
+            name: "housing".into(),
+            unit: "°C".parse::<Unit>().unwrap(),
+            adc: Some(adc),
+            at_zero: None,
+        }
+        .sampled()
+        .unwrap();
+        // 20 °C is 2000 counts above the word of 0 °C.
+        assert_eq!(sampled.word(293.15), 2500);
+        assert_eq!(sampled.lsb_si(), 0.01);
+    }
 }

@@ -67,13 +67,16 @@ impl Machine {
         if self.drivetrain.is_none() {
             for channel in &self.channels {
                 let field = format!("channel {:?}", channel.name);
-                let straight = channel.nonlinearity == 0.0 && channel.creep.is_none();
-                let found = "nonlinearity or creep";
+                let straight = channel.nonlinearity == 0.0
+                    && channel.creep.is_none()
+                    && channel.thermal.is_none();
+                let found = "nonlinearity, creep or thermal";
                 within(&field, found, straight, "these only on a drivetrain")?;
             }
         }
         self.check_references()?;
         self.check_sets()?;
+        self.check_thermometer()?;
         for (i, segment) in self.segments.iter().enumerate() {
             let field = format!("segment[{}]", i + 1);
             finite(&format!("{field}.from_s"), segment.from_s)?;
@@ -86,6 +89,37 @@ impl Machine {
                     &allowed,
                 )?;
             }
+        }
+        Ok(())
+    }
+
+    fn check_thermometer(&self) -> Checked {
+        for (i, auxiliary) in self.auxiliaries.iter().enumerate() {
+            let field = |name: &str| format!("auxiliary[{}].{name}", i + 1);
+            if let Some(at_zero) = auxiliary.at_zero {
+                finite(&field("at_zero"), at_zero)?;
+            }
+            if let Some(sampled) = auxiliary.sampled() {
+                let known = auxiliary.unit.quantity() == Quantity::Temperature;
+                within(
+                    &field("adc"),
+                    "one",
+                    known,
+                    "nothing: this is no temperature",
+                )?;
+                check_reading(&field, &sampled)?;
+            }
+        }
+        let sampled = self.thermometer().is_some_and(|t| t.adc.is_some());
+        for (i, channel) in self.channels.iter().enumerate() {
+            let without = channel.thermal.is_none();
+            let allowed = "it only beside an [[auxiliary]] of a temperature with `adc`";
+            within(
+                &format!("channel[{}].thermal", i + 1),
+                "one",
+                without || sampled,
+                allowed,
+            )?;
         }
         Ok(())
     }
@@ -149,7 +183,7 @@ impl Machine {
                 Senses::Load(name) => ("load", name, names(&drivetrain.loads, |l| &l.name)),
                 Senses::Speed(name) => ("speed", name, names(&drivetrain.inertias, |j| &j.name)),
                 Senses::Drive(name) => ("drive", name, names(&drivetrain.inertias, |j| &j.name)),
-                Senses::Displacement(_) | Senses::OuterRing(_) => {
+                Senses::Displacement(_) | Senses::OuterRing(_) | Senses::Temperature => {
                     return refuse(
                         &field("senses"),
                         "a quantity of another kind of machine",
@@ -314,6 +348,10 @@ fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
         positive(&field("drift.time_s"), drift.time_s)?;
     }
     range(&field("nonlinearity"), channel.nonlinearity, -0.2, 0.2)?;
+    if let Some(thermal) = &channel.thermal {
+        finite(&field("thermal.zero_per_k"), thermal.zero_per_k)?;
+        finite(&field("thermal.gain_per_k"), thermal.gain_per_k)?;
+    }
     if let Some(creep) = &channel.creep {
         finite(&field("creep.at_nominal"), creep.at_nominal)?;
         positive(&field("creep.time_s"), creep.time_s)?;

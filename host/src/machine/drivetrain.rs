@@ -75,6 +75,8 @@ impl Drivetrain {
             Senses::Drive(name) => self.nominal_torque() / self.ratio(name).abs(),
             // Refused where the description is checked.
             Senses::Displacement(_) | Senses::OuterRing(_) => 1.0,
+            // Of this order: kelvins are read as they are.
+            Senses::Temperature => 100.0,
         }
     }
 

@@ -29,7 +29,7 @@ pub use balance::{Balance, BalanceEffect, Regime, Signal};
 pub use bearing::{BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, SHAPES};
 pub use channel::{
     Adc, Auxiliary, Channel, Creep, Displacement, Drift, Encoder, Group, Index, Place, Reference,
-    Senses,
+    Senses, Thermal,
 };
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, Shaft};
 pub use error::{MachineError, Violation};
@@ -41,7 +41,7 @@ pub use rotor::{
     RotorLoad, Section,
 };
 
-use crate::recording::CsvLayout;
+use crate::recording::{CsvLayout, Quantity};
 
 /// A machine: its mechanics, its sensors, its recordings.
 ///
@@ -156,6 +156,11 @@ impl Default for Tuning {
 }
 
 impl Machine {
+    /// The temperature that the gauges answer to: the first that a recording may carry.
+    pub fn thermometer(&self) -> Option<&Auxiliary> {
+        (self.auxiliaries.iter()).find(|a| a.unit.quantity() == Quantity::Temperature)
+    }
+
     /// Reads and checks the description in `path`.
     ///
     /// # Errors

@@ -11,7 +11,7 @@ use super::draw::Draw;
 use super::effect::{Applied, Individual};
 use super::encoder::{Encoder, Index};
 use super::error::SimulateError;
-use super::gauge::{Gauge, Moment};
+use super::gauge::{Gauge, Moment, Thermal};
 use super::plant::{Drive, Plant};
 use super::recorder::{Recorder, Sampled, check_duration};
 use super::scenario::{Profile, Scenario};
@@ -195,6 +195,7 @@ impl Sampled for TestBench {
             dt: self.dt,
             angle: plant.angle_of(self.carrier),
             warming: self.housing.warming(),
+            temperature: self.housing.temperature,
             level: 0.0,
         };
         for (gauge, sensed) in &mut self.gauges {
@@ -300,7 +301,15 @@ fn gauge(
     let map = AngleFunction::new(sensitivity.into_iter().map(in_unit).collect());
     let nominal = drivetrain.nominal_sensed(&channel.senses);
     let is_load_sensor = matches!(channel.senses, Senses::Shaft(_) | Senses::Load(_));
-    Ok(Gauge::new(channel, map, nominal, is_load_sensor, rng))
+    let mut gauge = Gauge::new(channel, map, nominal, is_load_sensor, rng);
+    if let Some(described) = channel.thermal {
+        gauge.disturbances.push(Box::new(Thermal {
+            described,
+            offset: channel.offset,
+            at_zero: (machine.thermometer()).and_then(|t| Some(t.unit.to_si(t.at_zero?))),
+        }));
+    }
+    Ok(gauge)
 }
 
 fn sensed(drivetrain: &Drivetrain, senses: &Senses) -> Sensed {
@@ -332,7 +341,7 @@ fn sensed(drivetrain: &Drivetrain, senses: &Senses) -> Sensed {
         ),
         Senses::Drive(name) => Sensed::Drive(place(drivetrain, name)),
         // Refused where the description is checked.
-        Senses::Displacement(_) | Senses::OuterRing(_) => Sensed::Load(0),
+        Senses::Displacement(_) | Senses::OuterRing(_) | Senses::Temperature => Sensed::Load(0),
     }
 }
 

@@ -19,6 +19,8 @@ pub(super) struct Moment {
     pub angle: f64,
     /// Temperature less that at the start [K].
     pub warming: f64,
+    /// Temperature [K].
+    pub temperature: f64,
     /// What the channel senses, as part of nominal.
     pub level: f64,
 }
@@ -46,6 +48,26 @@ impl Disturbance for Creep {
         let machine::Creep { at_nominal, time_s } = self.described;
         self.z += moment.dt / time_s * (at_nominal * moment.level - self.z);
         reading + self.z
+    }
+}
+
+/// What warmth does, as described.
+pub(super) struct Thermal {
+    pub described: machine::Thermal,
+    /// Reading at zero load [unit].
+    pub offset: f64,
+    /// Temperature at which the zero holds [K]; that at the start where absent.
+    pub at_zero: Option<f64>,
+}
+
+impl Disturbance for Thermal {
+    fn apply(&mut self, moment: &Moment, reading: f64) -> f64 {
+        let machine::Thermal {
+            zero_per_k,
+            gain_per_k,
+        } = self.described;
+        let warming = (self.at_zero).map_or(moment.warming, |zero| moment.temperature - zero);
+        reading + warming * (zero_per_k + gain_per_k * (reading - self.offset))
     }
 }
 

@@ -138,7 +138,7 @@ fn noise(model: &GearboxModel<'_>) -> Vec<f64> {
             let sum: f64 = (0..bins).map(|i| f64::from(variance.entry(i))).sum();
             (sum / bins as f64).sqrt() * f64::from(channel.unit)
         }
-        Role::Drive => 1.0,
+        Role::Drive | Role::Temperature { .. } => 1.0,
     });
     channels
         .chain(model.encoders.iter().map(|e| f64::from(e.variance).sqrt()))

@@ -16,7 +16,7 @@ mod word;
 
 use super::observed::Observed;
 use super::stream::Session;
-use crate::machine::{Creep, Drivetrain, MAP_ENTRIES};
+use crate::machine::{Creep, Drivetrain, MAP_ENTRIES, Thermal};
 
 /// Whether an effect has its parameters in each channel or once for all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -161,6 +161,8 @@ pub struct GaugeModel {
     pub nonlinearity: f64,
     /// Creep of the zero.
     pub creep: Option<Creep>,
+    /// What warmth does; none where the board samples no temperature.
+    pub thermal: Option<Thermal>,
 }
 
 impl GaugeModel {

@@ -1,6 +1,6 @@
 //! Zeros and responses that move with temperature.
 
-use super::{Effect, Linear, Shape, each, one_shape};
+use super::{Effect, GaugeModel, Linear, Shape, each, one_shape};
 use crate::diagnose::stream::{Session, Term};
 
 /// `scale a (T - T0)`.
@@ -24,6 +24,11 @@ impl Effect for Drift {
     }
     fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
         vec![Term::Zero(temperature(session))]
+    }
+    fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+        let zero_per_k = parameters[0] * gauge.full_scale;
+        let sampled = gauge.thermal.as_mut();
+        sampled.map(|t| t.zero_per_k += zero_per_k).is_some()
     }
     fn experiment(&self) -> &'static str {
         "warming up and cooling down without load"
@@ -51,6 +56,10 @@ impl Effect for Gain {
     }
     fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
         vec![Term::Gain(temperature(session))]
+    }
+    fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+        let sampled = gauge.thermal.as_mut();
+        sampled.map(|t| t.gain_per_k += parameters[0]).is_some()
     }
     fn experiment(&self) -> &'static str {
         "the same torque ramp, cold and warm"
