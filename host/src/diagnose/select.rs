@@ -20,7 +20,7 @@ const SAME_BESIDE: f64 = 0.05;
 
 /// Part of what is left of a residual that an effect must explain somewhere:
 /// what a simulated clean machine leaves is not known better.
-const MATERIAL: f64 = 0.05;
+const MATERIAL: f64 = 0.02;
 
 /// The same of an effect with a signal that is free to explain anything.
 const MATERIAL_OF_LATENT: f64 = 0.15;
