@@ -30,10 +30,6 @@ pub struct Line<'a> {
 }
 
 #[derive(Clone, Debug)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "there is one line in a program, and no heap"
-)]
 enum Kind<'a> {
     Gearbox6(Gearbox<'a, 6>, GearboxState<6>),
     Gearbox8(Gearbox<'a, 8>, GearboxState<8>),
