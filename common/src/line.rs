@@ -30,9 +30,12 @@ pub struct Line<'a> {
 }
 
 #[derive(Clone, Debug)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "there is one line in a program, and no heap"
+#[cfg_attr(
+    target_pointer_width = "32",
+    expect(
+        clippy::large_enum_variant,
+        reason = "there is one line in a program, and no heap"
+    )
 )]
 enum Kind<'a> {
     Gearbox6(Gearbox<'a, 6>, GearboxState<6>),

@@ -165,7 +165,7 @@ impl Bearing {
         next.widen_loads(tuning, 0.25);
         if duel.won == 0 || mirrored && state.trust.is_doubted() {
             // Later they are what is known best, and tell the labels apart.
-            next.forget_gauges(tuning);
+            next.forget_offsets(tuning);
         }
         next.balance(&self.contacts);
         next.balance(&self.contacts);

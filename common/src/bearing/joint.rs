@@ -1,10 +1,10 @@
 //! The joint filter: one belief over all gauges, 100 times a second.
 //!
 //! States: phases of ball passing `theta_r` [rad] and slips `s_r` of both rows,
-//! loads [kN], preload [um], biases of the bulk strains [um/m], gains of the local strains.
+//! loads [kN], preload [um], biases of the bulk strains [um/m].
 //!
-//! `theta+ = theta + Phi (pace + s)`, `pace` by the loaded contact angle; slips, loads, biases
-//! and gains return to what is expected of them, the preload walks. The local strain of gauge g is
+//! `theta+ = theta + Phi (pace + s)`, `pace` by the loaded contact angle; slips, loads
+//! and biases return to what is expected of them, the preload walks. The local strain of gauge g is
 //! `sum_n Re(C_n e^(i n Phi))`, `C_n = sum_r e^(i n (theta_r - N psi_g)) S_nr f_r`,
 //! with the features `f_r` of the load ([`super::contact::Features`]); its bulk
 //! strain is linear in loads and features.
@@ -24,15 +24,13 @@ use crate::kalman;
 use crate::phase::wrap_rad;
 
 /// States.
-pub const NX: usize = 2 * ROWS + INPUTS + GAUGES + ROWS * GAUGES;
+pub const NX: usize = 2 * ROWS + INPUTS + GAUGES;
 /// Place of the first load.
 pub const LOAD: usize = 2 * ROWS;
 /// Place of the preload.
 pub const PRELOAD: usize = LOAD + LOADS;
 /// Place of the first bias.
 pub const BIAS: usize = PRELOAD + 1;
-/// Place of the first gain: gauge by gauge, row by row.
-pub const GAIN: usize = BIAS + GAUGES;
 
 /// Phases further apart than this are not the same [rad].
 const APART: f32 = 0.6;
@@ -97,8 +95,7 @@ impl Belief {
             spread(ROWS + row, tuning.slip_std);
         }
         spread(PRELOAD, tuning.preload_std);
-        (BIAS..GAIN).for_each(|i| spread(i, tuning.bias_std));
-        (GAIN..NX).for_each(|i| spread(i, tuning.gain_std));
+        (BIAS..NX).for_each(|i| spread(i, tuning.bias_std));
         for (i, mean) in tuning.load_mean.iter().enumerate() {
             x[LOAD + i] = *mean;
         }
@@ -152,17 +149,16 @@ impl Belief {
         }
     }
 
-    /// Starts with the gauges' biases and gains anew: what they have taken up belongs
-    /// to another belief.
-    pub fn forget_gauges(&mut self, tuning: &Tuning) {
+    /// Starts with preload and biases anew: what they have taken up belongs to another belief.
+    pub fn forget_offsets(&mut self, tuning: &Tuning) {
         let p = &mut self.gaussian.upper;
-        for i in BIAS..NX {
+        for i in PRELOAD..NX {
             self.gaussian.state[i] = 0.0;
             uncouple(p, i);
-            let std = if i < GAIN {
-                tuning.bias_std
+            let std = if i == PRELOAD {
+                tuning.preload_std
             } else {
-                tuning.gain_std
+                tuning.bias_std
             };
             p[i][i] = std * std;
         }
@@ -202,22 +198,18 @@ impl Belief {
     }
 
     /// Minus twice the logarithm of the prior of what a belief holds: biases,
-    /// gains, slips, preload and loads in units of their standard deviations, squared.
+    /// slips, preload and loads in units of their standard deviations, squared.
     ///
     /// Two beliefs that explain the readings equally well may differ in what they had to assume for it.
     pub fn prior(&self, tuning: &Tuning) -> f32 {
         let x = &self.gaussian.state;
         let mut sum = 0.0;
-        for b in BIAS..GAIN {
+        for b in BIAS..NX {
             let part = x[b] / tuning.bias_std;
             sum += part * part;
         }
         for row in 0..ROWS {
             let part = x[ROWS + row] / tuning.slip_std;
-            sum += part * part;
-        }
-        for gain in GAIN..NX {
-            let part = x[gain] / tuning.gain_std;
             sum += part * part;
         }
         let mut whitened = [0.0; LOADS];
@@ -242,12 +234,10 @@ impl Belief {
             uncouple(p, i);
             p[i][i] = KNOWN_VARIANCE;
         }
-        // Neither may preload and gains take up what the gauges' model lacks.
-        for i in (GAIN..NX).chain([PRELOAD]) {
-            self.gaussian.state[i] = 0.0;
-            uncouple(p, i);
-            p[i][i] = KNOWN_VARIANCE;
-        }
+        // Nor may the preload take up what the gauges' model lacks.
+        self.gaussian.state[PRELOAD] = 0.0;
+        uncouple(p, PRELOAD);
+        p[PRELOAD][PRELOAD] = KNOWN_VARIANCE;
         self.linearised_at = self.gaussian.state;
     }
 
@@ -299,8 +289,7 @@ impl Belief {
             p[l][l] *= keep * keep;
         }
         let share = 1.0 - keep * keep;
-        forget(x, p, GAIN, NX, dt_s / tuning.gain_time_s, tuning.gain_std);
-        forget(x, p, BIAS, GAIN, dt_s / tuning.bias_time_s, tuning.bias_std);
+        forget(x, p, dt_s / tuning.bias_time_s, tuning.bias_std);
         p[PRELOAD][PRELOAD] += tuning.preload_walk * tuning.preload_walk * dt_s;
         self.linearised_at = *x;
         self.widen_loads(tuning, share);
@@ -360,13 +349,12 @@ impl Belief {
             for n in 0..HARMONICS {
                 (sin, cos) = (sin * cos1 + cos * sin1, cos * cos1 - sin * sin1);
                 let (re, im) = (2 * n + 1, 2 * n + 2);
-                let gain = 1.0 + x[GAIN + g * ROWS + row];
                 let (mut real, mut imaginary) = (0.0, 0.0);
                 for k in 0..FEATURES {
                     let s = model.local[row][n][k];
                     // y carries Re(C e^(i n Phi)): the sine's coefficient is -Im C.
-                    let a = gain * (cos * s[0] - sin * s[1]);
-                    let b = -gain * (sin * s[0] + cos * s[1]);
+                    let a = cos * s[0] - sin * s[1];
+                    let b = -(sin * s[0] + cos * s[1]);
                     real += a * f[k];
                     imaginary += b * f[k];
                     for i in 0..INPUTS {
@@ -376,8 +364,6 @@ impl Belief {
                 }
                 c[re] += real;
                 c[im] += imaginary;
-                by[re][GAIN + g * ROWS + row] += real / gain;
-                by[im][GAIN + g * ROWS + row] += imaginary / gain;
                 let order = (n + 1) as f32;
                 by[re][row] += order * imaginary;
                 by[im][row] -= order * real;
@@ -471,17 +457,10 @@ fn uncouple(p: &mut [[f32; NX]; NX], i: usize) {
     }
 }
 
-/// States that forget: `x+ = k x`, `P+ = k P k + (1 - k^2) std^2`, `k = 1 - share`.
-fn forget(
-    x: &mut SVector<f32, NX>,
-    p: &mut [[f32; NX]; NX],
-    from: usize,
-    to: usize,
-    share: f32,
-    std: f32,
-) {
+/// Biases forget: `x+ = k x`, `P+ = k P k + (1 - k^2) std^2`, `k = 1 - share`.
+fn forget(x: &mut SVector<f32, NX>, p: &mut [[f32; NX]; NX], share: f32, std: f32) {
     let keep = 1.0 - share.min(1.0);
-    for i in from..to {
+    for i in BIAS..NX {
         x[i] *= keep;
         for j in 0..NX {
             if j != i {

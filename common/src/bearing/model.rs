@@ -75,10 +75,6 @@ pub struct Tuning {
     pub bias_std: f32,
     /// See `bias_std`.
     pub bias_time_s: f32,
-    /// Standard deviation of the local strains' gains and the time in which they forget [s].
-    pub gain_std: f32,
-    /// See `gain_std`.
-    pub gain_time_s: f32,
     /// Error of the bulk strain's model from block to block [um/m].
     pub bulk_std: f32,
     /// Frequency of ball passing below which bulk and local strain cannot be told apart [Hz], > 0.
@@ -101,8 +97,6 @@ impl BearingModel {
             ("bias_std", t.bias_std),
             ("bias_time_s", t.bias_time_s),
             ("bulk_std", t.bulk_std),
-            ("gain_std", t.gain_std),
-            ("gain_time_s", t.gain_time_s),
             ("lowest_hz", t.lowest_hz),
         ];
         let noise = (self.gauges.iter()).map(|gauge| ("noise_std", gauge.noise_std));

@@ -13,7 +13,7 @@ const FITTED_BLOCKS: f32 = 16.0;
 const SURPRISE: f32 = 2.0;
 const SURPRISED_BLOCKS: f32 = 8.0;
 
-/// What a belief may hold against what is expected of it: 20 unknowns, four
+/// What a belief may hold against what is expected of it: 12 unknowns, seven
 /// times what they come to on average.
 const IMPLAUSIBLE: f32 = 80.0;
 

@@ -179,8 +179,6 @@ fn tuning(
         preload_walk: f.preload_walk_um as f32,
         bias_std: f.bias_std as f32,
         bias_time_s: f.bias_time_s as f32,
-        gain_std: f.gain_std as f32,
-        gain_time_s: f.gain_time_s as f32,
         bulk_std: f.bulk_std as f32,
         lowest_hz: f.lowest_hz as f32,
     })

@@ -27,7 +27,7 @@ const LEAST_AT_FIRST: f64 = 0.1;
 const GUESSED: f32 = 0.7;
 /// Errors of the model stay for many blocks, where the filter takes them for new ones
 /// in each: how much larger they are told to it.
-pub(super) const TOGETHER: f64 = 6.0;
+pub(super) const TOGETHER: f64 = 4.0;
 
 /// A sample on the rig: raw words, and `Fx, Fy, Fz` [N], `Mx, Mz` [N m].
 pub type RigSample = (RawSample, [f64; LOADS]);

@@ -29,17 +29,16 @@ pub fn features<'a>(
     known: impl Iterator<Item = &'a Known>,
     physical: &Physical,
 ) -> Result<Vec<Features>, BuildError> {
-    let settled = settled(rig, known, physical, two_steps)?;
+    let settled = settled(rig, known, physical)?;
     Ok(settled.into_iter().map(|(features, _)| features).collect())
 }
 
 /// Features of each block, and the rate of ball passing of each row over that at the unloaded
-/// contact angle; `next`: from one equilibrium to the next.
+/// contact angle.
 pub fn settled<'a>(
     rig: &Rig<'_>,
     known: impl Iterator<Item = &'a Known>,
     physical: &Physical,
-    next: fn(&Contacts, &[f32; DOF], &[f32; LOADS]) -> Equilibrium,
 ) -> Result<Vec<(Features, [f32; ROWS])>, BuildError> {
     let contacts =
         Contacts::try_new(geometry(rig.bearing, physical)?).map_err(BuildError::Model)?;
@@ -48,7 +47,7 @@ pub fn settled<'a>(
         .map(|block| {
             let at = match state {
                 None => contacts.settle(&block.loads, 0.0),
-                Some(position) => next(&contacts, &position, &block.loads),
+                Some(position) => balanced(&contacts, &position, &block.loads),
             };
             state = Some(at.position);
             let mut features = Features::default();
@@ -60,14 +59,8 @@ pub fn settled<'a>(
         .collect())
 }
 
-/// Near the equilibrium with `loads`: two steps from that of the block before.
-fn two_steps(contacts: &Contacts, position: &[f32; DOF], loads: &[f32; LOADS]) -> Equilibrium {
-    let nearer = contacts.newton(position, loads, 0.0);
-    contacts.newton(&nearer.position, loads, 0.0)
-}
-
 /// Equilibrium with `loads`, from that of the block before.
-pub fn balanced(contacts: &Contacts, position: &[f32; DOF], loads: &[f32; LOADS]) -> Equilibrium {
+fn balanced(contacts: &Contacts, position: &[f32; DOF], loads: &[f32; LOADS]) -> Equilibrium {
     let mut from = *position;
     let mut at = contacts.newton(&from, loads, 0.0);
     for _ in 0..MOST_STEPS {

@@ -5,7 +5,7 @@ use loadtwin_common::bearing::{BASIS, GAUGES, ROWS};
 use super::calibration::{Answer, Calibration};
 use super::fit::Rig;
 use super::follow::Known;
-use super::linear::{balanced, rows, settled};
+use super::linear::{rows, settled};
 use crate::build::BuildError;
 
 /// What a calibration says of a block, given its loads and phases.
@@ -27,7 +27,7 @@ pub fn predicted(
     known: &[Known],
     calibration: &Calibration,
 ) -> Result<Vec<Predicted>, BuildError> {
-    let settled = settled(rig, known.iter(), &calibration.physical, balanced)?;
+    let settled = settled(rig, known.iter(), &calibration.physical)?;
     let coefficients: Vec<_> = (calibration.gauge.iter())
         .map(Answer::coefficients)
         .collect();

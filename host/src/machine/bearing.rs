@@ -115,10 +115,6 @@ pub struct BearingFilter {
     pub bias_std: f64,
     /// Time in which an offset forgets [s], > 0.
     pub bias_time_s: f64,
-    /// Standard deviation of the local strains' gains, relative, > 0.
-    pub gain_std: f64,
-    /// Time in which a gain forgets [s], > 0.
-    pub gain_time_s: f64,
     /// Error of the bulk strain's model [um/m], > 0.
     pub bulk_std: f64,
     /// Frequency of ball passing below which estimates are not valid [Hz], > 0.
@@ -132,14 +128,12 @@ impl Default for BearingFilter {
             slip_time_s: 1.0,
             slip_limit: 0.06,
             phase_walk: 0.01,
-            load_time_s: 0.7,
-            preload_std_um: 0.2,
+            load_time_s: 0.4,
+            preload_std_um: 0.3,
             preload_walk_um: 0.003,
             bias_std: 15.0,
-            bias_time_s: 20_000.0,
-            gain_std: 0.015,
-            gain_time_s: 3000.0,
-            bulk_std: 4.0,
+            bias_time_s: 35_000.0,
+            bulk_std: 3.0,
             lowest_hz: 10.0,
         }
     }
@@ -213,8 +207,6 @@ impl Bearing {
             ("slip_limit", f.slip_limit),
             ("phase_walk", f.phase_walk),
             ("load_time_s", f.load_time_s),
-            ("gain_std", f.gain_std),
-            ("gain_time_s", f.gain_time_s),
             ("preload_std_um", f.preload_std_um),
             ("preload_walk_um", f.preload_walk_um),
             ("bias_std", f.bias_std),
