@@ -140,12 +140,14 @@ impl Observations {
                 .1
                 .as_deref()
         };
+        let warming = warming(machine, recording)?;
         let mut jobs: Vec<(&Channel, &mut Moments, Answered)> = machine
             .channels
             .iter()
             .zip(&mut self.channels)
             .filter_map(|(channel, slot)| {
-                let answered = Answered::new(machine, channel, sensed(channel)?);
+                let answered =
+                    Answered::new(machine, channel, sensed(channel)?, warming.as_deref());
                 Some((channel, slot.get_or_insert_default(), answered))
             })
             .collect();
@@ -181,7 +183,7 @@ impl Observations {
                         moments.watch(y, stuck_after);
                         let k = row + i;
                         if !y.is_nan() && k < angles.len() {
-                            moments.push(angles[k], answered.bent[k], y - answered.crept[k]);
+                            moments.push(angles[k], answered.bent[k], y - answered.zero[k]);
                         }
                     }
                 });
@@ -197,27 +199,58 @@ impl Observations {
     }
 }
 
-/// What the reading of a channel is in proportion to, and how its zero creeps.
+/// What the reading of a channel is in proportion to, and how its zero moves.
 struct Answered {
-    /// As [`Channel::bent`].
+    /// As [`Channel::bent`], warmed.
     bent: Vec<f64>,
-    /// [SI].
-    crept: Vec<f64>,
+    /// Creep and warmth [SI].
+    zero: Vec<f64>,
 }
 
 impl Answered {
-    fn new(machine: &Machine, channel: &Channel, sensed: &[f64]) -> Self {
+    fn new(machine: &Machine, channel: &Channel, sensed: &[f64], warming: Option<&[f64]>) -> Self {
         let nominal = (machine.drivetrain.as_ref())
             .map_or(1.0, |drivetrain| drivetrain.nominal_sensed(&channel.senses));
         let level = |s: &f64| if s.is_finite() { s / nominal } else { 0.0 };
         let crept = channel.creep.map_or(vec![0.0; sensed.len()], |creep| {
             creep.course(sensed.iter().map(level), 1.0 / machine.rate_hz)
         });
+        let thermal = channel.thermal.unwrap_or_default();
+        let warm = |i: usize| warming.and_then(|w| w.get(i)).copied().unwrap_or(0.0);
         Self {
-            bent: sensed.iter().map(|s| channel.bent(*s, nominal)).collect(),
-            crept: crept.into_iter().map(|z| channel.to_si(z)).collect(),
+            bent: (sensed.iter().enumerate())
+                .map(|(i, s)| channel.bent(*s, nominal) * (1.0 + thermal.gain_per_k * warm(i)))
+                .collect(),
+            zero: (crept.into_iter().enumerate())
+                .map(|(i, z)| channel.to_si(z + thermal.zero_per_k * warm(i)))
+                .collect(),
         }
     }
+}
+
+/// How much warmer each sample of `recording` is than where zeros hold [K]; none where no gauge
+/// answers to that, or no temperature was recorded.
+fn warming(machine: &Machine, recording: &Path) -> Result<Option<Vec<f64>>, CalibrateError> {
+    let Some(thermometer) = machine.thermometer() else {
+        return Ok(None);
+    };
+    if machine.channels.iter().all(|c| c.thermal.is_none()) {
+        return Ok(None);
+    }
+    let wanted = Wanted {
+        name: &thermometer.name,
+        unit: thermometer.unit.si(),
+        required: false,
+    };
+    let mut temperatures = Vec::new();
+    for block in Reader::open(recording, &machine.recording, &[wanted])? {
+        let mut block = block?;
+        let Some(column) = block.columns.pop().flatten() else {
+            return Ok(None);
+        };
+        temperatures.extend(column);
+    }
+    Ok(Some(thermometer.warming(&temperatures)))
 }
 
 impl Channel {

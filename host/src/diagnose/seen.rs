@@ -62,9 +62,7 @@ impl Seen<'_> {
     /// How much warmer it is than where zeros hold [K].
     fn warming(&self) -> Option<Vec<f64>> {
         let temperature = self.recorded.temperature.as_ref()?;
-        let at_zero = (self.machine.thermometer()).and_then(|t| Some(t.unit.to_si(t.at_zero?)));
-        let zero = at_zero.unwrap_or(temperature[0]);
-        Some(temperature.iter().map(|t| t - zero).collect())
+        Some(self.machine.thermometer()?.warming(temperature))
     }
 
     /// The signals that effects are made of.

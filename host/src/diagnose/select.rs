@@ -257,7 +257,7 @@ fn beyond_forms<S: Observed>(
     }
     let mut counted = candidate.clone();
     counted.trial.score = score;
-    (brought > before || found.is_empty()).then_some(counted)
+    (brought > before).then_some(counted)
 }
 
 /// Squares in stream `k`, beside further evidence `later`, that the forms of those of `found`

@@ -210,8 +210,9 @@ impl Plan {
             (row, Role::Drive)
         } else if channel.senses == Senses::Temperature {
             let role = Role::Temperature {
-                at_zero: (thermometer.and_then(|t| Some(t.unit.to_si(t.at_zero?))))
-                    .map(|kelvin| kelvin as f32),
+                at_zero: thermometer
+                    .and_then(Auxiliary::zero_k)
+                    .map(|zero| zero as f32),
                 rate: (1.0 - (-self.dt_s / WARMING_S).exp()) as f32,
             };
             (vec![0.0; self.states()], role)

@@ -332,6 +332,26 @@ pub struct Auxiliary {
 }
 
 impl Auxiliary {
+    /// Where the gauges' zeros hold [K]; none where that is the first sample.
+    pub fn zero_k(&self) -> Option<f64> {
+        Some(self.unit.to_si(self.at_zero?))
+    }
+
+    /// How much warmer it is than where zeros hold, of a recording's temperatures [K]; where one
+    /// is missing, as before.
+    pub fn warming(&self, temperatures: &[f64]) -> Vec<f64> {
+        let known = || temperatures.iter().copied().find(|t| t.is_finite());
+        let zero = self.zero_k().or_else(known).unwrap_or(0.0);
+        let mut warming = 0.0;
+        let mut held = |temperature: &f64| {
+            if temperature.is_finite() {
+                warming = temperature - zero;
+            }
+            warming
+        };
+        temperatures.iter().map(&mut held).collect()
+    }
+
     /// As a channel that the board samples, in kelvin; none without converter.
     pub fn sampled(&self) -> Option<Channel> {
         let adc = self.adc.as_ref()?;

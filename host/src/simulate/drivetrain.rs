@@ -16,7 +16,7 @@ use super::plant::{Drive, Plant};
 use super::recorder::{Recorder, Sampled, check_duration};
 use super::scenario::{Profile, Scenario};
 use super::thermal::Housing;
-use crate::machine::{Channel, Drivetrain, Machine, Reference, Senses};
+use crate::machine::{Auxiliary, Channel, Drivetrain, Machine, Reference, Senses};
 use crate::recording::{OutputColumn, Quantity, Unit};
 
 /// Standard deviation and resolution of a reference, as part of nominal load:
@@ -306,7 +306,7 @@ fn gauge(
         gauge.disturbances.push(Box::new(Thermal {
             described,
             offset: channel.offset,
-            at_zero: (machine.thermometer()).and_then(|t| Some(t.unit.to_si(t.at_zero?))),
+            at_zero: machine.thermometer().and_then(Auxiliary::zero_k),
         }));
     }
     Ok(gauge)
