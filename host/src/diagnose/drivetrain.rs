@@ -121,9 +121,6 @@ impl Observed for Session {
         }
     }
 
-    /// A zero for each strain and angle, the reference's zero and an error of the inertia in
-    /// the balance, an error of the stiffness in an angle; what is only known roughly; and
-    /// what a clean machine leaves when it does the same.
     fn zero_std(&self, k: usize) -> f64 {
         let stream = &self.streams[k];
         let part = match stream.kind {
@@ -134,6 +131,9 @@ impl Observed for Session {
         part * stream.scale
     }
 
+    /// A zero for each strain and angle, a count by which the carrier's zero may be off, the
+    /// reference's zero and an error of the inertia in the balance, an error of the stiffness in an
+    /// angle; what is only known roughly; and what a clean machine leaves when it does the same.
     fn nuisances(&self, k: usize) -> Vec<Prior> {
         let (stream, signals) = (&self.streams[k], &self.signals);
         let n = signals.len();
@@ -164,6 +164,12 @@ impl Observed for Session {
                 },
             ],
         };
+        if stream.over_angle() && signals.count > 0.0 {
+            own.push(Prior {
+                column: stream.slope.clone(),
+                std: signals.count,
+            });
+        }
         own.extend(stream.roughly.iter().map(|column| Prior {
             column: column.clone(),
             std: 1.0,

@@ -22,6 +22,9 @@ const SAME_BESIDE: f64 = 0.05;
 /// what a simulated clean machine leaves is not known better.
 const MATERIAL: f64 = 0.02;
 
+/// The same of an effect beside others, which leave something, too.
+const MATERIAL_BESIDE: f64 = 0.05;
+
 /// The same of an effect with a signal that is free to explain anything.
 const MATERIAL_OF_LATENT: f64 = 0.15;
 
@@ -108,7 +111,7 @@ pub fn select<S: Observed>(
                 .filter(|other| {
                     other.parameters() <= best.parameters() || predicts_the_same(best, other)
                 })
-                .filter(|other| is_material(&data, sessions, other) && indistinct(best, other))
+                .filter(|other| is_material(&data, sessions, other, &[]) && indistinct(best, other))
                 .cloned()
                 .collect();
         }
@@ -171,7 +174,7 @@ fn chosen<S: Observed>(
 ) -> Option<Ranked<S>> {
     let mut worth: Vec<Ranked<S>> = ranked
         .iter()
-        .filter(|r| r.margin() > 0.0 && is_material(data, sessions, r))
+        .filter(|r| r.margin() > 0.0 && is_material(data, sessions, r, found))
         .filter_map(|r| beyond_forms(data, sessions, r, found))
         .filter(|r| r.margin() > 0.0)
         .collect();
@@ -206,11 +209,18 @@ fn refit_newest<S: Observed>(sessions: &[S], found: &mut [Found<S>]) {
 }
 
 /// Whether a candidate explains a part of some residual that is worth a name.
-fn is_material<S: Observed>(data: &Data, sessions: &[S], candidate: &Ranked<S>) -> bool {
+fn is_material<S: Observed>(
+    data: &Data,
+    sessions: &[S],
+    candidate: &Ranked<S>,
+    found: &[Found<S>],
+) -> bool {
     let least = if is_latent(sessions, candidate.effect) {
         MATERIAL_OF_LATENT
-    } else {
+    } else if found.is_empty() {
         MATERIAL
+    } else {
+        MATERIAL_BESIDE
     };
     let trial = &candidate.trial;
     let gains = trial.streams.iter().zip(&trial.overdispersion);
@@ -247,7 +257,7 @@ fn beyond_forms<S: Observed>(
             continue;
         }
         let own = data.squares(k, *gain);
-        let left = |coupling| times * left_by(data, found, coupling, k, *gain);
+        let left = |coupling| times * left_by(data, found, coupling, k, &trial.streams);
         if alone && own < left(Coupling::Own) {
             score -= gain;
         } else {
@@ -260,23 +270,40 @@ fn beyond_forms<S: Observed>(
     (brought > before).then_some(counted)
 }
 
-/// Squares in stream `k`, beside further evidence `later`, that the forms of those of `found`
-/// with that coupling may have left.
+/// Squares in stream `k` that the forms of those of `found` with that coupling may have left for
+/// a candidate with evidence `gains` of each stream. What streams share leaves the same part
+/// of itself in all of them: no more of it than in half of the streams.
 fn left_by<S: Observed>(
     data: &Data,
     found: &[Found<S>],
     coupling: Coupling,
     k: usize,
-    mut later: f64,
+    gains: &[f64],
 ) -> f64 {
     let mut left = 0.0;
+    let mut later = gains.to_vec();
     for f in found.iter().rev() {
-        let own = f.streams[k].max(0.0);
+        let explained = |k: usize| {
+            let own = f.streams[k].max(0.0);
+            data.squares(k, later[k] + own) - data.squares(k, later[k])
+        };
         if f.effect.coupling() == coupling {
-            let explained = data.squares(k, later + own) - data.squares(k, later);
-            left += f.effect.form().powi(2) * explained;
+            let mut part = f.effect.form().powi(2);
+            if coupling == Coupling::Shared {
+                let mut parts: Vec<f64> = (0..gains.len())
+                    .filter(|k| explained(*k) > 0.0)
+                    .map(|k| data.squares(k, gains[k].max(0.0)) / explained(k))
+                    .collect();
+                parts.sort_by(f64::total_cmp);
+                part = parts
+                    .get(parts.len() / 2)
+                    .map_or(part, |half| part.min(*half));
+            }
+            left += part * explained(k);
         }
-        later += own;
+        for (later, own) in later.iter_mut().zip(&f.streams) {
+            *later += own.max(0.0);
+        }
     }
     left
 }
