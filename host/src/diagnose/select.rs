@@ -20,10 +20,7 @@ const SAME_BESIDE: f64 = 0.05;
 
 /// Part of what is left of a residual that an effect must explain somewhere:
 /// what a simulated clean machine leaves is not known better.
-const MATERIAL: f64 = 0.02;
-
-/// The same of an effect beside others, which leave something, too.
-const MATERIAL_BESIDE: f64 = 0.05;
+const MATERIAL: f64 = 0.05;
 
 /// The same of an effect with a signal that is free to explain anything.
 const MATERIAL_OF_LATENT: f64 = 0.15;
@@ -111,7 +108,7 @@ pub fn select<S: Observed>(
                 .filter(|other| {
                     other.parameters() <= best.parameters() || predicts_the_same(best, other)
                 })
-                .filter(|other| is_material(&data, sessions, other, &[]) && indistinct(best, other))
+                .filter(|other| is_material(&data, sessions, other) && indistinct(best, other))
                 .cloned()
                 .collect();
         }
@@ -174,7 +171,7 @@ fn chosen<S: Observed>(
 ) -> Option<Ranked<S>> {
     let mut worth: Vec<Ranked<S>> = ranked
         .iter()
-        .filter(|r| r.margin() > 0.0 && is_material(data, sessions, r, found))
+        .filter(|r| r.margin() > 0.0 && is_material(data, sessions, r))
         .filter_map(|r| beyond_forms(data, sessions, r, found))
         .filter(|r| r.margin() > 0.0)
         .collect();
@@ -209,18 +206,11 @@ fn refit_newest<S: Observed>(sessions: &[S], found: &mut [Found<S>]) {
 }
 
 /// Whether a candidate explains a part of some residual that is worth a name.
-fn is_material<S: Observed>(
-    data: &Data,
-    sessions: &[S],
-    candidate: &Ranked<S>,
-    found: &[Found<S>],
-) -> bool {
+fn is_material<S: Observed>(data: &Data, sessions: &[S], candidate: &Ranked<S>) -> bool {
     let least = if is_latent(sessions, candidate.effect) {
         MATERIAL_OF_LATENT
-    } else if found.is_empty() {
-        MATERIAL
     } else {
-        MATERIAL_BESIDE
+        MATERIAL
     };
     let trial = &candidate.trial;
     let gains = trial.streams.iter().zip(&trial.overdispersion);
