@@ -262,7 +262,7 @@ fn beyond_forms<S: Observed>(
 
 /// Squares in stream `k` that the forms of those of `found` with that coupling may have left for
 /// a candidate with evidence `gains` of each stream. What streams share leaves the same part
-/// of itself in all of them: no more of it than in half of the streams.
+/// of itself wherever it acts: no more of it than in half of these streams.
 fn left_by<S: Observed>(
     data: &Data,
     found: &[Found<S>],
@@ -280,8 +280,9 @@ fn left_by<S: Observed>(
         if f.effect.coupling() == coupling {
             let mut part = f.effect.form().powi(2);
             if coupling == Coupling::Shared {
+                let most = (0..gains.len()).map(explained).fold(0.0, f64::max);
                 let mut parts: Vec<f64> = (0..gains.len())
-                    .filter(|k| explained(*k) > 0.0)
+                    .filter(|k| explained(*k) > 0.02 * most)
                     .map(|k| data.squares(k, gains[k].max(0.0)) / explained(k))
                     .collect();
                 parts.sort_by(f64::total_cmp);
