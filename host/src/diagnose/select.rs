@@ -247,7 +247,7 @@ fn beyond_forms<S: Observed>(
             continue;
         }
         let own = data.squares(k, *gain);
-        let left = |coupling| times * left_by(data, found, coupling, k, &trial.streams);
+        let left = |coupling| times * left_by(data, found, coupling, k, *gain);
         if alone && own < left(Coupling::Own) {
             score -= gain;
         } else {
@@ -260,41 +260,23 @@ fn beyond_forms<S: Observed>(
     (brought > before).then_some(counted)
 }
 
-/// Squares in stream `k` that the forms of those of `found` with that coupling may have left for
-/// a candidate with evidence `gains` of each stream. What streams share leaves the same part
-/// of itself wherever it acts: no more of it than in half of these streams.
+/// Squares in stream `k`, beside further evidence `later`, that the forms of those of `found`
+/// with that coupling may have left.
 fn left_by<S: Observed>(
     data: &Data,
     found: &[Found<S>],
     coupling: Coupling,
     k: usize,
-    gains: &[f64],
+    mut later: f64,
 ) -> f64 {
     let mut left = 0.0;
-    let mut later = gains.to_vec();
     for f in found.iter().rev() {
-        let explained = |k: usize| {
-            let own = f.streams[k].max(0.0);
-            data.squares(k, later[k] + own) - data.squares(k, later[k])
-        };
+        let own = f.streams[k].max(0.0);
         if f.effect.coupling() == coupling {
-            let mut part = f.effect.form().powi(2);
-            if coupling == Coupling::Shared {
-                let most = (0..gains.len()).map(explained).fold(0.0, f64::max);
-                let mut parts: Vec<f64> = (0..gains.len())
-                    .filter(|k| explained(*k) > 0.02 * most)
-                    .map(|k| data.squares(k, gains[k].max(0.0)) / explained(k))
-                    .collect();
-                parts.sort_by(f64::total_cmp);
-                part = parts
-                    .get(parts.len() / 2)
-                    .map_or(part, |half| part.min(*half));
-            }
-            left += part * explained(k);
+            let explained = data.squares(k, later + own) - data.squares(k, later);
+            left += f.effect.form().powi(2) * explained;
         }
-        for (later, own) in later.iter_mut().zip(&f.streams) {
-            *later += own.max(0.0);
-        }
+        later += own;
     }
     left
 }
