@@ -212,12 +212,8 @@ impl Observed for Session {
                 signals.angle.iter().map(turn).collect::<Vec<f64>>(),
             ),
         ];
-        if let Some(temperature) = &signals.temperature {
-            all.push(Abscissa::new(
-                "Temperature since the start",
-                "K",
-                temperature,
-            ));
+        if let Some(warming) = &signals.warming {
+            all.push(Abscissa::new("Warmer than where zeros hold", "K", warming));
         }
         all
     }

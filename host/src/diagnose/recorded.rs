@@ -20,8 +20,8 @@ pub(super) struct Recorded {
     pub channels: Vec<Vec<f64>>,
     /// Angle of each encoder, referred, from an arbitrary zero.
     pub encoders: Vec<Vec<f64>>,
-    /// Temperature [K], of the first auxiliary that is one.
-    pub temperature: Option<Vec<f64>>,
+    /// How much warmer it is than where zeros hold [K].
+    pub warming: Option<Vec<f64>>,
 }
 
 /// Equal readings in a row that noise does not make.
@@ -112,7 +112,8 @@ impl Recorded {
                 }
             }
         }
-        let temperature = has_temperature.then(|| columns.pop()).flatten();
+        let temperature = thermometer.filter(|_| has_temperature).zip(columns.last());
+        let warming = temperature.map(|(thermometer, column)| thermometer.warming(column));
         columns.truncate(machine.channels.len() + machine.encoders.len());
         let counts = columns.split_off(machine.channels.len());
         for ((channel, words), column) in machine.channels.iter().zip(words).zip(&mut columns) {
@@ -150,7 +151,7 @@ impl Recorded {
             loads,
             channels: columns,
             encoders,
-            temperature: temperature.map(held),
+            warming,
         })
     }
 
@@ -188,23 +189,6 @@ fn unwrapped(counts: &[f64], modulus: f64, step: f64) -> Vec<f64> {
             total * step
         })
         .collect()
-}
-
-/// Each missing value is the one before.
-fn held(mut values: Vec<f64>) -> Vec<f64> {
-    let mut last = values
-        .iter()
-        .copied()
-        .find(|v| v.is_finite())
-        .unwrap_or(0.0);
-    for value in &mut values {
-        if value.is_finite() {
-            last = *value;
-        } else {
-            *value = last;
-        }
-    }
-    values
 }
 
 /// Takes out readings that repeat for longer than noise allows; how many.

@@ -59,12 +59,6 @@ impl Seen<'_> {
             .collect()
     }
 
-    /// How much warmer it is than where zeros hold [K].
-    fn warming(&self) -> Option<Vec<f64>> {
-        let temperature = self.recorded.temperature.as_ref()?;
-        Some(self.machine.thermometer()?.warming(temperature))
-    }
-
     /// The signals that effects are made of.
     pub fn signals(&self) -> Signals {
         let (thin, recorded) = (&self.thin, &self.recorded);
@@ -82,7 +76,7 @@ impl Seen<'_> {
             response.carried = driven.carried();
             response
         });
-        let temperature = self.warming().map(|t| smooth(&thin.means(&t), smoothing));
+        let warming = recorded.warming.as_ref();
         Signals {
             dt_s,
             t: thin.times(recorded.dt_s),
@@ -94,7 +88,7 @@ impl Seen<'_> {
                 .iter()
                 .map(|t| t / nominal_torque)
                 .collect(),
-            temperature,
+            warming: warming.map(|w| smooth(&thin.means(w), smoothing)),
             nominal_speed: drivetrain.nominal_speed_rad_s,
             nominal_torque,
             inertias: drivetrain.inertias.iter().map(|i| i.name.clone()).collect(),
@@ -142,7 +136,6 @@ impl Seen<'_> {
         });
         let thermal = channel.thermal.unwrap_or_default();
         let zero_per_k = channel.to_si(thermal.zero_per_k);
-        let warming = self.warming();
         for i in 0..n {
             let angle = if over_angle { recorded.angle[i] } else { 0.0 };
             if angle.is_nan() {
@@ -154,7 +147,7 @@ impl Seen<'_> {
             map[i] = m / ratio;
             reading[i] = map[i] * bent;
             slope[i] = dm / ratio * bent;
-            let warming = warming.as_ref().map_or(0.0, |w| w[i]);
+            let warming = recorded.warming.as_ref().map_or(0.0, |w| w[i]);
             let warm = warming * (zero_per_k + thermal.gain_per_k * reading[i]);
             residual[i] = readings[i] - offset - crept - warm - reading[i];
         }

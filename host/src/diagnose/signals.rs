@@ -43,8 +43,8 @@ pub struct Signals {
     pub acceleration: Vec<f64>,
     /// Torque of the first shaft, referred, as part of nominal.
     pub level: Vec<f64>,
-    /// Temperature less that of the first sample [K].
-    pub temperature: Option<Vec<f64>>,
+    /// How much warmer it is than where zeros hold [K].
+    pub warming: Option<Vec<f64>>,
     /// Speed of the main shaft that counts as nominal [rad/s].
     pub nominal_speed: f64,
     /// Torque of the main shaft that counts as nominal [N m].

@@ -184,16 +184,21 @@ pub struct Creep {
 impl Creep {
     /// The zero for each of `levels`, parts of nominal `dt_s` [s] apart [the channel's unit].
     pub fn course(&self, levels: impl IntoIterator<Item = f64>, dt_s: f64) -> Vec<f64> {
-        let rate = 1.0 - (-dt_s / self.time_s).exp();
-        let mut z = 0.0;
-        levels
-            .into_iter()
-            .map(|level| {
-                z += rate * (level - z);
-                self.at_nominal * z
-            })
-            .collect()
+        let mut course = lag(levels, dt_s, self.time_s);
+        course.iter_mut().for_each(|z| *z *= self.at_nominal);
+        course
     }
+}
+
+/// `dz/dt = (u - z) / time_s` from 0, for each of `u`, `dt_s` [s] apart.
+pub fn lag(u: impl IntoIterator<Item = f64>, dt_s: f64, time_s: f64) -> Vec<f64> {
+    let rate = 1.0 - (-dt_s / time_s).exp();
+    let mut z = 0.0;
+    let follow = |u: f64| {
+        z += rate * (u - z);
+        z
+    };
+    u.into_iter().map(follow).collect()
 }
 
 /// What a gauge reads beside `y` when it is `w` warmer than when its zero was taken:
@@ -338,16 +343,16 @@ impl Auxiliary {
     }
 
     /// How much warmer it is than where zeros hold, of a recording's temperatures [K]; where one
-    /// is missing, as before.
+    /// is missing, as before, and at the start as first known.
     pub fn warming(&self, temperatures: &[f64]) -> Vec<f64> {
         let known = || temperatures.iter().copied().find(|t| t.is_finite());
         let zero = self.zero_k().or_else(known).unwrap_or(0.0);
-        let mut warming = 0.0;
+        let mut last = known().unwrap_or(zero);
         let mut held = |temperature: &f64| {
             if temperature.is_finite() {
-                warming = temperature - zero;
+                last = *temperature;
             }
-            warming
+            last - zero
         };
         temperatures.iter().map(&mut held).collect()
     }

@@ -29,7 +29,7 @@ pub use balance::{Balance, BalanceEffect, Regime, Signal};
 pub use bearing::{BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, SHAPES};
 pub use channel::{
     Adc, Auxiliary, Channel, Creep, Displacement, Drift, Encoder, Group, Index, Place, Reference,
-    Senses, Thermal,
+    Senses, Thermal, lag,
 };
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, Shaft};
 pub use error::{MachineError, Violation};

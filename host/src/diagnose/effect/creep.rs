@@ -1,9 +1,8 @@
 //! Zeros that remember the load, or wander.
 
-use super::thermal::lag;
 use super::{Effect, GaugeModel, Linear, Shape, each, one_shape};
 use crate::diagnose::stream::{Session, Term};
-use crate::machine::Creep;
+use crate::machine::{Creep, lag};
 
 /// `scale a z`, `dz/dt = (level - z) / tau`.
 pub struct GaugeCreep;
@@ -36,7 +35,7 @@ impl Effect for GaugeCreep {
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
         let signals = &session.signals;
         let level = signals.level.iter().copied();
-        vec![Term::Zero(lag(level, signals.dt_s / shape[0]))]
+        vec![Term::Zero(lag(level, signals.dt_s, shape[0]))]
     }
     fn mend(&self, shape: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
         let is_new = gauge.creep.is_none();

@@ -2,6 +2,7 @@
 
 use super::{Effect, GaugeModel, Linear, Shape, each, one_shape};
 use crate::diagnose::stream::{Session, Term};
+use crate::machine::lag;
 
 /// `scale a (T - T0)`.
 pub struct Drift;
@@ -23,7 +24,7 @@ impl Effect for Drift {
         recorded(session)
     }
     fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
-        vec![Term::Zero(temperature(session))]
+        vec![Term::Zero(warming(session))]
     }
     fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
         let zero_per_k = parameters[0] * gauge.full_scale;
@@ -55,7 +56,7 @@ impl Effect for Gain {
         recorded(session)
     }
     fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
-        vec![Term::Gain(temperature(session))]
+        vec![Term::Gain(warming(session))]
     }
     fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
         let sampled = gauge.thermal.as_mut();
@@ -95,7 +96,7 @@ impl Effect for Unrecorded {
         &[HEATING]
     }
     fn grid(&self, session: &Session) -> Vec<Vec<f64>> {
-        if session.signals.temperature.is_some() {
+        if session.signals.warming.is_some() {
             Vec::new()
         } else {
             each(&[200.0, 600.0, 1800.0])
@@ -108,30 +109,20 @@ impl Effect for Unrecorded {
             .iter()
             .zip(signals.relative_speed())
             .map(|(l, w)| (l * w).abs());
-        vec![Term::Zero(lag(power, signals.dt_s / shape[0]))]
+        vec![Term::Zero(lag(power, signals.dt_s, shape[0]))]
     }
     fn experiment(&self) -> &'static str {
         "a thermometer at the gauges, or a long run at power and then one without load"
     }
 }
 
-/// `z+ = z + part (u - z)` from 0.
-pub fn lag(u: impl Iterator<Item = f64>, part: f64) -> Vec<f64> {
-    let mut z = 0.0;
-    u.map(|u| {
-        z += part.min(1.0) * (u - z);
-        z
-    })
-    .collect()
-}
-
 fn recorded(session: &Session) -> Vec<Vec<f64>> {
-    match &session.signals.temperature {
+    match &session.signals.warming {
         Some(_) => one_shape(),
         None => Vec::new(),
     }
 }
 
-fn temperature(session: &Session) -> Vec<f64> {
-    session.signals.temperature.clone().unwrap_or_default()
+fn warming(session: &Session) -> Vec<f64> {
+    session.signals.warming.clone().unwrap_or_default()
 }
