@@ -16,15 +16,22 @@ impl<S: Observed> Selection<S> {
     /// search; one that these do not show stands by what the search found.
     pub fn confirm(&mut self, sessions: &[S], unseen: &[S]) {
         let mut kept: Vec<Found<S>> = Vec::new();
-        let mut left = f64::INFINITY;
+        let mut left = Vec::new();
         for found in &self.found {
             let mut with = kept.clone();
             with.push(found.clone());
             let lasting = Lasting::fitted(sessions, &with);
-            let size = lasting.size(unseen);
-            let accepted = kept.is_empty() || !found.effect.lasts() || size < left;
+            let sizes = lasting.sizes(unseen);
+            let acting = |k: &usize| !found.parameters[*k].is_empty();
+            let sum = |sizes: &[f64]| {
+                (0..sizes.len())
+                    .filter(acting)
+                    .map(|k| sizes[k])
+                    .sum::<f64>()
+            };
+            let accepted = kept.is_empty() || !found.effect.lasts() || sum(&sizes) < sum(&left);
             if accepted || !lasting.shows_the_last(unseen) {
-                (kept, left) = (with, size);
+                (kept, left) = (with, sizes);
             }
         }
         if kept.len() < self.found.len() {
@@ -48,26 +55,23 @@ impl<S: Observed> Lasting<S> {
         Self { found, nuisance }
     }
 
-    /// Sum of the logarithms of the mean squares that are left of `unseen`: each stream counts
-    /// alike, as what a form that is not quite right leaves does not average out.
-    fn size(&self, unseen: &[S]) -> f64 {
-        unseen
-            .iter()
-            .zip(rest(unseen, &self.found, &self.nuisance))
-            .flat_map(|(session, rest)| {
-                rest.into_iter().enumerate().map(move |(k, rest)| {
-                    let (mean, square) = moments(&rest);
-                    // Zeros differ from recording to recording, though not without bound.
-                    let std = session.zero_std(k);
-                    let fitted = self.nuisance[k]
-                        .first()
-                        .filter(|_| std.is_finite())
-                        .unwrap_or(&0.0);
-                    let beyond = ((mean + fitted).abs() - FARTHEST * std).max(0.0);
-                    (square + beyond * beyond).max(1e-300).ln()
-                })
-            })
-            .sum()
+    /// For each stream the sum of the logarithms of the mean squares that are left of `unseen`.
+    fn sizes(&self, unseen: &[S]) -> Vec<f64> {
+        let mut sizes = vec![0.0; self.nuisance.len()];
+        for (session, rest) in (unseen.iter()).zip(rest(unseen, &self.found, &self.nuisance)) {
+            for (k, (size, rest)) in sizes.iter_mut().zip(&rest).enumerate() {
+                let (mean, square) = moments(rest);
+                // Zeros differ from recording to recording, though not without bound.
+                let std = session.zero_std(k);
+                let fitted = self.nuisance[k]
+                    .first()
+                    .filter(|_| std.is_finite())
+                    .unwrap_or(&0.0);
+                let beyond = ((mean + fitted).abs() - FARTHEST * std).max(0.0);
+                *size += (square + beyond * beyond).max(1e-300).ln();
+            }
+        }
+        sizes
     }
 
     /// Whether the last one predicts something of `unseen`.

@@ -68,6 +68,8 @@ pub struct Trial {
     pub null: Vec<f64>,
     /// Part of each stream.
     pub streams: Vec<f64>,
+    /// By which part what the base leaves of each stream has more squares than draws without effect.
+    pub excess: Vec<f64>,
     /// By how much what each stream says of shared parameters spreads more than
     /// its noise, from draw to draw without effect; 1 or more.
     pub overdispersion: Vec<f64>,
@@ -307,6 +309,7 @@ impl Data {
             tempered: sum(0, &own),
             null: (1..sides).map(|r| sum(r, &own)).collect(),
             streams: (0..self.streams.len()).map(|k| gain(k, 0, 1.0)).collect(),
+            excess: base.fitted.iter().map(excess).collect(),
             overdispersion,
         }
     }
@@ -393,4 +396,11 @@ impl Data {
             })
             .collect()
     }
+}
+
+/// By which part the errors of the first right-hand side are larger than those of the others, the draws.
+fn excess(fitted: &Fitted) -> f64 {
+    let draws = &fitted.errors[1..];
+    let clean = draws.iter().sum::<f64>() / draws.len().max(1) as f64;
+    fitted.errors[0] / clean.max(1e-300) - 1.0
 }

@@ -19,6 +19,7 @@ pub mod effect;
 mod empirical;
 mod error;
 mod fit;
+mod forms;
 mod known;
 mod null;
 mod observe;

@@ -28,6 +28,8 @@ pub struct Ranked<S: Observed = Session> {
     pub effect: &'static dyn Effect<S>,
     /// Its best trial.
     pub trial: Trial,
+    /// Linear parameters of each stream; empty where it does not act.
+    pub parameters: Vec<Vec<f64>>,
     /// Evidence that chance alone does not reach.
     pub threshold: f64,
     /// The most that each draw without effect reaches with any shape.
@@ -43,7 +45,7 @@ impl<S: Observed> Ranked<S> {
     }
 
     /// How many numbers it may choose.
-    pub(super) fn parameters(&self) -> usize {
+    pub(super) fn count(&self) -> usize {
         self.effect.linear().len() + self.effect.shape().len()
     }
 }
@@ -101,6 +103,7 @@ pub(super) fn rank<S: Observed>(
         ranked.push(Ranked {
             effect: *effect,
             trial: (*best).clone(),
+            parameters: Vec::new(),
             threshold: by_chance(best, &null, candidates.len()),
             null,
             elsewhere: elsewhere(*effect, &sessions[0], best, &own),
@@ -223,5 +226,9 @@ pub(super) fn refine<S: Observed>(
             }
             candidate.threshold = by_chance(&candidate.trial, &candidate.null, candidates);
         });
+    for r in ranked.iter_mut().filter(|r| r.margin() > 0.0) {
+        let columns = columns(sessions, r.effect, &r.trial.shape, &r.trial.about);
+        r.parameters = data.parameters(base, r.effect, &columns, &r.trial.overdispersion);
+    }
     ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
 }

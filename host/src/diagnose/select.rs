@@ -6,6 +6,7 @@ use std::cmp::Ordering;
 use super::columns::{base_columns, columns};
 use super::effect::{Coupling, Effect};
 use super::fit::Data;
+use super::forms::Forms;
 use super::null::Draws;
 use super::observed::Observed;
 use super::rank::{LEAST, Ranked, rank, refine, same};
@@ -21,6 +22,11 @@ const SAME_BESIDE: f64 = 0.05;
 /// Part of what is left of a residual that an effect must explain somewhere:
 /// what a simulated clean machine leaves is not known better.
 const MATERIAL: f64 = 0.05;
+
+/// The same of an effect of gauges by themselves with more than `SURE` times the evidence that
+/// chance reaches: vibrations, which are known least, act through the drivetrain.
+const MATERIAL_OF_SURE: f64 = 0.01;
+const SURE: f64 = 3.0;
 
 /// The same of an effect with a signal that is free to explain anything.
 const MATERIAL_OF_LATENT: f64 = 0.15;
@@ -105,9 +111,7 @@ pub fn select<S: Observed>(
             alike = ranked
                 .iter()
                 .filter(|other| other.effect.name() != best.effect.name())
-                .filter(|other| {
-                    other.parameters() <= best.parameters() || predicts_the_same(best, other)
-                })
+                .filter(|other| other.count() <= best.count() || predicts_the_same(best, other))
                 .filter(|other| is_material(&data, sessions, other) && indistinct(best, other))
                 .cloned()
                 .collect();
@@ -169,10 +173,11 @@ fn chosen<S: Observed>(
     ranked: &[Ranked<S>],
     found: &[Found<S>],
 ) -> Option<Ranked<S>> {
+    let forms = Forms::new(data, sessions, found);
     let mut worth: Vec<Ranked<S>> = ranked
         .iter()
         .filter(|r| r.margin() > 0.0 && is_material(data, sessions, r))
-        .filter_map(|r| beyond_forms(data, sessions, r, found))
+        .filter_map(|r| forms.beyond(r))
         .filter(|r| r.margin() > 0.0)
         .collect();
     worth.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
@@ -207,8 +212,11 @@ fn refit_newest<S: Observed>(sessions: &[S], found: &mut [Found<S>]) {
 
 /// Whether a candidate explains a part of some residual that is worth a name.
 fn is_material<S: Observed>(data: &Data, sessions: &[S], candidate: &Ranked<S>) -> bool {
-    let least = if is_latent(sessions, candidate.effect) {
+    let (effect, evidence) = (candidate.effect, candidate.trial.score);
+    let least = if is_latent(sessions, effect) {
         MATERIAL_OF_LATENT
+    } else if effect.coupling() == Coupling::Own && evidence > SURE * candidate.threshold {
+        MATERIAL_OF_SURE
     } else {
         MATERIAL
     };
@@ -220,65 +228,8 @@ fn is_material<S: Observed>(data: &Data, sessions: &[S], candidate: &Ranked<S>) 
 }
 
 /// Whether a signal of the effect is free to explain anything.
-fn is_latent<S: Observed>(sessions: &[S], effect: &dyn Effect<S>) -> bool {
+pub(super) fn is_latent<S: Observed>(sessions: &[S], effect: &dyn Effect<S>) -> bool {
     sessions.iter().any(|s| effect.latent(s) > 0.0)
-}
-
-/// A candidate that explains more than a form that is not quite right leaves of the effects
-/// found before, one that is free to explain anything twice as much; in squares over what is left
-/// in the end. What acts on each stream by itself counts where no other such effect leaves more.
-fn beyond_forms<S: Observed>(
-    data: &Data,
-    sessions: &[S],
-    candidate: &Ranked<S>,
-    found: &[Found<S>],
-) -> Option<Ranked<S>> {
-    let trial = &candidate.trial;
-    let alone = candidate.effect.coupling() == Coupling::Own;
-    let times = if is_latent(sessions, candidate.effect) {
-        2.0
-    } else {
-        1.0
-    };
-    let most = trial.streams.iter().copied().fold(0.0, f64::max);
-    let (mut score, mut brought, mut before) = (trial.score, 0.0, 0.0);
-    for (k, gain) in trial.streams.iter().enumerate() {
-        if *gain <= 0.02 * most {
-            continue;
-        }
-        let own = data.squares(k, *gain);
-        let left = |coupling| times * left_by(data, found, coupling, k, *gain);
-        if alone && own < left(Coupling::Own) {
-            score -= gain;
-        } else {
-            brought += own;
-            before += left(Coupling::Own) + left(Coupling::Shared);
-        }
-    }
-    let mut counted = candidate.clone();
-    counted.trial.score = score;
-    (brought > before).then_some(counted)
-}
-
-/// Squares in stream `k`, beside further evidence `later`, that the forms of those of `found`
-/// with that coupling may have left.
-fn left_by<S: Observed>(
-    data: &Data,
-    found: &[Found<S>],
-    coupling: Coupling,
-    k: usize,
-    mut later: f64,
-) -> f64 {
-    let mut left = 0.0;
-    for f in found.iter().rev() {
-        let own = f.streams[k].max(0.0);
-        if f.effect.coupling() == coupling {
-            let explained = data.squares(k, later + own) - data.squares(k, later);
-            left += f.effect.form().powi(2) * explained;
-        }
-        later += own;
-    }
-    left
 }
 
 /// The first of `ranked`, or what explains the same with fewer parameters (a gauge that came
@@ -296,7 +247,7 @@ fn simplest<'a, S: Observed>(
     ranked
         .iter()
         .filter(|r| says_the_same(data, best, r, found))
-        .min_by_key(|r| (r.parameters(), place(r)))
+        .min_by_key(|r| (r.count(), place(r)))
 }
 
 /// Whether `other` explains what `best` does, but for chance or, with fewer parameters, for
@@ -313,7 +264,7 @@ fn says_the_same<S: Observed>(
         gains.map(|(k, gain)| data.squares(k, *gain)).sum()
     };
     let part = if found.is_empty() { SAME } else { SAME_BESIDE };
-    match other.parameters().cmp(&best.parameters()) {
+    match other.count().cmp(&best.count()) {
         Ordering::Less => gap < LEAST || explained(best) < (1.0 + part) * explained(other),
         Ordering::Equal => gap < same(best.trial.score),
         Ordering::Greater => false,

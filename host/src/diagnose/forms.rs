@@ -1,0 +1,157 @@
+//! What the forms of effects found, which are not quite right, may leave of a residual.
+
+use super::columns::columns;
+use super::effect::{Coupling, Effect};
+use super::fit::Data;
+use super::observed::Observed;
+use super::rank::Ranked;
+use super::select::{Found, is_latent};
+use super::signals::smooth;
+
+/// Part of the excess over a clean machine that a candidate leaves at most, which explains
+/// what a wrong form leaves only by chance.
+const CLEARED: f64 = 0.1;
+
+/// What effects found predict of each stream.
+pub(super) struct Forms<'a, S: Observed> {
+    data: &'a Data,
+    sessions: &'a [S],
+    found: &'a [Found<S>],
+    /// `[effect][stream]`.
+    spectra: Vec<Vec<Vec<f64>>>,
+}
+
+impl<'a, S: Observed> Forms<'a, S> {
+    /// Of `found` in `sessions`.
+    pub fn new(data: &'a Data, sessions: &'a [S], found: &'a [Found<S>]) -> Self {
+        let spectra = (found.iter())
+            .map(|f| spectra(sessions, f.effect, &f.shape, &f.parameters))
+            .collect();
+        Self {
+            data,
+            sessions,
+            found,
+            spectra,
+        }
+    }
+
+    /// `candidate` with the evidence that counts, where it explains more than what forms that
+    /// are not quite right leave of the effects found, one that is free to explain anything twice
+    /// as much; in squares over what is left in the end.
+    ///
+    /// A stream in which such a form may be all counts neither for nor against: of any effect
+    /// that acts on each stream by itself, and for a candidate that does, of what streams share as
+    /// well. One of which next to nothing is left counts whatever the forms.
+    pub fn beyond(&self, candidate: &Ranked<S>) -> Option<Ranked<S>> {
+        let trial = &candidate.trial;
+        let times = if is_latent(self.sessions, candidate.effect) {
+            2.0
+        } else {
+            1.0
+        };
+        let own = spectra(
+            self.sessions,
+            candidate.effect,
+            &trial.shape,
+            &candidate.parameters,
+        );
+        let alone = candidate.effect.coupling() == Coupling::Own;
+        let most = trial.streams.iter().copied().fold(0.0, f64::max);
+        let (mut score, mut brought, mut before) = (trial.score, 0.0, 0.0);
+        for (k, gain) in trial.streams.iter().enumerate() {
+            if *gain <= 0.02 * most {
+                continue;
+            }
+            let explained = self.data.squares(k, *gain);
+            let left = |coupling| times * self.left(coupling, k, *gain, &own[k]);
+            let clears = clears(trial.excess[k], explained / self.data.independent(k));
+            let (by_own, by_shared) = (left(Coupling::Own), left(Coupling::Shared));
+            let by_itself = by_own + if alone { by_shared } else { 0.0 };
+            if clears {
+                brought += explained;
+            } else if explained < by_itself {
+                score -= gain;
+            } else {
+                brought += explained;
+                before += by_own + by_shared;
+            }
+        }
+        let mut counted = candidate.clone();
+        counted.trial.score = score;
+        (brought > before).then_some(counted)
+    }
+
+    /// Squares in stream `k` that those found of that coupling may have left where a candidate
+    /// has the spectrum `own`, beside further evidence `later`.
+    fn left(&self, coupling: Coupling, k: usize, mut later: f64, own: &[f64]) -> f64 {
+        let mut left = 0.0;
+        for (f, spectra) in self.found.iter().zip(&self.spectra).rev() {
+            let gain = f.streams[k].max(0.0);
+            if f.effect.coupling() == coupling {
+                let explained = self.data.squares(k, later + gain) - self.data.squares(k, later);
+                left += f.effect.form().powi(2) * overlap(own, &spectra[k]) * explained;
+            }
+            later += gain;
+        }
+        left
+    }
+}
+
+/// Whether of an `excess` over the mean square of a clean machine next to nothing is left, once
+/// `explained` times what is left in the end is explained.
+fn clears(excess: f64, explained: f64) -> bool {
+    let after = (1.0 + excess) / (1.0 + explained) - 1.0;
+    explained > 0.2 && after < CLEARED * excess
+}
+
+/// In which octaves what an effect predicts of each stream lies; empty where it does not act.
+fn spectra<S: Observed>(
+    sessions: &[S],
+    effect: &dyn Effect<S>,
+    shape: &[f64],
+    parameters: &[Vec<f64>],
+) -> Vec<Vec<f64>> {
+    let columns = columns(sessions, effect, shape, parameters);
+    (parameters.iter().enumerate())
+        .map(|(k, parameters)| {
+            let mut predicted = Vec::new();
+            for (column, value) in columns.iter().zip(parameters) {
+                predicted.resize(column[k].len(), 0.0);
+                for (p, c) in predicted.iter_mut().zip(&column[k]) {
+                    *p += value * c;
+                }
+            }
+            spectrum(predicted)
+        })
+        .collect()
+}
+
+/// Part of the squares of `x` about its mean in each octave, the fastest first.
+fn spectrum(mut x: Vec<f64>) -> Vec<f64> {
+    let mean = x.iter().sum::<f64>() / x.len().max(1) as f64;
+    x.iter_mut().for_each(|x| *x -= mean);
+    let mut octaves = Vec::new();
+    let mut width = 3;
+    while 4 * width < x.len() {
+        let slow = smooth(&x, width);
+        octaves.push(
+            x.iter()
+                .zip(&slow)
+                .map(|(x, slow)| (x - slow).powi(2))
+                .sum(),
+        );
+        x = slow;
+        width = 2 * width + 1;
+    }
+    octaves.push(x.iter().map(|x| x * x).sum());
+    let total: f64 = octaves.iter().sum();
+    octaves.iter_mut().for_each(|o| *o /= total.max(1e-300));
+    octaves
+}
+
+/// Most of the squares of something with the spectrum `a` that what has the spectrum `b` can be
+/// taken for, whatever its phases.
+fn overlap(a: &[f64], b: &[f64]) -> f64 {
+    let along: f64 = a.iter().zip(b).map(|(a, b)| (a * b).sqrt()).sum();
+    along * along
+}
