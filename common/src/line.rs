@@ -30,6 +30,13 @@ pub struct Line<'a> {
 }
 
 #[derive(Clone, Debug)]
+#[cfg_attr(
+    target_pointer_width = "32",
+    expect(
+        clippy::large_enum_variant,
+        reason = "there is one line in a program, and no heap"
+    )
+)]
 enum Kind<'a> {
     Gearbox6(Gearbox<'a, 6>, GearboxState<6>),
     Gearbox8(Gearbox<'a, 8>, GearboxState<8>),

@@ -3,9 +3,12 @@
 //! The mirror image of a belief explains the local strain as well as the belief itself; only
 //! bulk strain and what is expected of the loads tell the two apart, and at a start, with offsets
 //! unknown, not before the loads have moved. So the first duel with the mirror image lasts until
-//! it is decided, and a moment that has changed its sign calls the next one.
+//! it is decided, and a moment that has passed near zero calls the next one.
+//!
+//! Wrong rows take up offsets that make them right. So each challenger starts with those that were
+//! learnt before, by rows that were told from their mirror image, and so does a search that starts anew.
 
-use super::joint::{Belief, LOAD};
+use super::joint::{Belief, LOAD, Offsets};
 use super::trust::Trust;
 use super::{Bearing, BearingState, GAUGES, ROWS};
 
@@ -34,7 +37,7 @@ const MIRROR_BURN_IN: u16 = 100;
 const LONGEST_DUEL: u16 = 500;
 
 /// Standard deviations by which a moment is off zero when its sign is known.
-const SIGN_KNOWN: f32 = 2.0;
+const SIGN_KNOWN: f32 = 4.0;
 
 /// The standing of a challenge.
 #[derive(Clone, Copy, Debug, Default)]
@@ -47,8 +50,8 @@ pub(super) struct Duel {
     pub won: u8,
     /// Whether the mirror image has been told from the champion since the start.
     pub settled: bool,
-    /// Over-turning moment when its sign was last known [kN].
-    side: f32,
+    /// Whether the sign of the over-turning moment is known.
+    sign_is_known: bool,
 }
 
 impl Duel {
@@ -56,19 +59,21 @@ impl Duel {
         self.candidate.is_multiple_of(4)
     }
 
-    /// Whether the over-turning moment has changed its sign since it was last known, and the
-    /// mirror image is not tried already.
+    /// Whether the over-turning moment may just have changed its sign: a belief that misses the
+    /// change bounces off zero instead.
     fn sees_reversal(&mut self, champion: &Belief) -> bool {
         let at = LOAD + 3;
         let moment = champion.gaussian.state[at];
         let least = SIGN_KNOWN * SIGN_KNOWN * champion.gaussian.upper[at][at];
-        if !self.settled || self.won == 0 || moment * moment < least {
-            return false;
-        }
-        let reversed = moment * self.side < 0.0;
-        self.side = moment;
-        reversed && !self.is_with_mirror()
+        let was_known = core::mem::replace(&mut self.sign_is_known, moment * moment >= least);
+        self.sign_is_known && !was_known && self.settled && self.won > 0
     }
+}
+
+/// Whether the mirror image has turned into the belief whose image it was.
+fn is_one(champion: &Belief, image: &Belief) -> bool {
+    let moment = |belief: &Belief| belief.gaussian.state[LOAD + 3];
+    !champion.is_apart(image) && moment(champion) * moment(image) > 0.0
 }
 
 impl Bearing {
@@ -78,6 +83,10 @@ impl Bearing {
         state.cost = (0.0, 0.0);
         if state.known.is_none() {
             if state.trust.is_lost() {
+                if !state.duel.settled {
+                    // What was remembered has not helped to find the rows.
+                    state.offsets = Offsets::expected(&self.model.tuning);
+                }
                 state.running = false;
                 return;
             }
@@ -115,7 +124,15 @@ impl Bearing {
         };
         let settles = mirror && duel.blocks > MIRROR_BURN_IN && verdict.abs() > decisive;
         let broken = !state.champion.is_finite();
-        let over = duel.blocks >= length || duel.lead > HOPELESS || settles && !duel.settled;
+        let image_is_lost = undecided
+            && mirror
+            && duel.blocks > BURN_IN
+            && is_one(&state.champion, &state.challenger);
+        let over = duel.blocks >= length
+            || duel.lead > HOPELESS
+            || duel.blocks > burn_in && verdict < -DECISIVE
+            || image_is_lost
+            || settles && !duel.settled;
         if !over && !broken {
             return;
         }
@@ -129,10 +146,13 @@ impl Bearing {
                 state.trust = Trust::default();
             }
             if !state.champion.is_finite() {
-                self.begin(&mut state.champion);
+                self.begin(&mut state.champion, &state.offsets);
             }
         } else {
             duel.won = duel.won.saturating_add(1);
+            if mirror && duel.settled && verdict > MARGIN && state.known.is_none() {
+                state.offsets = state.champion.offsets();
+            }
         }
         self.challenge(state);
     }
@@ -147,7 +167,6 @@ impl Bearing {
         state.challenger = state.champion.clone();
         let next = &mut state.challenger;
         let moved = duel.candidate / 2 + 1;
-        let mirrored = duel.is_with_mirror();
         match duel.candidate % 4 {
             0 => next.swap_rows(),
             2 => next.forget_loads(tuning),
@@ -163,10 +182,7 @@ impl Bearing {
             next.widen(ROWS + row, tuning.slip_std * tuning.slip_std);
         }
         next.widen_loads(tuning, 0.25);
-        if duel.won == 0 || mirrored && state.trust.is_doubted() {
-            // Later they are what is known best, and tell the labels apart.
-            next.forget_offsets(tuning);
-        }
+        next.recall(&state.offsets);
         next.balance(&self.contacts);
         next.balance(&self.contacts);
         for g in 0..GAUGES {

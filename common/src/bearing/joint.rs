@@ -31,12 +31,17 @@ pub const LOAD: usize = 2 * ROWS;
 pub const PRELOAD: usize = LOAD + LOADS;
 /// Place of the first bias.
 pub const BIAS: usize = PRELOAD + 1;
+/// Preload and biases.
+const OFFSETS: usize = NX - PRELOAD;
 
 /// Phases further apart than this are not the same [rad].
 const APART: f32 = 0.6;
 
 /// Variance below which a phase is known [rad^2].
 const KNOWN_PHASE: f32 = 0.1;
+
+/// Part of the square of local strain not explained that is told as error of the bulk strain.
+const UNEXPLAINED_SHARE: f32 = 0.5;
 
 /// Variance of a load that is known [kN^2].
 const KNOWN_VARIANCE: f32 = 1e-8;
@@ -52,8 +57,35 @@ pub struct Told {
     pub local: (f32, f32),
     /// Mean square of the local strain that was not expected.
     pub left: f32,
-    /// Minus twice the logarithm of its likelihood.
+    /// Normalised innovation squared, the sum over the rows.
+    ///
+    /// Errors of the model stay for many blocks and are told larger for that, so that the determinant of the
+    /// innovations' covariance, the other part of the likelihood, would outweigh them: rows that say less would win.
     pub cost: f32,
+}
+
+/// Preload [um] and biases [um/m], as a belief has learnt them.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Offsets {
+    mean: [f32; OFFSETS],
+    /// Covariance, upper triangle by columns.
+    upper: [[f32; OFFSETS]; OFFSETS],
+}
+
+impl Offsets {
+    /// Before anything is learnt.
+    pub fn expected(tuning: &Tuning) -> Self {
+        let mut offsets = Self::default();
+        for (i, column) in offsets.upper.iter_mut().enumerate() {
+            let std = if i == 0 {
+                tuning.preload_std
+            } else {
+                tuning.bias_std
+            };
+            column[i] = std * std;
+        }
+        offsets
+    }
 }
 
 /// One belief about phases, loads and biases.
@@ -83,8 +115,14 @@ impl Belief {
         }
     }
 
-    /// Begins with what is expected; `rest`: the equilibrium at the expected loads.
-    pub fn begin(&mut self, tuning: &Tuning, contacts: &Contacts, rest: &Equilibrium) {
+    /// Begins with what is expected and known of preload and biases; `rest`: the equilibrium at the expected loads.
+    pub fn begin(
+        &mut self,
+        tuning: &Tuning,
+        contacts: &Contacts,
+        rest: &Equilibrium,
+        offsets: &Offsets,
+    ) {
         let x = &mut self.gaussian.state;
         let p = &mut self.gaussian.upper;
         x.fill(0.0);
@@ -94,12 +132,11 @@ impl Belief {
             spread(row, 1.0);
             spread(ROWS + row, tuning.slip_std);
         }
-        spread(PRELOAD, tuning.preload_std);
-        (BIAS..NX).for_each(|i| spread(i, tuning.bias_std));
         for (i, mean) in tuning.load_mean.iter().enumerate() {
             x[LOAD + i] = *mean;
         }
-        self.linearised_at = *x;
+        self.recall(offsets);
+        self.linearised_at = self.gaussian.state;
         self.widen_loads(tuning, 1.0);
         self.equilibrium = *rest;
         for g in 0..GAUGES {
@@ -149,18 +186,29 @@ impl Belief {
         }
     }
 
-    /// Starts with preload and biases anew: what they have taken up belongs to another belief.
-    pub fn forget_offsets(&mut self, tuning: &Tuning) {
+    /// Preload and biases as they are believed now.
+    pub fn offsets(&self) -> Offsets {
+        let mut offsets = Offsets::default();
+        for j in 0..OFFSETS {
+            offsets.mean[j] = self.gaussian.state[PRELOAD + j];
+            for i in 0..=j {
+                offsets.upper[j][i] = self.gaussian.upper[PRELOAD + j][PRELOAD + i];
+            }
+        }
+        offsets
+    }
+
+    /// Takes preload and biases from `offsets`: what it has taken up itself may belong to other rows.
+    pub fn recall(&mut self, offsets: &Offsets) {
         let p = &mut self.gaussian.upper;
-        for i in PRELOAD..NX {
-            self.gaussian.state[i] = 0.0;
-            uncouple(p, i);
-            let std = if i == PRELOAD {
-                tuning.preload_std
-            } else {
-                tuning.bias_std
-            };
-            p[i][i] = std * std;
+        for j in 0..OFFSETS {
+            self.gaussian.state[PRELOAD + j] = offsets.mean[j];
+            uncouple(p, PRELOAD + j);
+        }
+        for j in 0..OFFSETS {
+            for i in 0..=j {
+                p[PRELOAD + j][PRELOAD + i] = offsets.upper[j][i];
+            }
         }
     }
 
@@ -377,7 +425,8 @@ impl Belief {
     /// Updates the belief with what one gauge said in a block.
     ///
     /// The row of the mean strain comes first in the block, so that the other
-    /// rows do not see it; it is trusted only as far as `bulk_std`. `used` false: the gauge is only
+    /// rows do not see it; it is trusted only as far as `bulk_std` and as far as the local strain is explained:
+    /// a belief that is still on its way takes up no offsets. `used` false: the gauge is only
     /// compared.
     pub fn update(
         &mut self,
@@ -395,8 +444,10 @@ impl Belief {
             square += value * value;
         }
         let local = model.resting_variance() + model.model_error * model.model_error * square;
-        let bulk = local + tuning.bulk_std * tuning.bulk_std * f32::from(block.count);
-        let (mut rows, mut product) = (0.0, 1.0);
+        let bulk = local
+            + tuning.bulk_std * tuning.bulk_std * f32::from(block.count)
+            + UNEXPLAINED_SHARE * unexplained(block, g, &c);
+        let mut rows = 0.0;
         for k in 0..BASIS {
             if block.root[k][k] == 0.0 {
                 continue;
@@ -424,8 +475,7 @@ impl Belief {
             }
             let mut gate = if used { Gate::open() } else { Gate::shut() };
             let told_row = kalman::update(&mut self.gaussian, &row, nu, r, &mut gate);
-            told.nis += told_row.nis;
-            product *= told_row.variance / r;
+            told.cost += told_row.nis;
             rows += 1.0;
             if k == 0 {
                 let scale = 1.0 / f32::from(block.count.max(1));
@@ -433,8 +483,7 @@ impl Belief {
             }
         }
         let count = f32::from(block.count.max(1));
-        told.cost = told.nis + libm::logf(product.max(1e-30));
-        told.nis /= f32::max(rows, 1.0);
+        told.nis = told.cost / f32::max(rows, 1.0);
         told.left /= count;
         told.local = (
             libm::sqrtf(told.local.0 / count),
@@ -442,6 +491,19 @@ impl Belief {
         );
         told
     }
+}
+
+/// Sum of squares of a gauge's local strain that coefficients `c` do not explain [(um/m)^2].
+fn unexplained(block: &Block, g: usize, c: &[f32; BASIS]) -> f32 {
+    let mut sum = 0.0;
+    for k in 1..BASIS {
+        let mut nu = block.reading[g % GAUGES][k];
+        for j in k..BASIS {
+            nu -= block.root[k][j] * c[j];
+        }
+        sum += nu * nu;
+    }
+    sum
 }
 
 /// Takes from state `i` what it has in common with the others; its variance stays.

@@ -29,7 +29,7 @@ use block::{Block, Sums};
 use contact::{Contacts, Equilibrium};
 use duel::{CANDIDATES, Duel};
 use health::Health;
-use joint::{Belief, Told};
+use joint::{Belief, Offsets, Told};
 use output::{UNKNOWN, estimate};
 use trust::Trust;
 use wheel::Wheel;
@@ -87,6 +87,8 @@ pub struct BearingState {
     cost: (f32, f32),
     trust: Trust,
     duel: Duel,
+    /// What was learnt of preload and biases by rows that were told from their mirror image.
+    offsets: Offsets,
     running: bool,
     /// Loads that are known, on a rig [kN].
     known: Option<[f32; LOADS]>,
@@ -134,6 +136,7 @@ impl Bearing {
             cost: (0.0, 0.0),
             duel: Duel::default(),
             trust: Trust::default(),
+            offsets: Offsets::expected(&self.model.tuning),
             running: false,
             known: None,
             published: [UNKNOWN; LOADS],
@@ -180,7 +183,7 @@ impl Bearing {
             state.published = [UNKNOWN; LOADS];
         } else if !state.running {
             state.running = true;
-            self.begin(&mut state.champion);
+            self.begin(&mut state.champion, &state.offsets);
             state.duel = Duel::default();
             state.trust = Trust::default();
             self.challenge(state);
@@ -192,8 +195,8 @@ impl Bearing {
         state.sums = Sums::default();
     }
 
-    fn begin(&self, belief: &mut Belief) {
-        belief.begin(&self.model.tuning, &self.contacts, &self.rest);
+    fn begin(&self, belief: &mut Belief, offsets: &Offsets) {
+        belief.begin(&self.model.tuning, &self.contacts, &self.rest, offsets);
     }
 
     /// The next job of the current block.

@@ -67,11 +67,6 @@ impl Trust {
         self.doubted == 0 && self.left < UNEXPLAINED * self.read
     }
 
-    /// Whether the belief surprises or strays.
-    pub fn is_doubted(&self) -> bool {
-        self.doubted > 0
-    }
-
     /// Whether doubt has just come up.
     pub fn begins_to_doubt(&self) -> bool {
         self.doubted == 1
