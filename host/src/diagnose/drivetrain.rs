@@ -112,6 +112,10 @@ impl Observed for Session {
         self.streams[k].noise_std
     }
 
+    fn is_referred(&self) -> bool {
+        self.told == Told::References
+    }
+
     fn inflation(&self, k: usize) -> f64 {
         match self.streams[k].kind {
             Kind::Balance => 1.5 * self.signals.smoothing as f64,

@@ -4,7 +4,7 @@ use super::columns::columns;
 use super::effect::{Coupling, Effect};
 use super::fit::Data;
 use super::observed::Observed;
-use super::rank::Ranked;
+use super::rank::{Ranked, numbers};
 use super::select::{Found, is_latent};
 use super::signals::smooth;
 
@@ -17,7 +17,7 @@ pub(super) struct Forms<'a, S: Observed> {
     data: &'a Data,
     sessions: &'a [S],
     found: &'a [Found<S>],
-    /// `[effect][stream]`.
+    /// In which octaves a form that is off may leave something: `[effect][stream]`.
     spectra: Vec<Vec<Vec<f64>>>,
 }
 
@@ -26,6 +26,7 @@ impl<'a, S: Observed> Forms<'a, S> {
     pub fn new(data: &'a Data, sessions: &'a [S], found: &'a [Found<S>]) -> Self {
         let spectra = (found.iter())
             .map(|f| spectra(sessions, f.effect, &f.shape, &f.parameters))
+            .map(|of_streams| of_streams.iter().map(|s| distorted(s)).collect())
             .collect();
         Self {
             data,
@@ -41,7 +42,8 @@ impl<'a, S: Observed> Forms<'a, S> {
     ///
     /// A stream in which such a form may be all counts neither for nor against: of any effect
     /// that acts on each stream by itself, and for a candidate that does, of what streams share as
-    /// well. One of which next to nothing is left counts whatever the forms.
+    /// well. One of which next to nothing is left counts whatever the forms, unless the candidate has
+    /// more numbers to choose than any of these.
     pub fn beyond(&self, candidate: &Ranked<S>) -> Option<Ranked<S>> {
         let trial = &candidate.trial;
         let times = if is_latent(self.sessions, candidate.effect) {
@@ -55,6 +57,8 @@ impl<'a, S: Observed> Forms<'a, S> {
             &trial.shape,
             &candidate.parameters,
         );
+        let freest = self.found.iter().map(|f| numbers(f.effect)).max();
+        let tied = freest.is_some_and(|freest| candidate.count() <= freest);
         let alone = candidate.effect.coupling() == Coupling::Own;
         let most = trial.streams.iter().copied().fold(0.0, f64::max);
         let (mut score, mut brought, mut before) = (trial.score, 0.0, 0.0);
@@ -64,7 +68,7 @@ impl<'a, S: Observed> Forms<'a, S> {
             }
             let explained = self.data.squares(k, *gain);
             let left = |coupling| times * self.left(coupling, k, *gain, &own[k]);
-            let clears = clears(trial.excess[k], explained / self.data.independent(k));
+            let clears = tied && clears(trial.excess[k], explained / self.data.independent(k));
             let (by_own, by_shared) = (left(Coupling::Own), left(Coupling::Shared));
             let by_itself = by_own + if alone { by_shared } else { 0.0 };
             if clears {
@@ -149,9 +153,15 @@ fn spectrum(mut x: Vec<f64>) -> Vec<f64> {
     octaves
 }
 
+/// `spectrum` with harmonics up to two octaves faster, which come of a bent form.
+fn distorted(spectrum: &[f64]) -> Vec<f64> {
+    let slower = |b: usize| spectrum[b..].iter().take(3);
+    (0..spectrum.len()).map(|b| slower(b).sum()).collect()
+}
+
 /// Most of the squares of something with the spectrum `a` that what has the spectrum `b` can be
 /// taken for, whatever its phases.
 fn overlap(a: &[f64], b: &[f64]) -> f64 {
     let along: f64 = a.iter().zip(b).map(|(a, b)| (a * b).sqrt()).sum();
-    along * along
+    along.min(1.0).powi(2)
 }

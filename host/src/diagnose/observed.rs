@@ -107,6 +107,11 @@ pub trait Observed: Clone + Send + Sync + 'static {
     /// Standard deviation of a sample of stream `k` that the description expects.
     fn noise_std(&self, k: usize) -> f64;
 
+    /// Whether what the residuals are taken from is told by other sensors than those judged.
+    fn is_referred(&self) -> bool {
+        false
+    }
+
     /// Samples of stream `k` for one that tells something new.
     fn inflation(&self, k: usize) -> f64;
 

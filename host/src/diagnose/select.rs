@@ -23,9 +23,10 @@ const SAME_BESIDE: f64 = 0.05;
 /// what a simulated clean machine leaves is not known better.
 const MATERIAL: f64 = 0.05;
 
-/// The same of an effect of gauges by themselves, without a shape to choose, with more than `SURE`
-/// times the evidence that chance reaches: vibrations, which are known least, act through the
-/// drivetrain, and a shape (an instant, a frequency) finds where a clean machine is known least.
+/// The same, given the torque by references, of an effect of gauges by themselves, without a shape
+/// to choose, with more than `SURE` times the evidence that chance reaches: vibrations, which are
+/// known least, act through the drivetrain, and a shape (an instant, a frequency) finds where a
+/// clean machine is known least.
 const MATERIAL_OF_SURE: f64 = 0.01;
 const SURE: f64 = 3.0;
 
@@ -215,9 +216,10 @@ fn refit_newest<S: Observed>(sessions: &[S], found: &mut [Found<S>]) {
 fn is_material<S: Observed>(data: &Data, sessions: &[S], candidate: &Ranked<S>) -> bool {
     let (effect, evidence) = (candidate.effect, candidate.trial.score);
     let by_itself = effect.coupling() == Coupling::Own && effect.shape().is_empty();
+    let referred = sessions.iter().all(Observed::is_referred);
     let least = if is_latent(sessions, effect) {
         MATERIAL_OF_LATENT
-    } else if by_itself && evidence > SURE * candidate.threshold {
+    } else if by_itself && referred && evidence > SURE * candidate.threshold {
         MATERIAL_OF_SURE
     } else {
         MATERIAL
