@@ -133,7 +133,9 @@ fn spectra<S: Observed>(
 /// Part of the squares of `x` about its mean in each octave, the fastest first.
 fn spectrum(mut x: Vec<f64>) -> Vec<f64> {
     let mean = x.iter().sum::<f64>() / x.len().max(1) as f64;
-    x.iter_mut().for_each(|x| *x -= mean);
+    for x in &mut x {
+        *x -= mean;
+    }
     let mut octaves = Vec::new();
     let mut width = 3;
     while 4 * width < x.len() {
@@ -149,8 +151,8 @@ fn spectrum(mut x: Vec<f64>) -> Vec<f64> {
     }
     octaves.push(x.iter().map(|x| x * x).sum());
     let total: f64 = octaves.iter().sum();
-    octaves.iter_mut().for_each(|o| *o /= total.max(1e-300));
-    octaves
+    let part = |o: f64| o / total.max(1e-300);
+    octaves.into_iter().map(part).collect()
 }
 
 /// `spectrum` with harmonics up to two octaves faster, which come of a bent form.

@@ -184,9 +184,8 @@ pub struct Creep {
 impl Creep {
     /// The zero for each of `levels`, parts of nominal `dt_s` [s] apart [the channel's unit].
     pub fn course(&self, levels: impl IntoIterator<Item = f64>, dt_s: f64) -> Vec<f64> {
-        let mut course = lag(levels, dt_s, self.time_s);
-        course.iter_mut().for_each(|z| *z *= self.at_nominal);
-        course
+        let course = lag(levels, dt_s, self.time_s);
+        course.into_iter().map(|z| z * self.at_nominal).collect()
     }
 }
 
