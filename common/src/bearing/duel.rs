@@ -8,7 +8,8 @@
 //! Wrong rows take up offsets that make them right. So each challenger starts with those that were
 //! learnt before, by rows that were told from their mirror image, and so does a search that starts anew.
 
-use super::joint::{Belief, LOAD, Offsets};
+use super::joint::{Belief, LOAD};
+use super::offsets::Offsets;
 use super::trust::Trust;
 use super::{Bearing, BearingState, GAUGES, ROWS};
 

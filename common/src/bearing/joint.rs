@@ -16,6 +16,7 @@ use nalgebra::{RowSVector, SVector};
 
 use super::block::Block;
 use super::contact::{Contacts, Equilibrium, Features, INPUTS};
+use super::offsets::Offsets;
 use super::{BASIS, FEATURES, GAUGES, GaugeModel, HARMONICS, LOADS, ROWS, Tuning};
 use crate::elementary::sin_cos;
 use crate::gaussian::Gaussian;
@@ -31,8 +32,6 @@ pub const LOAD: usize = 2 * ROWS;
 pub const PRELOAD: usize = LOAD + LOADS;
 /// Place of the first bias.
 pub const BIAS: usize = PRELOAD + 1;
-/// Preload and biases.
-const OFFSETS: usize = NX - PRELOAD;
 
 /// Phases further apart than this are not the same [rad].
 const APART: f32 = 0.6;
@@ -62,30 +61,6 @@ pub struct Told {
     /// Errors of the model stay for many blocks and are told larger for that, so that the determinant of the
     /// innovations' covariance, the other part of the likelihood, would outweigh them: rows that say less would win.
     pub cost: f32,
-}
-
-/// Preload [um] and biases [um/m], as a belief has learnt them.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Offsets {
-    mean: [f32; OFFSETS],
-    /// Covariance, upper triangle by columns.
-    upper: [[f32; OFFSETS]; OFFSETS],
-}
-
-impl Offsets {
-    /// Before anything is learnt.
-    pub fn expected(tuning: &Tuning) -> Self {
-        let mut offsets = Self::default();
-        for (i, column) in offsets.upper.iter_mut().enumerate() {
-            let std = if i == 0 {
-                tuning.preload_std
-            } else {
-                tuning.bias_std
-            };
-            column[i] = std * std;
-        }
-        offsets
-    }
 }
 
 /// One belief about phases, loads and biases.
@@ -183,32 +158,6 @@ impl Belief {
         let p = &mut self.gaussian.upper;
         for i in (0..LOAD).chain([1, 3, 4].map(|i| LOAD + i)) {
             uncouple(p, i);
-        }
-    }
-
-    /// Preload and biases as they are believed now.
-    pub fn offsets(&self) -> Offsets {
-        let mut offsets = Offsets::default();
-        for j in 0..OFFSETS {
-            offsets.mean[j] = self.gaussian.state[PRELOAD + j];
-            for i in 0..=j {
-                offsets.upper[j][i] = self.gaussian.upper[PRELOAD + j][PRELOAD + i];
-            }
-        }
-        offsets
-    }
-
-    /// Takes preload and biases from `offsets`: what it has taken up itself may belong to other rows.
-    pub fn recall(&mut self, offsets: &Offsets) {
-        let p = &mut self.gaussian.upper;
-        for j in 0..OFFSETS {
-            self.gaussian.state[PRELOAD + j] = offsets.mean[j];
-            uncouple(p, PRELOAD + j);
-        }
-        for j in 0..OFFSETS {
-            for i in 0..=j {
-                p[PRELOAD + j][PRELOAD + i] = offsets.upper[j][i];
-            }
         }
     }
 
@@ -508,7 +457,7 @@ fn unexplained(block: &Block, g: usize, c: &[f32; BASIS]) -> f32 {
 
 /// Takes from state `i` what it has in common with the others; its variance stays.
 #[inline(never)]
-fn uncouple(p: &mut [[f32; NX]; NX], i: usize) {
+pub(super) fn uncouple(p: &mut [[f32; NX]; NX], i: usize) {
     for (j, column) in p.iter_mut().enumerate() {
         // Column j ends at the diagonal.
         if j == i {
