@@ -93,7 +93,9 @@ impl<'a, S: Observed> Forms<'a, S> {
             let gain = f.streams[k].max(0.0);
             if f.effect.coupling() == coupling {
                 let explained = self.data.squares(k, later + gain) - self.data.squares(k, later);
-                left += f.effect.form().powi(2) * overlap(own, &spectra[k]) * explained;
+                left += f.effect.form(&self.sessions[0]).powi(2)
+                    * overlap(own, &spectra[k])
+                    * explained;
             }
             later += gain;
         }

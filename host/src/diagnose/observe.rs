@@ -204,13 +204,15 @@ fn shift_of_map(stream: &Stream) -> Option<(f64, f64)> {
     (square > 0.0).then(|| (product / square, square * stream.noise_std.powi(-2)))
 }
 
-/// How each residual changes with the stiffness and the damping of the shafts,
-/// which decide for how long a vibration stays in step with the simulated one.
+/// How each residual changes with the stiffness and the damping of the shafts, which decide for
+/// how long a vibration stays in step with the simulated one, and with what vibrates at the start.
 fn known_roughly(streams: &mut [Stream], signals: &Signals) {
     let Some(response) = &signals.response else {
         return;
     };
-    for change in response.driven.tolerances(&response.carried) {
+    let driven = &response.driven;
+    let tolerances = driven.tolerances(&response.carried);
+    for change in tolerances.into_iter().chain(driven.beginnings()) {
         for stream in streams.iter_mut() {
             let column = match (stream.kind, stream.shaft) {
                 (Kind::Strain, Some(s)) => product(&stream.map, &signals.fast(&change.torque[s])),

@@ -3,13 +3,14 @@
 
 use std::f64::consts::TAU;
 
+use super::chain::Encoders;
 use super::recorded::{Recorded, derivatives, take_out_spikes, take_out_stuck};
 use super::signals::{Signals, smooth};
 use super::stream::{Kind, Stream};
 use super::thin::{Thin, at, filled};
 use super::torque::{Bodies, Torques};
 use crate::gearbox::Torsion;
-use crate::machine::{Drivetrain, Machine, MachineError, Senses, resampled};
+use crate::machine::{Drivetrain, Encoder, Machine, MachineError, Senses, resampled};
 
 /// Width of each of the three moving means that smooth accelerations [s].
 pub(super) const SMOOTHING_S: f64 = 0.2;
@@ -73,6 +74,9 @@ impl Seen<'_> {
             driven.outside = driven.outside.iter().map(|o| thin.means(o)).collect();
             driven.speed = thin.means(&driven.speed);
             driven.dt_s = dt_s;
+            driven.encoders = (1..self.machine.encoders.len())
+                .map(|k| self.apart(k))
+                .collect();
             response.carried = driven.carried();
             response
         });
@@ -214,17 +218,36 @@ impl Seen<'_> {
         })
     }
 
+    /// Encoder `k` against the first one.
+    fn apart(&self, k: usize) -> Encoders {
+        let (torsion, recorded) = (&self.torsion, &self.recorded);
+        let (zeroth, encoder) = (&self.machine.encoders[0], &self.machine.encoders[k]);
+        let first = torsion.angle_row(&zeroth.inertia);
+        let own = torsion.angle_row(&encoder.inertia);
+        let count = |e: &Encoder| TAU / (e.counts_per_turn * torsion.ratio(&e.inertia)).abs();
+        let noise = |e: &Encoder| e.noise_std_counts.unwrap_or(0.29) * count(e);
+        let angles = recorded.encoders[k].iter().zip(&recorded.encoders[0]);
+        let angle: Vec<f64> = angles.map(|(own, first)| own - first).collect();
+        Encoders {
+            signs: (1..=self.drivetrain.shafts.len())
+                .map(|i| own[i] - first[i])
+                .collect(),
+            angle: self.thin.means(&angle),
+            noise_std: noise(encoder).hypot(noise(zeroth)) / (self.thin.every as f64).sqrt(),
+            count: count(encoder).max(count(zeroth)),
+            zero: 0.0,
+        }
+    }
+
     /// The residual of encoder `k` against the first one; none where the twist
     /// between them is not known.
     pub fn angle(&self, k: usize) -> Option<Stream> {
-        let (machine, torsion, recorded) = (self.machine, &self.torsion, &self.recorded);
-        let encoder = &machine.encoders[k];
+        let (torsion, recorded) = (&self.torsion, &self.recorded);
+        let (zeroth, encoder) = (&self.machine.encoders[0], &self.machine.encoders[k]);
         let twist = self.twist();
-        let first = torsion.angle_row(&machine.encoders[0].inertia);
-        let own = torsion.angle_row(&encoder.inertia);
-        let signs: Vec<f64> = (0..twist.len())
-            .map(|i| own[1 + i] - first[1 + i])
-            .collect();
+        let Encoders {
+            signs, noise_std, ..
+        } = self.apart(k);
         let full: f64 = signs.iter().zip(&twist).map(|(s, t)| (s * t).abs()).sum();
         if full == 0.0 || self.torques.shafts.iter().any(Option::is_none) {
             return None;
@@ -244,18 +267,13 @@ impl Seen<'_> {
                 recorded.encoders[k][i] - recorded.encoders[0][i] - twisted
             })
             .collect();
-        let count = |e: &crate::machine::Encoder| {
-            e.noise_std_counts.unwrap_or(0.29) * TAU
-                / (e.counts_per_turn * torsion.ratio(&e.inertia)).abs()
-        };
         Some(Stream {
             residual: self.thin.residual(&residual),
             scale: full,
-            noise_std: count(encoder).hypot(count(&machine.encoders[0]))
-                / (self.thin.every as f64).sqrt(),
+            noise_std,
             twists: signs,
             inertias: [
-                torsion.inertia(&machine.encoders[0].inertia),
+                torsion.inertia(&zeroth.inertia),
                 torsion.inertia(&encoder.inertia),
             ],
             ..self.bare(encoder.name.clone(), Kind::Angle)

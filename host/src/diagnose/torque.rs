@@ -105,6 +105,7 @@ pub(super) fn torques(
         speed: motion.speed[0].clone(),
         dt_s,
         play: Vec::new(),
+        encoders: Vec::new(),
     });
     let simulated = driven.as_ref().map(|d| d.carried().torque);
     // Dry friction of each body, referred and smoothed: what vibrates as it sticks is not told.

@@ -97,7 +97,7 @@ pub trait Effect<S: Observed = Session>: Sync {
 
     /// Part, in amplitude, of what it explains by which its form may be off: what it leaves so
     /// is no further effect.
-    fn form(&self) -> f64 {
+    fn form(&self, _: &S) -> f64 {
         0.15
     }
 

@@ -76,7 +76,7 @@ impl Effect for Resonance {
         vec![Term::Chain(change)]
     }
     /// What vibrates a little faster is soon out of step.
-    fn form(&self) -> f64 {
+    fn form(&self, _: &Session) -> f64 {
         0.4
     }
     fn experiment(&self) -> &'static str {

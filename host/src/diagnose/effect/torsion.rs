@@ -66,18 +66,22 @@ impl Effect for Backlash {
                 u: signals.level.iter().map(flank).collect(),
             }];
         };
-        let mut driven = response.driven.clone();
-        driven.play = vec![0.0; session.twist.len()];
-        driven.play[shaft] = shape[1] * session.twist[shaft];
+        let play = shape[1] * session.twist[shaft];
+        let driven = response.driven.with_play(shaft, play, &response.carried);
         let mut change = driven.carried().less(&response.carried);
         for torque in &mut change.torque {
             *torque = signals.fast(torque);
         }
         vec![Term::Chain(change)]
     }
-    /// How flanks part and meet is rougher here than in a machine.
-    fn form(&self) -> f64 {
-        0.35
+    /// When flanks meet decides on the phase of what vibrates then: loads alone tell that roughly.
+    fn form(&self, session: &Session) -> f64 {
+        let response = session.signals.response.as_ref();
+        if response.is_some_and(|r| !r.driven.encoders.is_empty()) {
+            0.15
+        } else {
+            0.35
+        }
     }
     fn experiment(&self) -> &'static str {
         "torque through zero both ways at low speed, with an encoder at both ends"

@@ -29,7 +29,7 @@ impl Effect<RotorSession> for SensorBias {
         vec![session.each(|_, _| 1.0)]
     }
     /// A constant; but it may settle: a tenth of it, over half a recording, leaves so much.
-    fn form(&self) -> f64 {
+    fn form(&self, _: &RotorSession) -> f64 {
         0.03
     }
     fn mend(&self, _: &[f64], parameters: &[f64], place: &mut RotorPlace) -> bool {
