@@ -21,6 +21,7 @@ mod error;
 mod fit;
 mod forms;
 mod known;
+mod motion;
 mod null;
 mod observe;
 mod observed;
