@@ -84,3 +84,49 @@ impl Health {
         self.fault[g % GAUGES]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measurement::Converter;
+
+    /// Blocks until a gauge that reads and is expected at these multiples of its noise is named; 200 at most.
+    fn named_after(read: f32, expected: f32) -> Option<usize> {
+        let gauge = GaugeModel {
+            converter: Converter {
+                zero: 0,
+                gain: 1.0,
+                lowest: -1,
+                highest: 1,
+                stuck_after: 0,
+            },
+            passing: 0.0,
+            noise_std: 0.8,
+            resting_error: 0.0,
+            model_error: 0.0,
+            offset: 0.0,
+            bulk_load: Default::default(),
+            bulk_feature: Default::default(),
+            local: Default::default(),
+        };
+        let gauges = [0; GAUGES].map(|_| gauge.clone());
+        let block = Block {
+            count: 20,
+            whole: [true; GAUGES],
+            ..Block::default()
+        };
+        // Six readings of noise in 20 samples.
+        let noise = 0.8 * libm::sqrtf(6.0 / 20.0);
+        let mut told = [Told::default(); GAUGES];
+        told[3].local = (read * noise, expected * noise);
+        let mut health = Health::default();
+        (1..=200).find(|_| health.take(&told, &block, &gauges))
+    }
+
+    #[test]
+    fn silence_names_a_gauge_only_where_it_should_be_heard() {
+        assert_eq!(named_after(1.0, 10.0), Some(50));
+        assert_eq!(named_after(1.0, 1.5), None);
+        assert_eq!(named_after(1.5, 10.0), None);
+    }
+}
