@@ -109,10 +109,10 @@ impl Bearing {
         // With the loads told, local strain alone tells the image from the truth.
         let undecided = !duel.settled && state.known.is_none();
         if undecided && mirror && duel.blocks == FOUND {
-            for belief in [&mut state.champion, &mut state.challenger] {
-                belief.recall(&state.offsets);
-                belief.widen_loads(&self.model.tuning, 1.0);
-            }
+            state.champion.recall(&state.offsets);
+            state.champion.widen_loads(&self.model.tuning, 1.0);
+            state.challenger.recall(&state.offsets);
+            state.challenger.widen_loads(&self.model.tuning, 1.0);
         }
         let (length, burn_in) = if undecided && mirror && state.trust.is_earned() {
             (LONGEST_DUEL, MIRROR_BURN_IN)

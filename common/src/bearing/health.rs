@@ -45,7 +45,10 @@ impl Health {
         gauges: &[GaugeModel; GAUGES],
     ) -> bool {
         let readings = (BASIS - 1) as f32 / f32::from(block.count.max(1));
-        for g in (0..GAUGES).filter(|g| block.whole[*g]) {
+        for g in 0..GAUGES {
+            if !block.whole[g] {
+                continue;
+            }
             let noise = gauges[g].noise_std * gauges[g].noise_std * readings;
             let (read, expected) = told[g].local;
             self.sums[g].0 += read * read / noise;

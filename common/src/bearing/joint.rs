@@ -485,9 +485,9 @@ fn forget(x: &mut SVector<f32, NX>, p: &mut [[f32; NX]; NX], share: f32, std: f3
         }
         p[i][i] = keep * keep * p[i][i] + new;
     }
-    for j in BIAS..NX {
-        for i in BIAS..j {
-            p[j][i] += TOGETHER * new;
+    for (j, column) in p.iter_mut().enumerate().skip(BIAS) {
+        for entry in column.iter_mut().take(j).skip(BIAS) {
+            *entry += TOGETHER * new;
         }
     }
 }
