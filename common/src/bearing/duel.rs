@@ -6,7 +6,8 @@
 //! it is decided, and a moment that has passed near zero calls the next one.
 //!
 //! Wrong rows take up offsets that make them right. So each challenger starts with those that were
-//! learnt before, by rows that were told from their mirror image, and so does a search that starts anew.
+//! learnt before, by rows that were told from their mirror image, and so does a search that starts anew. So does each
+//! of two images once it has found its phases: on the way there it has taken offsets for what phases were.
 
 use super::joint::{Belief, LOAD};
 use super::offsets::Offsets;
@@ -36,6 +37,10 @@ const HOPELESS: f32 = 400.0;
 const DECISIVE: f32 = 100.0;
 const MIRROR_BURN_IN: u16 = 100;
 const LONGEST_DUEL: u16 = 500;
+
+/// Block of that duel at which both images learn their offsets anew: those taken up while phases and loads were being
+/// found are off by many of their standard deviations.
+const FOUND: u16 = 50;
 
 /// Standard deviations by which a moment is off zero when its sign is known.
 const SIGN_KNOWN: f32 = 4.0;
@@ -103,6 +108,12 @@ impl Bearing {
         let mirror = duel.is_with_mirror();
         // With the loads told, local strain alone tells the image from the truth.
         let undecided = !duel.settled && state.known.is_none();
+        if undecided && mirror && duel.blocks == FOUND {
+            state.champion.recall(&state.offsets);
+            state.champion.widen_loads(&self.model.tuning, 1.0);
+            state.challenger.recall(&state.offsets);
+            state.challenger.widen_loads(&self.model.tuning, 1.0);
+        }
         let (length, burn_in) = if undecided && mirror && state.trust.is_earned() {
             (LONGEST_DUEL, MIRROR_BURN_IN)
         } else if duel.won > 0 {

@@ -42,6 +42,9 @@ const KNOWN_PHASE: f32 = 0.1;
 /// Part of the square of local strain not explained that is told as error of the bulk strain.
 const UNEXPLAINED_SHARE: f32 = 0.5;
 
+/// Correlation of the gauges' drift: they sit on one ring and warm together.
+const TOGETHER: f32 = 0.94;
+
 /// Variance of a load that is known [kN^2].
 const KNOWN_VARIANCE: f32 = 1e-8;
 
@@ -468,9 +471,11 @@ pub(super) fn uncouple(p: &mut [[f32; NX]; NX], i: usize) {
     }
 }
 
-/// Biases forget: `x+ = k x`, `P+ = k P k + (1 - k^2) std^2`, `k = 1 - share`.
+/// Biases forget: `x+ = k x`, `P+ = k P k + (1 - k^2) std^2 C`, `k = 1 - share`; `C` is 1 on its diagonal
+/// and [`TOGETHER`] elsewhere.
 fn forget(x: &mut SVector<f32, NX>, p: &mut [[f32; NX]; NX], share: f32, std: f32) {
     let keep = 1.0 - share.min(1.0);
+    let new = (1.0 - keep * keep) * std * std;
     for i in BIAS..NX {
         x[i] *= keep;
         for j in 0..NX {
@@ -478,6 +483,11 @@ fn forget(x: &mut SVector<f32, NX>, p: &mut [[f32; NX]; NX], share: f32, std: f3
                 p[i.max(j)][i.min(j)] *= keep;
             }
         }
-        p[i][i] = keep * keep * p[i][i] + (1.0 - keep * keep) * std * std;
+        p[i][i] = keep * keep * p[i][i] + new;
+    }
+    for (j, column) in p.iter_mut().enumerate().skip(BIAS) {
+        for entry in column.iter_mut().take(j).skip(BIAS) {
+            *entry += TOGETHER * new;
+        }
     }
 }

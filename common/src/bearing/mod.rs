@@ -258,7 +258,7 @@ impl Bearing {
     /// Judges champion and gauges by what was read in the block.
     fn scrutinise(&self, state: &mut BearingState) {
         let (told, gauges) = (&state.told, &self.model.gauges);
-        let fell_silent = state.health.take(told, state.block.whole, gauges);
+        let fell_silent = state.health.take(told, &state.block, gauges);
         let mut used = state.block.whole;
         for (g, used) in used.iter_mut().enumerate() {
             *used &= state.health.fault(g).is_none();

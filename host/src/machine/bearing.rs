@@ -132,7 +132,7 @@ impl Default for BearingFilter {
             preload_std_um: 0.3,
             preload_walk_um: 0.003,
             bias_std: 15.0,
-            bias_time_s: 35_000.0,
+            bias_time_s: 8_200.0,
             bulk_std: 3.0,
             lowest_hz: 10.0,
         }
