@@ -267,8 +267,10 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         let from = state.belief.state[0];
         let mut next = self.transition.propagate(&state.belief.state);
         for (friction, z) in self.model.frictions.iter().zip(&mut state.braking) {
-            let speed = state.belief.state.get(usize::from(friction.speed_state));
-            let torque = friction.torque(speed.copied().unwrap_or(0.0), z);
+            let at = |i: u8| state.belief.state.get(usize::from(i)).copied();
+            let speed = at(friction.speed_state).unwrap_or(0.0);
+            let carried = at(friction.twist_state).unwrap_or(0.0);
+            let torque = friction.torque(speed, carried, z);
             for (x, b) in next.iter_mut().zip(&friction.column) {
                 *x += b * torque;
             }

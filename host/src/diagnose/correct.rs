@@ -37,6 +37,7 @@ pub fn write(
             {
                 let numbers = [
                     ("coulomb_nm", friction.coulomb_nm),
+                    ("load_part", friction.load_part),
                     ("stribeck_nm", friction.stribeck_nm),
                     ("stribeck_rad_s", friction.stribeck_rad_s.unwrap_or(0.0)),
                     ("presliding_rad", friction.presliding_rad),

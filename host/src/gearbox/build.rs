@@ -271,7 +271,9 @@ impl Plan {
                 *slot = braked * self.nominal_torque / self.scale[i];
             }
             // No steeper than what a sample's step follows.
-            let most = referred.coulomb_nm + referred.stribeck_nm;
+            let most = referred.coulomb_nm
+                + referred.load_part * self.nominal_torque
+                + referred.stribeck_nm;
             let steepest = 2.0 * most * self.dt_s / (moment * self.nominal_speed);
             let per_angle = |angle: f64| self.nominal_speed * self.dt_s / angle;
             let positive = |value: f64| (value > 0.0).then_some(value);
@@ -279,7 +281,9 @@ impl Plan {
                 .push(Friction {
                     speed_state: (1 + drivetrain.shafts.len() + k) as u8,
                     column: fixed(&column)?,
+                    twist_state: 1 + k.saturating_sub(1) as u8,
                     sliding: part(referred.coulomb_nm),
+                    losing: referred.load_part as f32,
                     sticking: part(referred.stribeck_nm),
                     fading: (referred.stribeck_rad_s)
                         .map_or(0.0, |speed| (self.nominal_speed / speed) as f32),
