@@ -34,7 +34,7 @@ use crate::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
 use crate::transition::{ProcessNoise, RandomWalk, Transition};
 
 pub use friction::{Friction, MAX_FRICTIONS};
-pub use model::{Channel, Encoder, GearboxModel, LOADS, Role};
+pub use model::{Bias, Channel, Encoder, GearboxModel, LOADS, Role};
 pub use response::Response;
 pub use steady::SteadyGains;
 
@@ -336,7 +336,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             map_mean,
             map_deviation,
             variance,
-            bias_state,
+            biases,
             response,
         } = &channel.role
         else {
@@ -367,11 +367,12 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         let crept = state.crept.get(i).copied().unwrap_or(0.0);
         let zero = offset + response.zero(crept, state.warming);
         let mut predicted = zero + sensitivity * bent;
-        if let Some(b) = bias_state.map(usize::from)
-            && let (Some(g), Some(x)) = (gradient.get_mut(b), state.belief.state.get(b))
-        {
-            *g += 1.0;
-            predicted += x;
+        for bias in biases {
+            let b = usize::from(bias.state);
+            if let (Some(g), Some(x)) = (gradient.get_mut(b), state.belief.state.get(b)) {
+                *g += bias.factor;
+                predicted += bias.factor * x;
+            }
         }
         let gate = &mut state.gates[i % MAX_CHANNELS];
         let update = kalman::update(&mut state.belief, &gradient, value - predicted, r, gate);

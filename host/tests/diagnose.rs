@@ -162,6 +162,7 @@ fn friction_response_creep_and_warmth_that_are_found_become_part_of_the_descript
         ("coulomb-friction", "main_shaft", "torque-arm-3"),
         ("load-friction", "high_speed_shaft", "torque-arm-3"),
         ("strain-nonlinearity", "main_shaft", "torque-arm-3"),
+        ("bending-load", "main_shaft", "torque-arm-3"),
         ("gauge-creep", "main_shaft", "high-speed-housing-1"),
         ("thermal-gain", "main_shaft", "torque-arm-3"),
     ] {

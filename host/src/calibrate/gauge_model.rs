@@ -108,6 +108,9 @@ impl Description {
             {
                 self.set_number("channel", name, "sensitivity", sensitivity);
             }
+            if is.bending != was.bending {
+                self.set_number("channel", name, "bending", is.bending);
+            }
             if is.nonlinearity != was.nonlinearity {
                 self.set_number("channel", name, "nonlinearity", is.nonlinearity);
             }

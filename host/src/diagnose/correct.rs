@@ -5,10 +5,10 @@ use std::path::Path;
 
 use super::DiagnoseError;
 use super::Diagnosis;
-use super::effect::{Coupling, GaugeModel};
+use super::effect::{Coupling, GaugeModel, bending};
 use super::stream::Kind;
 use crate::calibrate::{CalibrateError, Description, map_file};
-use crate::machine::{Creep, MAP_ENTRIES, Machine, Thermal, resampled};
+use crate::machine::{Creep, Drift, MAP_ENTRIES, Machine, Thermal, resampled, six_digits};
 
 /// Writes `machine` with the effects found to `path`, maps beside it; gives
 /// the names of the effects that the line has no place for.
@@ -47,6 +47,11 @@ pub fn write(
             }
         }
     }
+    let bending = |m: &Machine| m.drivetrain.as_ref().and_then(|d| d.bending);
+    if let Some(Drift { std, time_s }) = bending(&changed).filter(|_| bending(machine).is_none()) {
+        description.set_in("drivetrain.bending", "std", six_digits(std));
+        description.set_in("drivetrain.bending", "time_s", six_digits(time_s));
+    }
     description.write_with_gauges(machine, &changed, path)?;
     Ok(absent)
 }
@@ -67,6 +72,8 @@ pub fn corrected(
     let map_path = folder.path().join("maps.csv");
     let mut maps = Vec::new();
     let mut mended = vec![false; selection.found.len()];
+    let strains = streams.iter().filter(|s| s.kind == Kind::Strain);
+    let weights: f64 = strains.map(bending::weight).sum();
     let sampled = machine.thermometer().is_some_and(|t| t.adc.is_some());
     for (k, stream) in streams.iter().enumerate() {
         let Some(number) = machine.channels.iter().position(|c| c.name == stream.name) else {
@@ -87,6 +94,8 @@ pub fn corrected(
                 at_nominal: channel.to_si(creep.at_nominal),
                 ..creep
             }),
+            bending: channel.to_si(channel.bending),
+            weight: bending::weight(stream) / weights,
             thermal: sampled.then(|| Thermal {
                 zero_per_k: channel.to_si(described.zero_per_k),
                 ..described
@@ -104,6 +113,7 @@ pub fn corrected(
         let slot = &mut changed.channels[number];
         slot.offset = slot.unit.from_si(gauge.offset);
         slot.nonlinearity = gauge.nonlinearity;
+        slot.bending = slot.unit.from_si(gauge.bending);
         slot.creep = gauge.creep.map(|creep| Creep {
             at_nominal: slot.unit.from_si(creep.at_nominal),
             ..creep

@@ -47,6 +47,9 @@ pub struct Channel {
     /// Slow drift of the zero that no load causes (creep, temperature), which the
     /// filter then estimates as a state of its own.
     pub drift: Option<Drift>,
+    /// Reading of one unit of the `bending` load of its drivetrain [unit].
+    #[serde(default)]
+    pub bending: f64,
     /// Part of the reading by which it is larger at nominal torque than in proportion,
     /// -0.2 to 0.2: `map s (1 + n s / nominal)`, of a channel on a drivetrain.
     #[serde(default)]
@@ -155,7 +158,7 @@ fn patch() -> f64 {
     0.02
 }
 
-/// Drift of a channel's zero: `b+ = a b + w`, `a = exp(-dt / time_s)`,
+/// Drift of a channel's zero, or of a load that channels share: `b+ = a b + w`, `a = exp(-dt / time_s)`,
 /// `var w = std^2 (1 - a^2)`.
 ///
 /// The deviation is bounded by `std`, so that where nothing tells the drift from
@@ -165,7 +168,7 @@ fn patch() -> f64 {
 #[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Drift {
-    /// Standard deviation in the long run [the channel's unit], > 0.
+    /// Standard deviation in the long run [the unit of what drifts], > 0.
     pub std: f64,
     /// Time constant [s], > 0.
     pub time_s: f64,
@@ -372,6 +375,7 @@ impl Auxiliary {
             noise_std: adc.lsb.abs(),
             noise_map: None,
             drift: None,
+            bending: 0.0,
             nonlinearity: 0.0,
             creep: None,
             thermal: None,

@@ -64,6 +64,13 @@ impl Machine {
                 );
             }
         }
+        if self.drivetrain.as_ref().is_none_or(|d| d.bending.is_none()) {
+            for (i, channel) in self.channels.iter().enumerate() {
+                let field = format!("channel[{}].bending", i + 1);
+                let allowed = "0, or a [drivetrain] with `bending`";
+                within(&field, channel.bending, channel.bending == 0.0, allowed)?;
+            }
+        }
         if self.drivetrain.is_none() {
             for channel in &self.channels {
                 let field = format!("channel {:?}", channel.name);
@@ -336,6 +343,7 @@ impl Machine {
 /// What holds for a channel whatever it senses.
 fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
     finite(&field("offset"), channel.offset)?;
+    finite(&field("bending"), channel.bending)?;
     positive(&field("noise_std"), channel.noise_std)?;
     within(
         &field("runout"),

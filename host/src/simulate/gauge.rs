@@ -23,6 +23,8 @@ pub(super) struct Moment {
     pub temperature: f64,
     /// What the channel senses, as part of nominal.
     pub level: f64,
+    /// The described load that gauges read beside torque.
+    pub bending: f64,
 }
 
 /// Adds to a reading, or changes it, before the converter.
@@ -92,6 +94,8 @@ pub(super) struct Gauge {
     pub shift: f64,
     /// Sensitivity over the carrier angle [unit/Nm, unit/(rad/s)].
     pub map: AngleFunction,
+    /// Reading of one unit of that load [unit].
+    pub bending: f64,
     /// Part of the reading by which it is larger at nominal load than in proportion.
     pub nonlinearity: f64,
     /// What is sensed at nominal load and speed, > 0.
@@ -126,6 +130,7 @@ impl Gauge {
             gain: 1.0,
             shift: 0.0,
             map,
+            bending: channel.bending,
             nonlinearity: channel.nonlinearity,
             nominal,
             is_load_sensor,
@@ -160,7 +165,7 @@ impl Gauge {
         };
         let sensitivity = self.gain * self.map.at(moment.angle - self.shift);
         let bent = sensed * (1.0 + self.nonlinearity * moment.level);
-        let mut reading = self.offset + sensitivity * bent;
+        let mut reading = self.offset + sensitivity * bent + self.bending * moment.bending;
         for disturbance in &mut self.disturbances {
             reading = disturbance.apply(moment, reading);
         }
