@@ -8,7 +8,9 @@ use super::Diagnosis;
 use super::effect::{Coupling, GaugeModel, bending};
 use super::stream::Kind;
 use crate::calibrate::{CalibrateError, Description, map_file};
-use crate::machine::{Creep, Drift, MAP_ENTRIES, Machine, Thermal, resampled, six_digits};
+use crate::machine::{
+    Creep, Drift, Hysteresis, MAP_ENTRIES, Machine, Thermal, resampled, six_digits,
+};
 
 /// Writes `machine` with the effects found to `path`, maps beside it; gives
 /// the names of the effects that the line has no place for.
@@ -94,6 +96,10 @@ pub fn corrected(
                 at_nominal: channel.to_si(creep.at_nominal),
                 ..creep
             }),
+            hysteresis: channel.hysteresis.map(|hysteresis| Hysteresis {
+                half_width: channel.to_si(hysteresis.half_width),
+                ..hysteresis
+            }),
             bending: channel.to_si(channel.bending),
             weight: bending::weight(stream) / weights,
             thermal: sampled.then(|| Thermal {
@@ -117,6 +123,10 @@ pub fn corrected(
         slot.creep = gauge.creep.map(|creep| Creep {
             at_nominal: slot.unit.from_si(creep.at_nominal),
             ..creep
+        });
+        slot.hysteresis = gauge.hysteresis.map(|hysteresis| Hysteresis {
+            half_width: slot.unit.from_si(hysteresis.half_width),
+            ..hysteresis
         });
         let known = gauge.thermal.filter(|t| *t != Thermal::default());
         slot.thermal = known.map(|thermal| Thermal {

@@ -260,11 +260,15 @@ impl Plan {
     /// As the filter has it: what is sensed in parts of nominal.
     fn response(&self, channel: &machine::Channel, tables: &Tables) -> Response {
         let creep = channel.creep.as_ref();
+        let hysteresis = channel.hysteresis.as_ref();
         let thermal = channel.thermal.unwrap_or_default();
         Response {
             bend: channel.nonlinearity as f32,
             creep: creep.map_or(0.0, |c| channel.to_si(c.at_nominal) / tables.unit) as f32,
             creep_rate: creep.map_or(0.0, |c| 1.0 - (-self.dt_s / c.time_s).exp()) as f32,
+            hysteresis: hysteresis.map_or(0.0, |h| channel.to_si(h.half_width) / tables.unit)
+                as f32,
+            turning: hysteresis.map_or(0.0, |h| 1.0 / h.level) as f32,
             zero_per_k: (channel.to_si(thermal.zero_per_k) / tables.unit) as f32,
             gain_per_k: thermal.gain_per_k as f32,
         }

@@ -56,6 +56,8 @@ pub struct Channel {
     pub nonlinearity: f64,
     /// Creep of the zero under load, of a channel on a drivetrain.
     pub creep: Option<Creep>,
+    /// What the zero remembers of the way on which the load came, of a channel on a drivetrain.
+    pub hysteresis: Option<Hysteresis>,
     /// What warmth does to zero and reading, of a channel on a drivetrain; needs an
     /// `[[auxiliary]]` of a temperature with `adc`.
     pub thermal: Option<Thermal>,
@@ -189,6 +191,41 @@ impl Creep {
     pub fn course(&self, levels: impl IntoIterator<Item = f64>, dt_s: f64) -> Vec<f64> {
         let course = lag(levels, dt_s, self.time_s);
         course.into_iter().map(|z| z * self.at_nominal).collect()
+    }
+}
+
+/// Hysteresis of a strain: `a z`, `dz = (dl - |dl| z) / level`, `l` what is sensed as part of
+/// nominal; `z` is 0 at the start, without load. What is sensed has moved once it is further than a
+/// fiftieth of `level` from where it was: noise would forget the way on which the load came.
+///
+/// Source: Wen 1976 (Bouc-Wen with exponent 1).
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Hysteresis {
+    /// `a`: half the width of the loop [the channel's unit].
+    pub half_width: f64,
+    /// Part of the nominal load over which it turns, 0.005 to 2.
+    pub level: f64,
+}
+
+impl Hysteresis {
+    /// The zero for each of `levels`, parts of nominal [the channel's unit].
+    pub fn course(&self, levels: impl IntoIterator<Item = f64>) -> Vec<f64> {
+        let mut walk = self.walk();
+        levels.into_iter().map(|level| walk(level)).collect()
+    }
+
+    /// The zero from one level to the next.
+    pub fn walk(self) -> impl FnMut(f64) -> f64 {
+        const LAG: f64 = 0.02;
+        let (mut moved, mut z): (f64, f64) = (0.0, 0.0);
+        move |level| {
+            let ahead = (level - moved) / self.level;
+            let step = ahead - ahead.clamp(-LAG, LAG);
+            moved += step * self.level;
+            z = (z + step - step.abs() * z).clamp(-1.0, 1.0);
+            self.half_width * z
+        }
     }
 }
 
@@ -378,6 +415,7 @@ impl Auxiliary {
             bending: 0.0,
             nonlinearity: 0.0,
             creep: None,
+            hysteresis: None,
             thermal: None,
             runout: Vec::new(),
             group: None,

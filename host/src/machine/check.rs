@@ -76,8 +76,9 @@ impl Machine {
                 let field = format!("channel {:?}", channel.name);
                 let straight = channel.nonlinearity == 0.0
                     && channel.creep.is_none()
+                    && channel.hysteresis.is_none()
                     && channel.thermal.is_none();
-                let found = "nonlinearity, creep or thermal";
+                let found = "nonlinearity, creep, hysteresis or thermal";
                 within(&field, found, straight, "these only on a drivetrain")?;
             }
         }
@@ -363,6 +364,10 @@ fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
     if let Some(creep) = &channel.creep {
         finite(&field("creep.at_nominal"), creep.at_nominal)?;
         positive(&field("creep.time_s"), creep.time_s)?;
+    }
+    if let Some(hysteresis) = &channel.hysteresis {
+        finite(&field("hysteresis.half_width"), hysteresis.half_width)?;
+        range(&field("hysteresis.level"), hysteresis.level, 0.005, 2.0)?;
     }
     if channel.bridge.is_some() {
         let strain = channel.unit.quantity() == Quantity::Strain;

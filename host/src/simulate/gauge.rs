@@ -53,6 +53,15 @@ impl Disturbance for Creep {
     }
 }
 
+/// What the way remembers on which the load came, as described.
+struct Loop<F>(F);
+
+impl<F: FnMut(f64) -> f64 + Send> Disturbance for Loop<F> {
+    fn apply(&mut self, moment: &Moment, reading: f64) -> f64 {
+        reading + (self.0)(moment.level)
+    }
+}
+
 /// What warmth does, as described.
 pub(super) struct Thermal {
     pub described: machine::Thermal,
@@ -134,9 +143,14 @@ impl Gauge {
             nonlinearity: channel.nonlinearity,
             nominal,
             is_load_sensor,
-            disturbances: (channel.creep.iter())
-                .map(|creep| Box::new(Creep::new(*creep)) as Box<dyn Disturbance>)
-                .collect(),
+            disturbances: {
+                let creep = channel
+                    .creep
+                    .map(|c| Box::new(Creep::new(c)) as Box<dyn Disturbance>);
+                let hysteresis = channel.hysteresis;
+                let turning = hysteresis.map(|h| Box::new(Loop(h.walk())) as Box<dyn Disturbance>);
+                creep.into_iter().chain(turning).collect()
+            },
             faults: Vec::new(),
             noise_std: channel.noise_std,
             lsb: channel.unit.from_si(channel.lsb_si()),
