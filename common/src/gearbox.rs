@@ -366,8 +366,8 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         let by_angle = bent * slope;
         r += by_angle * by_angle * state.belief.variances()[0];
         let mut gradient = row * (sensitivity * steepness);
-        let memory = state.memories.get(i).copied().unwrap_or_default();
-        let zero = offset + response.zero(memory, state.warming);
+        let remembered = state.memories.get(i).map_or(0.0, |memory| memory.zero);
+        let zero = offset + response.zero(remembered, state.warming);
         let mut predicted = zero + sensitivity * bent;
         for bias in biases {
             let b = usize::from(bias.state);

@@ -44,6 +44,8 @@ pub(super) struct Memory {
     moved: f32,
     /// `q`.
     turned: f32,
+    /// `c z + k q`.
+    pub(super) zero: f32,
 }
 
 impl Response {
@@ -66,6 +68,7 @@ impl Response {
             // A step beyond the whole loop ends on its flank.
             memory.turned = turned.clamp(-1.0, 1.0);
         }
+        memory.zero = self.creep * memory.crept + self.hysteresis * memory.turned;
     }
 
     /// `(1 + g w) (s + n s^2)`, and its slope.
@@ -76,8 +79,8 @@ impl Response {
     }
 
     /// `c z + k q + h w`.
-    pub(super) fn zero(&self, memory: Memory, warming: f32) -> f32 {
-        self.creep * memory.crept + self.hysteresis * memory.turned + self.zero_per_k * warming
+    pub(super) fn zero(&self, remembered: f32, warming: f32) -> f32 {
+        remembered + self.zero_per_k * warming
     }
 
     pub(super) fn check(&self) -> Result<(), Error> {
@@ -129,7 +132,7 @@ mod tests {
                     noise * noise,
                 );
             }
-            LOOP.zero(memory, 0.0)
+            memory.zero
         };
         let up = walk(0.0, 0.1, 0.0);
         assert!((up - 2.0 * 0.632).abs() < 0.03, "{up}");
