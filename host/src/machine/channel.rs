@@ -211,8 +211,7 @@ pub struct Hysteresis {
 impl Hysteresis {
     /// The zero for each of `levels`, parts of nominal [the channel's unit].
     pub fn course(&self, levels: impl IntoIterator<Item = f64>) -> Vec<f64> {
-        let mut walk = self.walk();
-        levels.into_iter().map(|level| walk(level)).collect()
+        levels.into_iter().map(self.walk()).collect()
     }
 
     /// The zero from one level to the next.
