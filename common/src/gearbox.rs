@@ -34,7 +34,8 @@ use crate::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
 use crate::transition::{ProcessNoise, RandomWalk, Transition};
 
 pub use friction::{Friction, MAX_FRICTIONS};
-pub use model::{Channel, Encoder, GearboxModel, LOADS, Role};
+pub use model::{Bias, Channel, Encoder, GearboxModel, LOADS, Role};
+use response::Memory;
 pub use response::Response;
 pub use steady::SteadyGains;
 
@@ -75,8 +76,8 @@ pub struct GearboxState<const NX: usize> {
     known: [f32; MAX_CHANNELS],
     /// Direction in which each friction brakes, -1 to 1.
     braking: [f32; MAX_FRICTIONS],
-    /// How far the zero of each channel has crept, in what the channel senses.
-    crept: [f32; MAX_CHANNELS],
+    /// What the zero of each channel remembers of the load.
+    memories: [Memory; MAX_CHANNELS],
     /// Temperature at which the zeros hold, once it is known [K].
     zeroed_at: Option<f32>,
     /// How much warmer it is now, smoothed [K].
@@ -149,7 +150,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             gates: [self.gate; MAX_SENSORS],
             known: [0.0; MAX_CHANNELS],
             braking: [0.0; MAX_FRICTIONS],
-            crept: [0.0; MAX_CHANNELS],
+            memories: [Memory::default(); MAX_CHANNELS],
             zeroed_at: None,
             warming: 0.0,
             age: u16::MAX,
@@ -254,7 +255,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         state.belief = self.initial;
         state.gates = [self.gate; MAX_SENSORS];
         state.braking = [0.0; MAX_FRICTIONS];
-        state.crept = [0.0; MAX_CHANNELS];
+        state.memories = [Memory::default(); MAX_CHANNELS];
         state.age = u16::MAX;
         state.started = true;
         state.steady = false;
@@ -267,8 +268,10 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         let from = state.belief.state[0];
         let mut next = self.transition.propagate(&state.belief.state);
         for (friction, z) in self.model.frictions.iter().zip(&mut state.braking) {
-            let speed = state.belief.state.get(usize::from(friction.speed_state));
-            let torque = friction.torque(speed.copied().unwrap_or(0.0), z);
+            let at = |i: u8| state.belief.state.get(usize::from(i)).copied();
+            let speed = at(friction.speed_state).unwrap_or(0.0);
+            let carried = at(friction.twist_state).unwrap_or(0.0);
+            let torque = friction.torque(speed, carried, z);
             for (x, b) in next.iter_mut().zip(&friction.column) {
                 *x += b * torque;
             }
@@ -294,10 +297,11 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
                     let drive = state.known.get(i).copied().unwrap_or(0.0);
                     state.belief.state += row.transpose() * drive;
                 }
-                Role::Measure { response, .. } if response.creep_rate > 0.0 => {
+                Role::Measure { response, .. } if response.remembers() => {
                     let sensed = dot(row, &state.belief.state);
-                    if let Some(crept) = state.crept.get_mut(i) {
-                        *crept += response.creep_rate * (sensed - *crept);
+                    let variance = variance_along(row, &state.belief);
+                    if let Some(memory) = state.memories.get_mut(i) {
+                        response.remember(memory, sensed, variance);
                     }
                 }
                 Role::Measure { .. } | Role::Temperature { .. } => {}
@@ -334,7 +338,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             map_mean,
             map_deviation,
             variance,
-            bias_state,
+            biases,
             response,
         } = &channel.role
         else {
@@ -362,14 +366,15 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         let by_angle = bent * slope;
         r += by_angle * by_angle * state.belief.variances()[0];
         let mut gradient = row * (sensitivity * steepness);
-        let crept = state.crept.get(i).copied().unwrap_or(0.0);
-        let zero = offset + response.zero(crept, state.warming);
+        let remembered = state.memories.get(i).map_or(0.0, |memory| memory.zero);
+        let zero = offset + response.zero(remembered, state.warming);
         let mut predicted = zero + sensitivity * bent;
-        if let Some(b) = bias_state.map(usize::from)
-            && let (Some(g), Some(x)) = (gradient.get_mut(b), state.belief.state.get(b))
-        {
-            *g += 1.0;
-            predicted += x;
+        for bias in biases {
+            let b = usize::from(bias.state);
+            if let (Some(g), Some(x)) = (gradient.get_mut(b), state.belief.state.get(b)) {
+                *g += bias.factor;
+                predicted += bias.factor * x;
+            }
         }
         let gate = &mut state.gates[i % MAX_CHANNELS];
         let update = kalman::update(&mut state.belief, &gradient, value - predicted, r, gate);
@@ -423,6 +428,20 @@ fn dot<const NX: usize>(row: &RowSVector<f32, NX>, x: &SVector<f32, NX>) -> f32 
     let mut sum = 0.0;
     for i in 0..NX {
         sum += row[i] * x[i];
+    }
+    sum
+}
+
+/// `row P row'`.
+#[inline(never)]
+fn variance_along<const NX: usize>(row: &RowSVector<f32, NX>, belief: &Gaussian<NX>) -> f32 {
+    let mut sum = 0.0;
+    for j in 0..NX {
+        let mut along = 0.0;
+        for i in 0..j {
+            along += belief.upper[j][i] * row[i];
+        }
+        sum += row[j] * (belief.upper[j][j] * row[j] + 2.0 * along);
     }
     sum
 }

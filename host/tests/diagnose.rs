@@ -20,8 +20,19 @@ fn loadtwin(arguments: &[&str]) -> Output {
 
 /// A recording with `effects`, in `folder`.
 fn recorded(folder: &Path, name: &str, scenario: &str, seconds: &str, effects: &[&str]) -> String {
+    recorded_of(&machine(), folder, name, scenario, seconds, effects)
+}
+
+fn recorded_of(
+    machine: &Path,
+    folder: &Path,
+    name: &str,
+    scenario: &str,
+    seconds: &str,
+    effects: &[&str],
+) -> String {
     let path = folder.join(name).display().to_string();
-    let machine = machine().display().to_string();
+    let machine = machine.display().to_string();
     let mut arguments = vec!["simulate", &machine, "--scenario", scenario, "--seed", "5"];
     arguments.extend(["--duration-s", seconds, "-o", &path]);
     for effect in effects {
@@ -51,10 +62,14 @@ fn diagnosed_as(machine: &Path, recording: &str, more: &[&str]) -> Value {
 
 /// Error of the main shaft's torque by the filter [% of nominal].
 fn nmae(machine: &str, recording: &str, sensors: &str) -> f64 {
+    nmae_of("main_shaft", machine, recording, sensors)
+}
+
+fn nmae_of(load: &str, machine: &str, recording: &str, sensors: &str) -> f64 {
     let output = loadtwin(&["replay", "--json", machine, recording, "--sensors", sensors]);
     assert!(output.status.success());
     let said: Value = serde_json::from_slice(&output.stdout).unwrap();
-    said["loads"]["main_shaft"]["nmae_percent"]["full"]
+    said["loads"][load]["nmae_percent"]["full"]
         .as_f64()
         .unwrap()
 }
@@ -154,11 +169,13 @@ fn a_gain_error_is_named_and_the_description_is_mended() {
 fn friction_response_creep_and_warmth_that_are_found_become_part_of_the_description() {
     let folder = tempfile::tempdir().unwrap();
     let described = machine().display().to_string();
-    for (effect, sensors) in [
-        ("coulomb-friction", "torque-arm-3"),
-        ("strain-nonlinearity", "torque-arm-3"),
-        ("gauge-creep", "high-speed-housing-1"),
-        ("thermal-gain", "torque-arm-3"),
+    for (effect, load, sensors) in [
+        ("coulomb-friction", "main_shaft", "torque-arm-3"),
+        ("load-friction", "high_speed_shaft", "torque-arm-3"),
+        ("strain-nonlinearity", "main_shaft", "torque-arm-3"),
+        ("bending-load", "main_shaft", "torque-arm-3"),
+        ("gauge-creep", "main_shaft", "high-speed-housing-1"),
+        ("thermal-gain", "main_shaft", "torque-arm-3"),
     ] {
         let seen = recorded(folder.path(), "seen.parquet", "start-stop", "60", &[effect]);
         let unseen = recorded(
@@ -174,9 +191,52 @@ fn friction_response_creep_and_warmth_that_are_found_become_part_of_the_descript
         assert_eq!(said["effects"][0]["name"], effect, "{said}");
         let again = diagnosed_as(&out, &unseen, &[]);
         assert_eq!(again["verdict"], "none", "{effect}: {again}");
-        let error = |machine: &str| nmae(machine, &unseen, sensors);
+        let error = |machine: &str| nmae_of(load, machine, &unseen, sensors);
         assert!(error(&out_name) < error(&described), "{effect}");
     }
+}
+
+/// The same of a gauge that remembers the way on which the load came, as a description has it.
+#[test]
+fn hysteresis_of_a_gauge_becomes_part_of_the_description() {
+    let folder = tempfile::tempdir().unwrap();
+    let described = machine();
+    let maps = described.with_file_name("sensitivity.csv");
+    let text = (std::fs::read_to_string(&described).unwrap())
+        .replace("sensitivity.csv", &maps.display().to_string())
+        .replace(
+            "name = \"ta2\"",
+            "name = \"ta2\"\nhysteresis = { half_width = -8e-6, level = 0.1 }",
+        );
+    let remembering = folder.path().join("remembering.toml");
+    std::fs::write(&remembering, text).unwrap();
+    let seen = recorded_of(
+        &remembering,
+        folder.path(),
+        "seen.parquet",
+        "reversals",
+        "60",
+        &[],
+    );
+    let unseen = recorded_of(
+        &remembering,
+        folder.path(),
+        "unseen.parquet",
+        "steps",
+        "60",
+        &[],
+    );
+    let out = folder.path().join("better.toml");
+    let out_name = out.display().to_string();
+    let said = diagnosed(&seen, &["--out", &out_name]);
+    assert_eq!(said["effects"][0]["name"], "strain-hysteresis", "{said}");
+    let found = Machine::load(&out).unwrap().channels[1].hysteresis.unwrap();
+    assert!((found.half_width / -8e-6 - 1.0).abs() < 0.1, "{found:?}");
+    assert!((found.level / 0.1 - 1.0).abs() < 0.2, "{found:?}");
+    assert_eq!(diagnosed_as(&out, &unseen, &[])["verdict"], "none");
+    let error = |machine: &str| nmae(machine, &unseen, "torque-arm-3");
+    let (before, after) = (error(&described.display().to_string()), error(&out_name));
+    assert!(after < 0.5 * before, "{before} {after}");
 }
 
 #[test]

@@ -11,7 +11,7 @@ pub const MAX_FRICTIONS: usize = 3;
 
 /// Dry friction of one inertia in the image:
 ///
-/// `u = (c + s exp(-(|w| / w_s)^1.5)) z`, `x+ = F x + b u`,
+/// `u = (c + l |tau| + s exp(-(|w| / w_s)^1.5)) z`, `x+ = F x + b u`,
 ///
 /// with the direction `z = w / sqrt(w^2 + w_0^2)`, or where friction builds up over an angle
 /// `z+ = sign(w) + (z - sign(w)) exp(-|w| dt / angle)`.
@@ -23,8 +23,12 @@ pub struct Friction {
     pub speed_state: u8,
     /// `b`: what a unit of friction does to each state in one sample.
     pub column: StateVec<f32>,
+    /// State that is the torque `tau` which the inertia takes over, in parts of nominal.
+    pub twist_state: u8,
     /// `c`, what brakes at every speed, >= 0.
     pub sliding: f32,
+    /// `l`, the part of that torque that is lost, >= 0.
+    pub losing: f32,
     /// `s`, what sticking adds near standstill, >= 0.
     pub sticking: f32,
     /// `1 / w_s`, >= 0.
@@ -37,9 +41,9 @@ pub struct Friction {
 
 // Not generic over the number of states: compiled once, not for each of them.
 impl Friction {
-    /// `u` at the speed `w`; `z` is the direction so far.
+    /// `u` at the speed `w` under the torque `tau`; `z` is the direction so far.
     #[inline(never)]
-    pub(super) fn torque(&self, w: f32, z: &mut f32) -> f32 {
+    pub(super) fn torque(&self, w: f32, tau: f32, z: &mut f32) -> f32 {
         *z = if self.building > 0.0 {
             let end = libm::copysignf(1.0, w);
             end + (*z - end) * libm::expf(-libm::fabsf(w) * self.building)
@@ -47,6 +51,9 @@ impl Friction {
             w / libm::sqrtf(w * w + self.creeping * self.creeping)
         };
         let mut size = self.sliding;
+        if self.losing > 0.0 {
+            size += self.losing * libm::fabsf(tau);
+        }
         if self.sticking > 0.0 {
             let part = libm::fabsf(w) * self.fading;
             size += self.sticking * libm::expf(-part * libm::sqrtf(part));
@@ -56,12 +63,22 @@ impl Friction {
 
     /// Checks lengths and ranges for `states` states, the last `loads` of them loads.
     pub(super) fn check(&self, states: usize, loads: usize) -> Result<(), Error> {
-        if !(1..states - loads).contains(&usize::from(self.speed_state)) {
+        let mechanical = |state: u8| (1..states - loads).contains(&usize::from(state));
+        if !mechanical(self.speed_state) {
             return Err(Error::OutOfRange("friction speed"));
+        }
+        if !mechanical(self.twist_state) {
+            return Err(Error::OutOfRange("friction twist"));
         }
         finite(&self.column, states, "friction column")?;
         positive([self.creeping], "friction speed")?;
-        let sizes = [self.sliding, self.sticking, self.fading, self.building];
+        let sizes = [
+            self.sliding,
+            self.losing,
+            self.sticking,
+            self.fading,
+            self.building,
+        ];
         if sizes.iter().all(|size| *size >= 0.0 && size.is_finite()) {
             Ok(())
         } else {
@@ -78,7 +95,9 @@ mod tests {
         Friction {
             speed_state: 3,
             column: StateVec::new(),
+            twist_state: 1,
             sliding: 2.0,
+            losing: 0.0,
             sticking: 4.0,
             fading: 0.5,
             creeping: 0.01,
@@ -89,12 +108,12 @@ mod tests {
     #[test]
     fn it_fades_from_sticking_to_sliding_and_turns_with_the_speed() {
         let (friction, mut z) = (friction(), 0.0);
-        assert_eq!(friction.torque(0.0, &mut z), 0.0);
+        assert_eq!(friction.torque(0.0, 1.0, &mut z), 0.0);
         for sign in [1.0_f32, -1.0] {
             // By hand: 2 + 4 exp(-1) at the speed over which it fades; 2 far above.
-            let faded = friction.torque(sign * 2.0, &mut z);
+            let faded = friction.torque(sign * 2.0, 1.0, &mut z);
             assert!((sign * faded - 3.471_5).abs() < 1e-3, "{faded}");
-            assert!((sign * friction.torque(sign * 200.0, &mut z) - 2.0).abs() < 1e-3);
+            assert!((sign * friction.torque(sign * 200.0, 1.0, &mut z) - 2.0).abs() < 1e-3);
         }
     }
 
@@ -109,9 +128,23 @@ mod tests {
         // Ten samples at speed 1 are the angle: 1 - exp(-1) of it is there.
         let mut torque = 0.0;
         for _ in 0..10 {
-            torque = friction.torque(1.0, &mut z);
+            torque = friction.torque(1.0, 1.0, &mut z);
         }
         assert!((torque - 2.0 * 0.632_12).abs() < 1e-3, "{torque}");
-        assert_eq!(friction.torque(0.0, &mut z), torque);
+        assert_eq!(friction.torque(0.0, 1.0, &mut z), torque);
+    }
+
+    /// By hand: 2 + 0.1 * 30 either way, whatever the torque's sign.
+    #[test]
+    fn a_part_of_the_torque_is_lost() {
+        let friction = Friction {
+            losing: 0.1,
+            sticking: 0.0,
+            ..friction()
+        };
+        for (w, tau, lost) in [(200.0, -30.0, 5.0), (-200.0, 30.0, -5.0), (200.0, 0.0, 2.0)] {
+            let torque = friction.torque(w, tau, &mut 0.0);
+            assert!((torque - lost).abs() < 1e-3, "{torque}");
+        }
     }
 }

@@ -16,6 +16,9 @@ use crate::table::PeriodicTable;
 /// load carries the second as a constant 0.
 pub const LOADS: usize = 2;
 
+/// Most states that are added to one reading: its own drift, and a load that it shares.
+const MAX_BIASES: usize = 2;
+
 /// Most rows of `F` above the loads.
 const MAX_ROWS: usize = (MAX_STATES - LOADS) * MAX_STATES;
 
@@ -85,8 +88,8 @@ pub enum Role<'a> {
         map_deviation: f32,
         /// Variance of the reading over bins of the carrier angle; eq. (16).
         variance: PeriodicTable<'a>,
-        /// State that is added to the reading.
-        bias_state: Option<u8>,
+        /// States that are added to the reading.
+        biases: Vec<Bias, MAX_BIASES>,
         /// What it answers beside that.
         response: Response,
     },
@@ -99,6 +102,15 @@ pub enum Role<'a> {
         /// Part of what is new that is taken in at each sample, above 0 to 1.
         rate: f32,
     },
+}
+
+/// A state that is added to a reading.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bias {
+    /// Which state.
+    pub state: u8,
+    /// What the reading has of it.
+    pub factor: f32,
 }
 
 /// An encoder in the image.
@@ -224,7 +236,7 @@ impl Channel<'_> {
             map_mean,
             map_deviation,
             variance,
-            bias_state,
+            biases,
             response,
         } = &self.role
         else {
@@ -238,21 +250,19 @@ impl Channel<'_> {
             (0..variance.len()).map(|bin| variance.entry(bin)),
             "channel variance",
         )?;
-        // The angle is no bias, the loads are none either.
-        if bias_state.is_some_and(|b| !(1..states - LOADS).contains(&usize::from(b))) {
-            return Err(Error::OutOfRange("bias state"));
+        for bias in biases {
+            finite(&[bias.factor], 1, "bias")?;
+            // The angle is no bias, the loads are none either.
+            if !(1..states - LOADS).contains(&usize::from(bias.state)) {
+                return Err(Error::OutOfRange("bias state"));
+            }
         }
         Ok(())
     }
 
-    fn has_bias(&self) -> bool {
-        matches!(
-            self.role,
-            Role::Measure {
-                bias_state: Some(_),
-                ..
-            }
-        )
+    /// Whether a state is added to its reading.
+    pub fn has_bias(&self) -> bool {
+        matches!(&self.role, Role::Measure { biases, .. } if !biases.is_empty())
     }
 }
 

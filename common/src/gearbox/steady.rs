@@ -201,8 +201,8 @@ impl<const NX: usize> Gearbox<'_, NX> {
                 let (bent, steepness) = response.bent(sensed, state.warming);
                 let by_angle = bent * slope;
                 let r = variance.bin(angle) + by_angle * by_angle * angle_variance;
-                let crept = state.crept.get(i).copied().unwrap_or(0.0);
-                let zero = offset + response.zero(crept, state.warming);
+                let remembered = state.memories.get(i).map_or(0.0, |memory| memory.zero);
+                let zero = offset + response.zero(remembered, state.warming);
                 let nu = value - (zero + sensitivity * bent);
                 let sensitivity = sensitivity * steepness;
                 let gate = &mut state.gates[i % MAX_CHANNELS];

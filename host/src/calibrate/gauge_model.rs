@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::description::{Description, map_file};
 use super::{CalibrateError, Gauge, MapSource};
-use crate::machine::{Channel, Creep, MAP_ENTRIES, Machine, Thermal, resampled};
+use crate::machine::{Channel, Creep, Hysteresis, MAP_ENTRIES, Machine, Thermal, resampled};
 use crate::tune::{MeasurementNoise, NOISE_BINS, rms, step_function};
 
 /// The machine with offset, sensitivity and noise of its gauges as fitted; its
@@ -108,6 +108,9 @@ impl Description {
             {
                 self.set_number("channel", name, "sensitivity", sensitivity);
             }
+            if is.bending != was.bending {
+                self.set_number("channel", name, "bending", is.bending);
+            }
             if is.nonlinearity != was.nonlinearity {
                 self.set_number("channel", name, "nonlinearity", is.nonlinearity);
             }
@@ -116,6 +119,12 @@ impl Description {
             {
                 let numbers = [("at_nominal", at_nominal), ("time_s", time_s)];
                 self.set_numbers("channel", name, "creep", numbers.into_iter());
+            }
+            if is.hysteresis != was.hysteresis
+                && let Some(Hysteresis { half_width, level }) = is.hysteresis
+            {
+                let numbers = [("half_width", half_width), ("level", level)];
+                self.set_numbers("channel", name, "hysteresis", numbers.into_iter());
             }
             if is.thermal != was.thermal
                 && let Some(Thermal {

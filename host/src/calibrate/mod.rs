@@ -203,7 +203,7 @@ impl Observations {
 struct Answered {
     /// As [`Channel::bent`], warmed.
     bent: Vec<f64>,
-    /// Creep and warmth [SI].
+    /// Creep, hysteresis and warmth [SI].
     zero: Vec<f64>,
 }
 
@@ -215,14 +215,22 @@ impl Answered {
         let crept = channel.creep.map_or(vec![0.0; sensed.len()], |creep| {
             creep.course(sensed.iter().map(level), 1.0 / machine.rate_hz)
         });
+        let mut last = 0.0;
+        let held = sensed.iter().map(|s| {
+            if s.is_finite() {
+                last = s / nominal;
+            }
+            last
+        });
+        let turned = (channel.hysteresis).map_or(vec![0.0; sensed.len()], |h| h.course(held));
         let thermal = channel.thermal.unwrap_or_default();
         let warm = |i: usize| warming.and_then(|w| w.get(i)).copied().unwrap_or(0.0);
         Self {
             bent: (sensed.iter().enumerate())
                 .map(|(i, s)| channel.bent(*s, nominal) * (1.0 + thermal.gain_per_k * warm(i)))
                 .collect(),
-            zero: (crept.into_iter().enumerate())
-                .map(|(i, z)| channel.to_si(z + thermal.zero_per_k * warm(i)))
+            zero: (crept.into_iter().zip(turned).enumerate())
+                .map(|(i, (z, q))| channel.to_si(z + q + thermal.zero_per_k * warm(i)))
                 .collect(),
         }
     }

@@ -287,7 +287,9 @@ impl Motion {
             .sum();
         let lost =
             side.moment * self.acceleration[i] + side.drag * self.speed[i] + side.dry_friction[i];
-        side.sign * (driven - lost)
+        let torque = side.sign * (driven - lost);
+        // What is lost of the torque carried is a part of the torque itself.
+        torque / (1.0 + side.sign * side.losses[i] * torque.signum())
     }
 }
 
@@ -298,6 +300,8 @@ struct Side {
     drag: f64,
     /// Sample by sample [N m].
     dry_friction: Vec<f64>,
+    /// Part of the torque carried that is lost, signed as the motion.
+    losses: Vec<f64>,
     /// Number of each load and its factor.
     loads: Vec<(usize, f64)>,
 }
@@ -315,16 +319,20 @@ impl Side {
         let square = |ratio: f64| ratio * ratio;
         let direction = |direction: Direction| direction.sign();
         let mut dry_friction = vec![0.0; motion.len()];
+        let mut losses = vec![0.0; motion.len()];
         for inertia in inertias() {
             let referred = inertia.referred_friction().unwrap_or_default();
-            let speeds = motion
-                .speed
-                .iter()
-                .map(|w| if w.is_finite() { *w } else { 0.0 });
+            let known = |w: &f64| if w.is_finite() { *w } else { 0.0 };
+            let speeds = || motion.speed.iter().map(known);
             let creeping = CREEP * drivetrain.nominal_speed_rad_s;
-            let course = referred.course(speeds, motion.dt_s, creeping);
+            let unloaded = speeds().map(|w| (w, 0.0));
+            let course = referred.course(unloaded, motion.dt_s, creeping);
             for (sum, torque) in dry_friction.iter_mut().zip(course) {
                 *sum += torque;
+            }
+            let course = referred.losses(speeds(), motion.dt_s, creeping);
+            for (sum, part) in losses.iter_mut().zip(course) {
+                *sum += part;
             }
         }
         Self {
@@ -336,6 +344,7 @@ impl Side {
                 .map(|j| j.drag_nm_s_per_rad * square(j.speed_ratio))
                 .sum(),
             dry_friction,
+            losses,
             loads: drivetrain
                 .loads
                 .iter()

@@ -5,10 +5,12 @@ use std::path::Path;
 
 use super::DiagnoseError;
 use super::Diagnosis;
-use super::effect::{Coupling, GaugeModel};
+use super::effect::{Coupling, GaugeModel, bending};
 use super::stream::Kind;
 use crate::calibrate::{CalibrateError, Description, map_file};
-use crate::machine::{Creep, MAP_ENTRIES, Machine, Thermal, resampled};
+use crate::machine::{
+    Creep, Drift, Hysteresis, MAP_ENTRIES, Machine, Thermal, resampled, six_digits,
+};
 
 /// Writes `machine` with the effects found to `path`, maps beside it; gives
 /// the names of the effects that the line has no place for.
@@ -37,6 +39,7 @@ pub fn write(
             {
                 let numbers = [
                     ("coulomb_nm", friction.coulomb_nm),
+                    ("load_part", friction.load_part),
                     ("stribeck_nm", friction.stribeck_nm),
                     ("stribeck_rad_s", friction.stribeck_rad_s.unwrap_or(0.0)),
                     ("presliding_rad", friction.presliding_rad),
@@ -45,6 +48,11 @@ pub fn write(
                 description.set_numbers("drivetrain.inertia", &is.name, "friction", given);
             }
         }
+    }
+    let bending = |m: &Machine| m.drivetrain.as_ref().and_then(|d| d.bending);
+    if let Some(Drift { std, time_s }) = bending(&changed).filter(|_| bending(machine).is_none()) {
+        description.set_in("drivetrain.bending", "std", six_digits(std));
+        description.set_in("drivetrain.bending", "time_s", six_digits(time_s));
     }
     description.write_with_gauges(machine, &changed, path)?;
     Ok(absent)
@@ -66,6 +74,8 @@ pub fn corrected(
     let map_path = folder.path().join("maps.csv");
     let mut maps = Vec::new();
     let mut mended = vec![false; selection.found.len()];
+    let strains = streams.iter().filter(|s| s.kind == Kind::Strain);
+    let weights: f64 = strains.map(bending::weight).sum();
     let sampled = machine.thermometer().is_some_and(|t| t.adc.is_some());
     for (k, stream) in streams.iter().enumerate() {
         let Some(number) = machine.channels.iter().position(|c| c.name == stream.name) else {
@@ -86,6 +96,12 @@ pub fn corrected(
                 at_nominal: channel.to_si(creep.at_nominal),
                 ..creep
             }),
+            hysteresis: channel.hysteresis.map(|hysteresis| Hysteresis {
+                half_width: channel.to_si(hysteresis.half_width),
+                ..hysteresis
+            }),
+            bending: channel.to_si(channel.bending),
+            weight: bending::weight(stream) / weights,
             thermal: sampled.then(|| Thermal {
                 zero_per_k: channel.to_si(described.zero_per_k),
                 ..described
@@ -103,9 +119,14 @@ pub fn corrected(
         let slot = &mut changed.channels[number];
         slot.offset = slot.unit.from_si(gauge.offset);
         slot.nonlinearity = gauge.nonlinearity;
+        slot.bending = slot.unit.from_si(gauge.bending);
         slot.creep = gauge.creep.map(|creep| Creep {
             at_nominal: slot.unit.from_si(creep.at_nominal),
             ..creep
+        });
+        slot.hysteresis = gauge.hysteresis.map(|hysteresis| Hysteresis {
+            half_width: slot.unit.from_si(hysteresis.half_width),
+            ..hysteresis
         });
         let known = gauge.thermal.filter(|t| *t != Thermal::default());
         slot.thermal = known.map(|thermal| Thermal {

@@ -7,6 +7,7 @@ use std::path::Path;
 use super::DiagnoseError;
 use super::consensus;
 use super::doubt::{SHORTEST_S, doubt};
+use super::effect::bending::take_out;
 use super::known::{course, course_by_shaft, drives, loads};
 use super::recorded::{Recorded, derivatives};
 use super::seen::{SMOOTHING_S, Seen};
@@ -128,6 +129,7 @@ fn session(seen: &Seen<'_>, told: Told) -> Result<Session, MachineError> {
     for (stream, count) in streams.iter_mut().zip(alone(&spikes)) {
         stream.spikes = count;
     }
+    take_out(seen.machine, &mut streams);
     streams.extend(seen.balance());
     streams.extend((1..seen.machine.encoders.len()).filter_map(|k| seen.angle(k)));
     home(&mut streams, signals.count);

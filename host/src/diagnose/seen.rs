@@ -138,6 +138,7 @@ impl Seen<'_> {
             let levels = sensed.iter().map(|s| s / nominal);
             creep.course(levels, recorded.dt_s)
         });
+        let turned = (channel.hysteresis).map(|h| h.course(sensed.iter().map(|s| s / nominal)));
         let thermal = channel.thermal.unwrap_or_default();
         let zero_per_k = channel.to_si(thermal.zero_per_k);
         for i in 0..n {
@@ -147,13 +148,14 @@ impl Seen<'_> {
             }
             let (m, dm) = at(&table, angle);
             let bent = channel.bent(sensed[i], nominal);
-            let crept = crept.as_ref().map_or(0.0, |crept| channel.to_si(crept[i]));
+            let at = |zero: &Option<Vec<f64>>| zero.as_ref().map_or(0.0, |z| channel.to_si(z[i]));
+            let remembered = at(&crept) + at(&turned);
             map[i] = m / ratio;
             reading[i] = map[i] * bent;
             slope[i] = dm / ratio * bent;
             let warming = recorded.warming.as_ref().map_or(0.0, |w| w[i]);
             let warm = warming * (zero_per_k + thermal.gain_per_k * reading[i]);
-            residual[i] = readings[i] - offset - crept - warm - reading[i];
+            residual[i] = readings[i] - offset - remembered - warm - reading[i];
         }
         let noise = channel.noise_over_angle(machine)?;
         let noise = (noise.iter().map(|s| s * s).sum::<f64>() / noise.len() as f64).sqrt();

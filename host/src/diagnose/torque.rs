@@ -109,14 +109,24 @@ pub(super) fn torques(
     });
     let simulated = driven.as_ref().map(|d| d.carried().torque);
     // Dry friction of each body, referred and smoothed: what vibrates as it sticks is not told.
+    let creeping = CREEP * drivetrain.nominal_speed_rad_s;
     let dry: Vec<Option<Vec<f64>>> = (0..bodies)
         .map(|b| {
             let referred = drivetrain.inertias[b].referred_friction()?;
-            let creeping = CREEP * drivetrain.nominal_speed_rad_s;
-            let speeds = motion.speed[b].iter().copied();
-            Some(smooth(&referred.course(speeds, dt_s, creeping), width))
+            let unloaded = motion.speed[b].iter().map(|w| (*w, 0.0));
+            Some(smooth(&referred.course(unloaded, dt_s, creeping), width))
         })
         .collect();
+    // Part of the torque carried that each body loses.
+    let losses: Vec<Option<Vec<f64>>> = (0..bodies)
+        .map(|b| {
+            let referred = drivetrain.inertias[b].referred_friction()?;
+            let speeds = motion.speed[b].iter().copied();
+            let losing = referred.load_part > 0.0;
+            losing.then(|| smooth(&referred.losses(speeds, dt_s, creeping), width))
+        })
+        .collect();
+    let lost = |b: usize, i: usize| losses[b].as_ref().map_or(0.0, |losses| losses[i]);
     // What inertia and friction of body b take, smoothed.
     let taken = |b: usize, i: usize| {
         moment(b) * motion.acceleration[b][i]
@@ -128,7 +138,7 @@ pub(super) fn torques(
         .map(|o| o.as_ref().map(|o| smooth(o, width)))
         .collect();
     let mut sides = Vec::new();
-    let shafts = (0..bodies - 1)
+    let shafts: Vec<Option<Vec<f64>>> = (0..bodies - 1)
         .map(|s| {
             let before: Vec<usize> = (0..=s).collect();
             let after: Vec<usize> = (s + 1..bodies).collect();
@@ -163,7 +173,10 @@ pub(super) fn torques(
                         .iter()
                         .map(|b| source[*b].as_ref().map_or(0.0, |o| o[i]) - taken(*b, i))
                         .sum();
-                    sign * sum
+                    // What is lost of the torque carried is a part of the torque itself.
+                    let losses: f64 = side.iter().map(|b| lost(*b, i)).sum();
+                    let torque = sign * sum;
+                    torque / (1.0 + sign * losses * torque.signum())
                 })
                 .collect();
             if let Some(simulated) = &simulated {
@@ -175,13 +188,17 @@ pub(super) fn torques(
             Some(torque)
         })
         .collect();
+    // Of the shaft before it, or behind the first.
+    let carried = |b: usize, i: usize| {
+        let shaft = shafts.get(b.saturating_sub(1)).and_then(Option::as_ref);
+        shaft.map_or(0.0, |torque| torque[i])
+    };
     let balance = all.then(|| {
+        let missing = |b: usize, i: usize| {
+            slow[b].as_ref().map_or(0.0, |o| o[i]) - taken(b, i) - lost(b, i) * carried(b, i).abs()
+        };
         (0..n)
-            .map(|i| {
-                (0..bodies)
-                    .map(|b| slow[b].as_ref().map_or(0.0, |o| o[i]) - taken(b, i))
-                    .sum()
-            })
+            .map(|i| (0..bodies).map(|b| missing(b, i)).sum())
             .collect()
     });
     let response = driven.map(|driven| Response {

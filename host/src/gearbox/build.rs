@@ -3,7 +3,7 @@
 use faer::Mat;
 use heapless::Vec as FixedVec;
 use loadtwin_common::gearbox::{
-    Channel, Encoder, Friction, GearboxModel, LOADS, MAX_FRICTIONS, Response, Role,
+    Bias, Channel, Encoder, Friction, GearboxModel, LOADS, MAX_FRICTIONS, Response, Role,
 };
 use loadtwin_common::image::{LoadSignal, Model};
 use loadtwin_common::line::STATES;
@@ -81,8 +81,8 @@ struct Plan {
     mechanical: usize,
     /// Zeros of the encoders after the first.
     zeros: usize,
-    /// Channels that drift, by number, with the drift in SI units.
-    drifts: Vec<(usize, Drift)>,
+    /// What drifts, in SI units: channels by number, and last the load that they share, without.
+    drifts: Vec<(Option<usize>, Drift)>,
     /// States that nothing depends on.
     fill: usize,
     loads: usize,
@@ -103,14 +103,19 @@ impl Plan {
         let mechanical = scale.len();
         let zeros = sensors.encoders.len().saturating_sub(1);
         // Up to a number of states that a filter is compiled for.
-        let drifts: Vec<(usize, Drift)> = (sensors.channels.iter().enumerate())
-            .filter(|(_, channel)| !matches!(channel.senses, Senses::Drive(_)))
+        let gauges = || {
+            let channels = sensors.channels.iter().enumerate();
+            channels.filter(|(_, channel)| !matches!(channel.senses, Senses::Drive(_)))
+        };
+        let mut drifts: Vec<(Option<usize>, Drift)> = gauges()
             .filter_map(|(i, channel)| {
                 let drift = channel.drift?;
                 let std = channel.to_si(drift.std);
-                Some((i, Drift { std, ..drift }))
+                Some((Some(i), Drift { std, ..drift }))
             })
             .collect();
+        let bending = drivetrain.bending.map(|bending| (None, bending));
+        drifts.extend(bending.filter(|_| gauges().any(|(_, channel)| channel.bending != 0.0)));
         let needed = mechanical + zeros + drifts.len() + LOADS;
         let compiled = STATES
             .into_iter()
@@ -142,16 +147,30 @@ impl Plan {
         self.mechanical + self.zeros + self.drifts.len() + self.fill
     }
 
-    /// The state that holds the drift of channel `i`.
-    fn drift_state(&self, i: usize) -> Option<usize> {
-        let at = self.drifts.iter().position(|(channel, _)| *channel == i)?;
+    /// The state that holds the drift of a channel, or that of the load that they share.
+    fn drift_state(&self, of: Option<usize>) -> Option<usize> {
+        let at = self.drifts.iter().position(|(channel, _)| *channel == of)?;
         Some(self.mechanical + self.zeros + at)
     }
 
-    /// A drift is estimated in the unit of its channel's reading.
+    /// What is added to the reading of channel `i`, in its unit.
+    fn biases(&self, i: usize, channel: &machine::Channel, unit: f64) -> [Option<Bias>; 2] {
+        let bias = |state: usize, factor: f64| Bias {
+            state: state as u8,
+            factor: (factor * self.scale[state] / unit) as f32,
+        };
+        let shared = self.drift_state(None).filter(|_| channel.bending != 0.0);
+        [
+            self.drift_state(Some(i)).map(|state| bias(state, 1.0)),
+            shared.map(|state| bias(state, channel.to_si(channel.bending))),
+        ]
+    }
+
+    /// A drift is estimated in the unit of its channel's reading, a load in its deviation.
     fn size_drifts(&mut self, tables: &[Tables]) {
-        for (at, (channel, _)) in self.drifts.iter().enumerate() {
-            self.scale[self.mechanical + self.zeros + at] = tables[*channel].unit;
+        for (at, (channel, drift)) in self.drifts.iter().enumerate() {
+            let unit = channel.map_or(drift.std, |channel| tables[channel].unit);
+            self.scale[self.mechanical + self.zeros + at] = unit;
         }
     }
 
@@ -225,7 +244,7 @@ impl Plan {
                 map_deviation: (tables.deviation * tables.sensed / tables.unit) as f32,
                 variance: PeriodicTable::try_new(&tables.variance, "variance")
                     .map_err(BuildError::Model)?,
-                bias_state: self.drift_state(i).map(|state| state as u8),
+                biases: (self.biases(i, channel, tables.unit).into_iter().flatten()).collect(),
                 response: self.response(channel, tables),
             };
             (row.iter().map(|c| c / tables.sensed).collect(), role)
@@ -241,11 +260,15 @@ impl Plan {
     /// As the filter has it: what is sensed in parts of nominal.
     fn response(&self, channel: &machine::Channel, tables: &Tables) -> Response {
         let creep = channel.creep.as_ref();
+        let hysteresis = channel.hysteresis.as_ref();
         let thermal = channel.thermal.unwrap_or_default();
         Response {
             bend: channel.nonlinearity as f32,
             creep: creep.map_or(0.0, |c| channel.to_si(c.at_nominal) / tables.unit) as f32,
             creep_rate: creep.map_or(0.0, |c| 1.0 - (-self.dt_s / c.time_s).exp()) as f32,
+            hysteresis: hysteresis.map_or(0.0, |h| channel.to_si(h.half_width) / tables.unit)
+                as f32,
+            turning: hysteresis.map_or(0.0, |h| 1.0 / h.level) as f32,
             zero_per_k: (channel.to_si(thermal.zero_per_k) / tables.unit) as f32,
             gain_per_k: thermal.gain_per_k as f32,
         }
@@ -271,7 +294,9 @@ impl Plan {
                 *slot = braked * self.nominal_torque / self.scale[i];
             }
             // No steeper than what a sample's step follows.
-            let most = referred.coulomb_nm + referred.stribeck_nm;
+            let most = referred.coulomb_nm
+                + referred.load_part * self.nominal_torque
+                + referred.stribeck_nm;
             let steepest = 2.0 * most * self.dt_s / (moment * self.nominal_speed);
             let per_angle = |angle: f64| self.nominal_speed * self.dt_s / angle;
             let positive = |value: f64| (value > 0.0).then_some(value);
@@ -279,7 +304,9 @@ impl Plan {
                 .push(Friction {
                     speed_state: (1 + drivetrain.shafts.len() + k) as u8,
                     column: fixed(&column)?,
+                    twist_state: 1 + k.saturating_sub(1) as u8,
                     sliding: part(referred.coulomb_nm),
+                    losing: referred.load_part as f32,
                     sticking: part(referred.stribeck_nm),
                     fading: (referred.stribeck_rad_s)
                         .map_or(0.0, |speed| (self.nominal_speed / speed) as f32),
@@ -410,19 +437,10 @@ impl Plan {
     }
 
     fn steady_table(&self, model: &GearboxModel<'_>) -> Result<SteadyTable, BuildError> {
-        let biased = |channel: &Channel<'_>| {
-            matches!(
-                channel.role,
-                Role::Measure {
-                    bias_state: Some(_),
-                    ..
-                }
-            )
-        };
         if model.encoders.is_empty() {
             return Err(BuildError::NotSteady("no encoder measures the angle"));
         }
-        if model.channels.iter().any(biased) {
+        if model.channels.iter().any(Channel::has_bias) {
             return Err(BuildError::NotSteady("a channel has a bias state"));
         }
         steady_gains(model, self.nominal_speed * self.dt_s)

@@ -47,12 +47,17 @@ pub struct Channel {
     /// Slow drift of the zero that no load causes (creep, temperature), which the
     /// filter then estimates as a state of its own.
     pub drift: Option<Drift>,
+    /// Reading of one unit of the `bending` load of its drivetrain [unit].
+    #[serde(default)]
+    pub bending: f64,
     /// Part of the reading by which it is larger at nominal torque than in proportion,
     /// -0.2 to 0.2: `map s (1 + n s / nominal)`, of a channel on a drivetrain.
     #[serde(default)]
     pub nonlinearity: f64,
     /// Creep of the zero under load, of a channel on a drivetrain.
     pub creep: Option<Creep>,
+    /// What the zero remembers of the way on which the load came, of a channel on a drivetrain.
+    pub hysteresis: Option<Hysteresis>,
     /// What warmth does to zero and reading, of a channel on a drivetrain; needs an
     /// `[[auxiliary]]` of a temperature with `adc`.
     pub thermal: Option<Thermal>,
@@ -155,7 +160,7 @@ fn patch() -> f64 {
     0.02
 }
 
-/// Drift of a channel's zero: `b+ = a b + w`, `a = exp(-dt / time_s)`,
+/// Drift of a channel's zero, or of a load that channels share: `b+ = a b + w`, `a = exp(-dt / time_s)`,
 /// `var w = std^2 (1 - a^2)`.
 ///
 /// The deviation is bounded by `std`, so that where nothing tells the drift from
@@ -165,7 +170,7 @@ fn patch() -> f64 {
 #[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Drift {
-    /// Standard deviation in the long run [the channel's unit], > 0.
+    /// Standard deviation in the long run [the unit of what drifts], > 0.
     pub std: f64,
     /// Time constant [s], > 0.
     pub time_s: f64,
@@ -186,6 +191,40 @@ impl Creep {
     pub fn course(&self, levels: impl IntoIterator<Item = f64>, dt_s: f64) -> Vec<f64> {
         let course = lag(levels, dt_s, self.time_s);
         course.into_iter().map(|z| z * self.at_nominal).collect()
+    }
+}
+
+/// Hysteresis of a strain: `a z`, `dz = (dl - |dl| z) / level`, `l` what is sensed as part of
+/// nominal; `z` is 0 at the start, without load. What is sensed has moved once it is further than a
+/// fiftieth of `level` from where it was: noise would forget the way on which the load came.
+///
+/// Source: Wen 1976 (Bouc-Wen with exponent 1).
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Hysteresis {
+    /// `a`: half the width of the loop [the channel's unit].
+    pub half_width: f64,
+    /// Part of the nominal load over which it turns, 0.005 to 2.
+    pub level: f64,
+}
+
+impl Hysteresis {
+    /// The zero for each of `levels`, parts of nominal [the channel's unit].
+    pub fn course(&self, levels: impl IntoIterator<Item = f64>) -> Vec<f64> {
+        levels.into_iter().map(self.walk()).collect()
+    }
+
+    /// The zero from one level to the next.
+    pub fn walk(self) -> impl FnMut(f64) -> f64 {
+        const LAG: f64 = 0.02;
+        let (mut moved, mut z): (f64, f64) = (0.0, 0.0);
+        move |level| {
+            let ahead = (level - moved) / self.level;
+            let step = ahead - ahead.clamp(-LAG, LAG);
+            moved += step * self.level;
+            z = (z + step - step.abs() * z).clamp(-1.0, 1.0);
+            self.half_width * z
+        }
     }
 }
 
@@ -372,8 +411,10 @@ impl Auxiliary {
             noise_std: adc.lsb.abs(),
             noise_map: None,
             drift: None,
+            bending: 0.0,
             nonlinearity: 0.0,
             creep: None,
+            hysteresis: None,
             thermal: None,
             runout: Vec::new(),
             group: None,

@@ -64,13 +64,21 @@ impl Machine {
                 );
             }
         }
+        if self.drivetrain.as_ref().is_none_or(|d| d.bending.is_none()) {
+            for (i, channel) in self.channels.iter().enumerate() {
+                let field = format!("channel[{}].bending", i + 1);
+                let allowed = "0, or a [drivetrain] with `bending`";
+                within(&field, channel.bending, channel.bending == 0.0, allowed)?;
+            }
+        }
         if self.drivetrain.is_none() {
             for channel in &self.channels {
                 let field = format!("channel {:?}", channel.name);
                 let straight = channel.nonlinearity == 0.0
                     && channel.creep.is_none()
+                    && channel.hysteresis.is_none()
                     && channel.thermal.is_none();
-                let found = "nonlinearity, creep or thermal";
+                let found = "nonlinearity, creep, hysteresis or thermal";
                 within(&field, found, straight, "these only on a drivetrain")?;
             }
         }
@@ -336,6 +344,7 @@ impl Machine {
 /// What holds for a channel whatever it senses.
 fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
     finite(&field("offset"), channel.offset)?;
+    finite(&field("bending"), channel.bending)?;
     positive(&field("noise_std"), channel.noise_std)?;
     within(
         &field("runout"),
@@ -355,6 +364,10 @@ fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
     if let Some(creep) = &channel.creep {
         finite(&field("creep.at_nominal"), creep.at_nominal)?;
         positive(&field("creep.time_s"), creep.time_s)?;
+    }
+    if let Some(hysteresis) = &channel.hysteresis {
+        finite(&field("hysteresis.half_width"), hysteresis.half_width)?;
+        range(&field("hysteresis.level"), hysteresis.level, 0.005, 2.0)?;
     }
     if channel.bridge.is_some() {
         let strain = channel.unit.quantity() == Quantity::Strain;

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::rule::{Checked, at_least, at_most, names, nonzero, one_of, positive, unique, within};
-use super::{Friction, Gears, Senses};
+use super::{Drift, Friction, Gears, Senses};
 
 /// A chain of 2 to 6 inertias joined by elastic shafts.
 ///
@@ -30,6 +30,9 @@ pub struct Drivetrain {
     /// Name of the inertia whose angle the strain maps are over (the planet
     /// carrier), of speed ratio 1; the first where absent.
     pub carrier: Option<String>,
+    /// A slow load that gauges read and that is not torque, a bending moment say, which the
+    /// filter then estimates as a state; `std` in the unit that the channels' `bending` is for.
+    pub bending: Option<Drift>,
     /// Gears and bearings, from which `loadtwin reduce` finds the forces on the housing.
     pub gears: Option<Gears>,
 }
@@ -182,6 +185,10 @@ impl Drivetrain {
         unique("drivetrain.inertia", &inertias)?;
         unique("drivetrain.shaft", &names(&self.shafts, |s| &s.name))?;
         unique("drivetrain.load", &names(&self.loads, |l| &l.name))?;
+        if let Some(bending) = &self.bending {
+            positive("drivetrain.bending.std", bending.std)?;
+            positive("drivetrain.bending.time_s", bending.time_s)?;
+        }
         for (i, inertia) in self.inertias.iter().enumerate() {
             let field = |name: &str| format!("drivetrain.inertia[{}].{name}", i + 1);
             positive(&field("moment_kg_m2"), inertia.moment_kg_m2)?;

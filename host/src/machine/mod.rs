@@ -28,8 +28,8 @@ pub use angle_map::{MAP_ENTRIES, read_column, read_columns, resampled, six_digit
 pub use balance::{Balance, BalanceEffect, Regime, Signal};
 pub use bearing::{BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, SHAPES};
 pub use channel::{
-    Adc, Auxiliary, Channel, Creep, Displacement, Drift, Encoder, Group, Index, Place, Reference,
-    Senses, Thermal, lag,
+    Adc, Auxiliary, Channel, Creep, Displacement, Drift, Encoder, Group, Hysteresis, Index, Place,
+    Reference, Senses, Thermal, lag,
 };
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, Shaft};
 pub use error::{MachineError, Violation};

@@ -47,6 +47,8 @@ pub(super) struct Shaft {
     pub backlash: f64,
     /// Relative amplitude by which the mesh's stiffness varies.
     pub variation: f64,
+    /// Part of the torque that is lost before it, where it leaves the first body.
+    pub loss_before: f64,
     /// Part of the torque that the mesh loses.
     pub loss: f64,
     /// Inertia of the gear between shaft and mesh, as part of the smaller
@@ -122,12 +124,18 @@ impl Chain {
             shafts: drivetrain
                 .shafts
                 .iter()
-                .map(|s| Shaft {
+                .enumerate()
+                .map(|(i, s)| Shaft {
                     stiffness: s.stiffness_nm_per_rad * s.speed_ratio * s.speed_ratio,
                     damping: s.damping_nm_s_per_rad * s.speed_ratio * s.speed_ratio,
                     backlash: 0.0,
                     variation: 0.0,
-                    loss: 0.0,
+                    loss_before: if i == 0 {
+                        dry(&drivetrain.inertias[0]).load_part
+                    } else {
+                        0.0
+                    },
+                    loss: dry(&drivetrain.inertias[i + 1]).load_part,
                     gear: GEAR,
                 })
                 .collect(),

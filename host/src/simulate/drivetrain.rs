@@ -6,6 +6,7 @@ use rand_distr::StandardNormal;
 
 use super::angle_function::AngleFunction;
 use super::bench::{Bench, place};
+use super::bending::BendingLoad;
 use super::chain::Chain;
 use super::draw::Draw;
 use super::effect::{Applied, Individual};
@@ -41,6 +42,7 @@ pub struct TestBench {
     bench: Bench,
     plant: Plant,
     housing: Housing,
+    bending: Option<BendingLoad>,
     rng: ChaCha8Rng,
     carrier: usize,
     /// What the index pulse latched since the last sample [counts].
@@ -159,6 +161,8 @@ impl Simulation {
             bench,
             plant,
             housing: Housing::new(rng.random_range(2.0..6.0)),
+            bending: (drivetrain.bending)
+                .map(|described| BendingLoad::new(&described, dt, draw("bending").recording)),
             rng,
             carrier: drivetrain
                 .carrier
@@ -197,6 +201,7 @@ impl Sampled for TestBench {
             warming: self.housing.warming(),
             temperature: self.housing.temperature,
             level: 0.0,
+            bending: self.bending.as_mut().map_or(0.0, BendingLoad::next),
         };
         for (gauge, sensed) in &mut self.gauges {
             let value = match *sensed {

@@ -23,6 +23,8 @@ pub(super) struct Moment {
     pub temperature: f64,
     /// What the channel senses, as part of nominal.
     pub level: f64,
+    /// The described load that gauges read beside torque.
+    pub bending: f64,
 }
 
 /// Adds to a reading, or changes it, before the converter.
@@ -48,6 +50,15 @@ impl Disturbance for Creep {
         let machine::Creep { at_nominal, time_s } = self.described;
         self.z += moment.dt / time_s * (at_nominal * moment.level - self.z);
         reading + self.z
+    }
+}
+
+/// What the way remembers on which the load came, as described.
+struct Loop<F>(F);
+
+impl<F: FnMut(f64) -> f64 + Send> Disturbance for Loop<F> {
+    fn apply(&mut self, moment: &Moment, reading: f64) -> f64 {
+        reading + (self.0)(moment.level)
     }
 }
 
@@ -92,6 +103,8 @@ pub(super) struct Gauge {
     pub shift: f64,
     /// Sensitivity over the carrier angle [unit/Nm, unit/(rad/s)].
     pub map: AngleFunction,
+    /// Reading of one unit of that load [unit].
+    pub bending: f64,
     /// Part of the reading by which it is larger at nominal load than in proportion.
     pub nonlinearity: f64,
     /// What is sensed at nominal load and speed, > 0.
@@ -126,12 +139,18 @@ impl Gauge {
             gain: 1.0,
             shift: 0.0,
             map,
+            bending: channel.bending,
             nonlinearity: channel.nonlinearity,
             nominal,
             is_load_sensor,
-            disturbances: (channel.creep.iter())
-                .map(|creep| Box::new(Creep::new(*creep)) as Box<dyn Disturbance>)
-                .collect(),
+            disturbances: {
+                let creep = channel
+                    .creep
+                    .map(|c| Box::new(Creep::new(c)) as Box<dyn Disturbance>);
+                let hysteresis = channel.hysteresis;
+                let turning = hysteresis.map(|h| Box::new(Loop(h.walk())) as Box<dyn Disturbance>);
+                creep.into_iter().chain(turning).collect()
+            },
             faults: Vec::new(),
             noise_std: channel.noise_std,
             lsb: channel.unit.from_si(channel.lsb_si()),
@@ -160,7 +179,7 @@ impl Gauge {
         };
         let sensitivity = self.gain * self.map.at(moment.angle - self.shift);
         let bent = sensed * (1.0 + self.nonlinearity * moment.level);
-        let mut reading = self.offset + sensitivity * bent;
+        let mut reading = self.offset + sensitivity * bent + self.bending * moment.bending;
         for disturbance in &mut self.disturbances {
             reading = disturbance.apply(moment, reading);
         }

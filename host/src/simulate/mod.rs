@@ -24,6 +24,7 @@
 mod angle_function;
 mod bearing;
 mod bench;
+mod bending;
 mod chain;
 mod draw;
 mod drivetrain;

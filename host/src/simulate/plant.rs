@@ -87,6 +87,7 @@ struct Segment {
     damping: f64,
     half_backlash: f64,
     variation: f64,
+    loss_before: f64,
     loss: f64,
 }
 
@@ -165,7 +166,10 @@ impl Plant {
                 damping: 2.0 * shaft.damping,
                 ..Segment::default()
             };
-            plant.segments[2 * i] = half;
+            plant.segments[2 * i] = Segment {
+                loss_before: shaft.loss_before,
+                ..half
+            };
             plant.segments[2 * i + 1] = Segment {
                 half_backlash: 0.5 * shaft.backlash,
                 variation: shaft.variation,
@@ -239,6 +243,7 @@ impl Plant {
             }
             let s = &self.segments[i];
             let side = if torque < 0.0 { -1.0 } else { 1.0 };
+            torque /= 1.0 + s.loss_before * side * self.direction(speed);
             self.state.twist[i] = torque / s.stiffness + s.half_backlash * side;
             torque -= s.loss * torque.abs() * self.direction(speed);
         }
@@ -308,14 +313,13 @@ impl Plant {
             if i + 1 < self.count {
                 rate.twist[i] = x.speed[i] - x.speed[i + 1];
                 let carried = self.torque(i, x);
-                torque -= carried;
-                let loss = self.segments[i].loss;
-                before = carried
-                    - if loss == 0.0 {
-                        0.0
-                    } else {
-                        loss * carried.abs() * self.direction(x.speed[i])
-                    };
+                let lost = |part: f64| match part {
+                    0.0 => 0.0,
+                    part => part * carried.abs() * self.direction(x.speed[i]),
+                };
+                let s = &self.segments[i];
+                torque -= carried + lost(s.loss_before);
+                before = carried - lost(s.loss);
             }
             rate.speed[i] = torque / self.bodies[i].inertia;
         }

@@ -56,7 +56,7 @@ impl OperatingPoint {
             let Role::Measure {
                 map,
                 variance,
-                bias_state,
+                biases,
                 ..
             } = &channel.role
             else {
@@ -67,8 +67,8 @@ impl OperatingPoint {
             let (sensitivity, slope) = map.at(phase);
             let mut gradient: Vec<f64> = row.iter().map(|c| c * f64::from(sensitivity)).collect();
             gradient[0] += sensed * f64::from(slope);
-            if let Some(bias) = bias_state {
-                gradient[usize::from(*bias)] += 1.0;
+            for bias in biases {
+                gradient[usize::from(bias.state)] += f64::from(bias.factor);
             }
             rows.push(gradient);
             measurement_noise.push(f64::from(variance.bin(phase)));

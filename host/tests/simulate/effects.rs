@@ -1,5 +1,6 @@
 //! What each effect changes, and by how much.
 
+use loadtwin::machine::{Friction, Machine};
 use loadtwin::simulate::EFFECTS;
 
 use super::{Columns, bits, gearbox, mean, run, std};
@@ -150,4 +151,34 @@ fn torque_through_zero_rests_in_the_backlash() {
     };
     let (with, without) = (idle(&["backlash"]), idle(&[]));
     assert!(with > without + 50, "{with} {without}");
+}
+
+/// What a description says of a mesh is what the effect does; a loss before the first shaft
+/// leaves less for both sides.
+#[test]
+fn a_described_loss_is_that_of_the_effect() {
+    let mut machine = gearbox();
+    let run = |machine: &_, effects: &[&str]| run(machine, "reversals", 10.0, (4, 4), effects);
+    let with_effect = run(&machine, &["load-friction=1"]);
+    let losing = Some(Friction {
+        load_part: 0.02,
+        ..Friction::default()
+    });
+    let inertias = |machine: &mut Machine, at: usize| {
+        let drivetrain = machine.drivetrain.as_mut().unwrap();
+        drivetrain
+            .inertias
+            .iter_mut()
+            .for_each(|i| i.friction = None);
+        drivetrain.inertias[at].friction = losing;
+    };
+    inertias(&mut machine, 1);
+    assert_eq!(bits(&run(&machine, &[])), bits(&with_effect));
+    inertias(&mut machine, 0);
+    let columns = super::run(&machine, "constant", 23.1, (4, 4), &[]);
+    let carried = mean(&columns["ta1"][5000..]);
+    let clean = super::run(&gearbox(), "constant", 23.1, (4, 4), &[]);
+    let part = carried / mean(&clean["ta1"][5000..]);
+    // By hand: what is carried and 2 % of it are the load.
+    assert!((part - 1.0 / 1.02).abs() < 1e-3, "{part}");
 }

@@ -1,8 +1,9 @@
 //! A load that all channels read and that is not torque.
 
-use super::{Effect, Linear, one_shape};
+use super::{Effect, GaugeModel, Linear, one_shape};
 use crate::diagnose::signals::moving_mean;
 use crate::diagnose::stream::{Kind, Session, Stream, Term};
+use crate::machine::{Drift, Drivetrain, Machine};
 
 /// Highest frequency of the common load [Hz].
 const HIGHEST_HZ: f64 = 0.6;
@@ -37,25 +38,7 @@ impl Effect for Bending {
         stream.kind == Kind::Strain
     }
     fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
-        let width = (0.5 / HIGHEST_HZ / session.signals.dt_s) as usize | 1;
-        let slow: Vec<Option<Vec<f64>>> = session
-            .streams
-            .iter()
-            .map(|s| (s.kind == Kind::Strain).then(|| slow_part(s, width)))
-            .collect();
-        let n = session.signals.len();
-        let mut sum = vec![0.0; n];
-        // Weighted by what a channel knows of it.
-        let weight = |s: &Stream| (s.scale / s.noise_std).powi(2);
-        let mut total = 0.0;
-        for (stream, slow) in session.streams.iter().zip(&slow) {
-            if let Some(slow) = slow {
-                total += weight(stream);
-                for (sum, value) in sum.iter_mut().zip(slow) {
-                    *sum += weight(stream) * value;
-                }
-            }
-        }
+        let Common { slow, sum, total } = Common::new(session);
         let columns = session
             .streams
             .iter()
@@ -72,12 +55,106 @@ impl Effect for Bending {
             .collect();
         vec![Term::Each(columns)]
     }
+    /// Of the mean of all channels, where the parameter is of that of the others:
+    /// `g = a (1 - w g) / (1 - w)`, `w` its weight in the mean.
+    fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+        let is_new = gauge.bending == 0.0;
+        if is_new {
+            let of_others = parameters[0];
+            let of_all = of_others / (1.0 + (of_others - 1.0) * gauge.weight);
+            gauge.bending = of_all * gauge.full_scale;
+        }
+        is_new
+    }
+    /// As a first-order lag that is as large and changes as fast.
+    fn mend_chain(&self, session: &Session, _: &[f64], _: &[f64], chain: &mut Drivetrain) -> bool {
+        let Common { sum, total, .. } = Common::new(session);
+        let rms = |x: &mut dyn Iterator<Item = f64>| {
+            let (square, n) = x.fold((0.0, 0.0), |(square, n), x| (square + x * x, n + 1.0));
+            f64::sqrt(square / f64::max(n, 1.0))
+        };
+        let size = rms(&mut sum.iter().copied());
+        let change = rms(&mut sum.windows(2).map(|w| w[1] - w[0]));
+        let is_new = chain.bending.is_none() && change > 0.0;
+        if is_new {
+            chain.bending = Some(Drift {
+                std: size / total,
+                time_s: session.signals.dt_s * size / change,
+            });
+        }
+        is_new
+    }
     fn latent(&self, session: &Session) -> f64 {
         2.0 * HIGHEST_HZ * session.signals.dt_s * session.signals.len() as f64
     }
     fn experiment(&self) -> &'static str {
         "a known bending load without torque; gauges in antisymmetric pairs"
     }
+}
+
+/// The slow load as each channel has it, and as all have it together.
+struct Common {
+    /// Of each stream that is a strain, in parts of its full scale.
+    slow: Vec<Option<Vec<f64>>>,
+    /// Sum of these, weighted.
+    sum: Vec<f64>,
+    /// Sum of the weights.
+    total: f64,
+}
+
+impl Common {
+    fn new(session: &Session) -> Self {
+        let width = (0.5 / HIGHEST_HZ / session.signals.dt_s) as usize | 1;
+        let slow: Vec<Option<Vec<f64>>> = session
+            .streams
+            .iter()
+            .map(|s| (s.kind == Kind::Strain).then(|| slow_part(s, width)))
+            .collect();
+        let mut sum = vec![0.0; session.signals.len()];
+        let mut total = 0.0;
+        for (stream, slow) in session.streams.iter().zip(&slow) {
+            if let Some(slow) = slow {
+                total += weight(stream);
+                for (sum, value) in sum.iter_mut().zip(slow) {
+                    *sum += weight(stream) * value;
+                }
+            }
+        }
+        Self { slow, sum, total }
+    }
+}
+
+/// Takes the described load out of the strains, which tell it together: sample by sample
+///
+/// `L = sum_k g_k r_k / v_k / (1 / std^2 + sum_k g_k^2 / v_k)`, `r_k <- r_k - g_k L`.
+pub(in crate::diagnose) fn take_out(machine: &Machine, strains: &mut [Stream]) {
+    let described = machine.drivetrain.as_ref().and_then(|d| d.bending);
+    let Some(Drift { std, .. }) = described else {
+        return;
+    };
+    let reading = |stream: &Stream| {
+        let channel = machine.channels.iter().find(|c| c.name == stream.name);
+        channel.map_or(0.0, |channel| channel.to_si(channel.bending))
+    };
+    let readings: Vec<f64> = strains.iter().map(reading).collect();
+    for i in 0..strains.first().map_or(0, |s| s.residual.len()) {
+        let (mut told, mut known) = (0.0, std.powi(-2));
+        for (stream, g) in strains.iter().zip(&readings) {
+            if stream.residual[i].is_finite() {
+                let weight = g / (stream.noise_std * stream.noise_std);
+                told += weight * stream.residual[i];
+                known += weight * g;
+            }
+        }
+        for (stream, g) in strains.iter_mut().zip(&readings) {
+            stream.residual[i] -= g * told / known;
+        }
+    }
+}
+
+/// What a channel knows of a load that all read.
+pub(in crate::diagnose) fn weight(stream: &Stream) -> f64 {
+    (stream.scale / stream.noise_std).powi(2)
 }
 
 /// Slow part of a residual in parts of full scale; gaps count as its mean.

@@ -2,7 +2,7 @@
 
 use super::{Effect, GaugeModel, Linear, Shape, each, one_shape};
 use crate::diagnose::stream::{Session, Term};
-use crate::machine::{Creep, lag};
+use crate::machine::{Creep, Hysteresis, lag};
 
 /// `scale a z`, `dz/dt = (level - z) / tau`.
 pub struct GaugeCreep;
@@ -120,6 +120,16 @@ impl Effect for StrainHysteresis {
         vec![Term::Zero(
             session.signals.level.iter().map(column).collect(),
         )]
+    }
+    fn mend(&self, shape: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+        let is_new = gauge.hysteresis.is_none();
+        if is_new {
+            gauge.hysteresis = Some(Hysteresis {
+                half_width: parameters[0] * gauge.full_scale,
+                level: shape[0],
+            });
+        }
+        is_new
     }
     fn experiment(&self) -> &'static str {
         "torque cycles of several sizes, up and down"

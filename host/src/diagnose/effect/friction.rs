@@ -47,12 +47,24 @@ enum Law {
     Load,
 }
 
-/// A torque of 1 at every speed.
-const ONE: machine::Friction = machine::Friction {
-    coulomb_nm: 1.0,
+const NONE: machine::Friction = machine::Friction {
+    coulomb_nm: 0.0,
+    load_part: 0.0,
     stribeck_nm: 0.0,
     stribeck_rad_s: None,
     presliding_rad: 0.0,
+};
+
+/// A torque of 1 at every speed.
+const ONE: machine::Friction = machine::Friction {
+    coulomb_nm: 1.0,
+    ..NONE
+};
+
+/// All of what is carried.
+const ALL: machine::Friction = machine::Friction {
+    load_part: 1.0,
+    ..NONE
 };
 
 /// `a sign(w)`.
@@ -83,10 +95,9 @@ pub const STRIBECK: Friction = Friction {
     ],
     starts: &[0.02, 0.05, 0.12, 0.3],
     law: Law::Dry(|shape| machine::Friction {
-        coulomb_nm: 0.0,
         stribeck_nm: 1.0,
         stribeck_rad_s: Some(shape[1]),
-        ..ONE
+        ..NONE
     }),
 };
 
@@ -200,23 +211,27 @@ impl Effect for Friction {
         // At the inertia's own speed.
         let torque = parameters[0] * signals.nominal_torque / ratio;
         let speed = ratio * signals.nominal_speed;
-        match &self.law {
+        let own = match &self.law {
             Law::Drag => {
                 let drag = inertia.drag_nm_s_per_rad + torque / speed;
                 inertia.drag_nm_s_per_rad = drag.max(0.0);
-                true
+                return true;
             }
             Law::Dry(law) => {
                 let mut own = law(shape).scaled(torque, ratio);
                 own.stribeck_rad_s = own.stribeck_rad_s.map(|w| w * signals.nominal_speed);
-                let both = (inertia.friction.unwrap_or_default())
-                    .joined(&own)
-                    .filter(|_| torque > 0.0);
-                inertia.friction = both.or(inertia.friction);
-                both.is_some()
+                own
             }
-            Law::Load => false,
-        }
+            Law::Load => machine::Friction {
+                load_part: parameters[0],
+                ..NONE
+            },
+        };
+        let both = (inertia.friction.unwrap_or_default())
+            .joined(&own)
+            .filter(|_| torque > 0.0);
+        inertia.friction = both.or(inertia.friction);
+        both.is_some()
     }
     fn experiment(&self) -> &'static str {
         self.experiment
@@ -228,13 +243,11 @@ impl Law {
         // Part of nominal.
         let speeds = signals.vibrating_speed(shape[0] as usize);
         let turned = signals.nominal_speed * signals.dt_s;
+        let motion = speeds.zip(signals.level.iter().copied());
         match self {
-            Self::Dry(law) => law(shape).course(speeds, turned, CREEP),
-            Self::Drag => speeds.collect(),
-            Self::Load => (ONE.course(speeds, turned, CREEP).iter())
-                .zip(&signals.level)
-                .map(|(direction, level)| level.abs() * direction)
-                .collect(),
+            Self::Dry(law) => law(shape).course(motion, turned, CREEP),
+            Self::Drag => motion.map(|(speed, _)| speed).collect(),
+            Self::Load => ALL.course(motion, turned, CREEP),
         }
     }
 }

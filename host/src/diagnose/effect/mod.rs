@@ -1,6 +1,6 @@
 //! The library of effects, a file for each family; a new one is its `impl` and a line in [`LIBRARY`].
 
-mod bending;
+pub(super) mod bending;
 mod clock;
 mod creep;
 mod eccentricity;
@@ -16,7 +16,7 @@ mod word;
 
 use super::observed::Observed;
 use super::stream::Session;
-use crate::machine::{Creep, Drivetrain, MAP_ENTRIES, Thermal};
+use crate::machine::{Creep, Drivetrain, Hysteresis, MAP_ENTRIES, Thermal};
 
 /// Whether an effect has its parameters in each channel or once for all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -161,6 +161,13 @@ pub struct GaugeModel {
     pub nonlinearity: f64,
     /// Creep of the zero.
     pub creep: Option<Creep>,
+    /// What it remembers of the way on which the load came.
+    pub hysteresis: Option<Hysteresis>,
+    /// Reading of a load that all gauges read and that is not torque, of which one unit is a
+    /// mean reading of full scale; 0 where none is described.
+    pub bending: f64,
+    /// Its weight in that mean.
+    pub weight: f64,
     /// What warmth does; none where the board samples no temperature.
     pub thermal: Option<Thermal>,
 }

@@ -40,7 +40,7 @@ pub(super) const LOAD_DEPENDENT: Effect = Effect {
     typical: "each mesh loses 2 % of its torque",
     apply: Apply::Drivetrain(|chain, dose| {
         for shaft in &mut chain.shafts {
-            shaft.loss = (0.02 * dose.strength).min(0.9);
+            shaft.loss = (shaft.loss + 0.02 * dose.strength).min(0.9);
         }
         !chain.shafts.is_empty()
     }),

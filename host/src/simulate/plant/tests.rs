@@ -15,6 +15,7 @@ fn two(gear: f64, backlash: f64) -> Plant {
             damping: 0.0,
             backlash,
             variation: 0.0,
+            loss_before: 0.0,
             loss: 0.0,
             gear,
         }],
