@@ -265,40 +265,6 @@ mod tests {
         assert!(twists.clone().all(|(torque, twist)| torque * twist >= 0.0));
     }
 
-    /// Next to no torque leaves the flanks on one side, and then the load comes from the other: loads that
-    /// are off by a little do not tell that the play is passed, the angle between both sides does.
-    #[test]
-    fn encoders_tell_where_flanks_are() {
-        let loaded = |rest: f64| {
-            let mut driven = swinging();
-            driven.outside[0] = (0..2000)
-                .map(|i| if i < 500 { rest } else { 1e5 })
-                .collect();
-            driven.outside[1] = driven.outside[0].iter().map(|t| -t).collect();
-            driven
-        };
-        let mut truth = loaded(-100.0);
-        truth.play = vec![0.002];
-        let carried = truth.carried();
-        let mut told = loaded(100.0);
-        let plain = told.carried();
-        let error = |driven: &Driven| -> f64 {
-            let torque = &driven.with_play(0, 0.002, &plain).carried().torque[0];
-            let both = torque.iter().zip(&carried.torque[0]);
-            both.map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
-        };
-        let without = error(&told);
-        told.encoders = vec![Encoders {
-            signs: vec![1.0],
-            angle: carried.twist[0].iter().map(|twist| twist + 5.0).collect(),
-            noise_std: 5e-5,
-            count: 1e-4,
-            zero: 0.0,
-        }];
-        let with = error(&told);
-        assert!(with < 0.2 * without, "{with} {without}");
-    }
-
     /// By hand: it begins at the torque expected of it, and dies away.
     #[test]
     fn a_vibration_at_the_start_dies_away() {
