@@ -4,7 +4,7 @@ use std::error::Error;
 use std::path::Path;
 
 use loadtwin::machine::Machine;
-use loadtwin::recording::Writer;
+use loadtwin::recording::{Block, Writer};
 use loadtwin::simulate::{Applied, Scenario, Simulation};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -44,6 +44,9 @@ const PROFILES: [&str; 4] = ["start-stop", "reversals", "steps", "turbulent"];
 
 /// Length of each recording [s].
 pub const DURATION_S: f64 = 90.0;
+
+/// Part of the samples of some column that an effect must change to be seen at all.
+const SHOWN: f64 = 1e-3;
 
 /// Recordings of each machine.
 pub const OF_EACH: usize = 10;
@@ -166,6 +169,55 @@ impl Case {
         self.write(machine, self.unseen_profile, self.seeds[1], unseen)
     }
 
+    /// Whether the recording that is to be diagnosed shows each of the effects: the same recording
+    /// without it, with the same noise, differs somewhere.
+    pub fn shows(&self, machine: &Machine) -> Result<bool, Box<dyn Error>> {
+        for i in 0..self.effects.len() {
+            let mut others = self.effects.clone();
+            others.remove(i);
+            let with = self.simulation(machine, self.profile, self.seeds[0], &self.effects)?;
+            let without = self.simulation(machine, self.profile, self.seeds[0], &others)?;
+            let (mut samples, mut differing) = (0, Vec::new());
+            for (a, b) in with.zip(without) {
+                samples += a.t.len();
+                differing.resize(a.columns.len(), 0);
+                for (n, of_block) in differing.iter_mut().zip(unequal(&a, &b)) {
+                    *n += of_block;
+                }
+            }
+            let most = differing.into_iter().max().unwrap_or(0);
+            if (most as f64) < SHOWN * samples as f64 {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    fn simulation(
+        &self,
+        machine: &Machine,
+        profile: &str,
+        seed: u64,
+        effects: &[(String, f64)],
+    ) -> Result<Simulation, Box<dyn Error>> {
+        let mut scenario = Scenario::by_name(profile)?;
+        scenario.duration_s = DURATION_S;
+        let applied: Vec<Applied> = effects
+            .iter()
+            .filter(|(name, strength)| self.change(machine, name, *strength).is_none())
+            .map(|(name, strength)| format!("{name}={strength}").parse())
+            .collect::<Result<_, _>>()?;
+        let individual = Some(self.individual);
+        Ok(Simulation::new(
+            machine, &scenario, seed, individual, &applied,
+        )?)
+    }
+
+    /// What is done to the recording itself.
+    fn change(&self, machine: &Machine, name: &str, strength: f64) -> Option<Change> {
+        Change::new(machine, name, strength, self.individual)
+    }
+
     fn write(
         &self,
         machine: &Machine,
@@ -173,18 +225,10 @@ impl Case {
         seed: u64,
         path: &Path,
     ) -> Result<(), Box<dyn Error>> {
-        let mut scenario = Scenario::by_name(profile)?;
-        scenario.duration_s = DURATION_S;
-        let mut applied = Vec::new();
-        let mut changes = Vec::new();
-        for (name, strength) in &self.effects {
-            match Change::new(machine, name, *strength, self.individual) {
-                Some(change) => changes.push(change),
-                None => applied.push(format!("{name}={strength}").parse::<Applied>()?),
-            }
-        }
-        let simulation =
-            Simulation::new(machine, &scenario, seed, Some(self.individual), &applied)?;
+        let simulation = self.simulation(machine, profile, seed, &self.effects)?;
+        let mut changes: Vec<Change> = (self.effects.iter())
+            .filter_map(|(name, strength)| self.change(machine, name, *strength))
+            .collect();
         let mut writer = Writer::create(path, simulation.columns(), &[])?;
         for mut block in simulation {
             for change in &mut changes {
@@ -195,4 +239,15 @@ impl Case {
         }
         Ok(writer.finish()?)
     }
+}
+
+/// How many samples differ, column by column.
+fn unequal(a: &Block, b: &Block) -> Vec<usize> {
+    let columns = a.columns.iter().flatten().zip(b.columns.iter().flatten());
+    columns
+        .map(|(a, b)| {
+            let pairs = a.iter().zip(b);
+            pairs.filter(|(x, y)| x.to_bits() != y.to_bits()).count()
+        })
+        .collect()
 }

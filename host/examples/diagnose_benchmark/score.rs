@@ -17,6 +17,8 @@ pub struct Row {
     pub profile: String,
     /// Effects as `name=strength`, spaces between.
     pub truth: String,
+    /// Whether the recording differs from the same one without each of the effects.
+    pub shows: bool,
     pub verdict: String,
     /// Effects named, the first found first.
     pub said: String,
@@ -59,8 +61,14 @@ impl Row {
 #[derive(Default)]
 pub struct Score {
     pub first_strong: Rate,
+    /// Of these, where the recording shows the effect.
+    pub first_shown: Rate,
+    /// Of these, the effect named or told to be inseparable from what is named.
+    pub first_among: Rate,
     pub first_weak: Rate,
     pub two_exact: Rate,
+    /// Of these, where the recording shows both.
+    pub two_shown: Rate,
     pub two_first: Rate,
     pub false_alarms: Rate,
     pub unknown_outside: Rate,
@@ -90,12 +98,18 @@ impl Score {
         let right = match row.kind {
             Kind::One => {
                 let right = row.first() == wanted[0];
-                let rate = if truth[0].1 >= STRONG {
-                    &mut self.first_strong
+                let strong = truth[0].1 >= STRONG;
+                if strong {
+                    self.first_strong.count(right);
                 } else {
-                    &mut self.first_weak
-                };
-                rate.count(right);
+                    self.first_weak.count(right);
+                }
+                if strong && row.shows {
+                    let inseparable = row.verdict == "inseparable";
+                    self.first_shown.count(right);
+                    self.first_among
+                        .count(right || inseparable && row.names().contains(&wanted[0]));
+                }
                 self.unknown_inside.count(unknown);
                 self.recovered.extend(row.recovered());
                 let key = (wanted[0].to_owned(), row.first().to_owned());
@@ -109,6 +123,9 @@ impl Score {
                 wanted.sort_unstable();
                 let exact = row.verdict == "effects" && named == wanted;
                 self.two_exact.count(exact);
+                if row.shows {
+                    self.two_shown.count(exact);
+                }
                 self.unknown_inside.count(unknown);
                 exact
             }
@@ -122,7 +139,8 @@ impl Score {
             }
         };
         if !right {
-            let said = format!("{} {}", row.verdict, row.said);
+            let shows = if row.shows { "" } else { ", not shown" };
+            let said = format!("{} {}{shows}", row.verdict, row.said);
             self.wrong.push(format!(
                 "{:>4} {:<11} [{}]: {said}",
                 row.number, row.profile, row.truth
@@ -144,8 +162,11 @@ impl fmt::Display for Score {
         writeln!(f)?;
         for (name, rate) in [
             ("first right, strength 0.3 and more", self.first_strong),
+            ("  where the recording shows it", self.first_shown),
+            ("  or inseparable from what is named", self.first_among),
             ("first right, weaker", self.first_weak),
             ("two, exact", self.two_exact),
+            ("  where the recording shows both", self.two_shown),
             ("two, first among them", self.two_first),
             ("false alarms on clean ones", self.false_alarms),
             ("unknown outside the library", self.unknown_outside),

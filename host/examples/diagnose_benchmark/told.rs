@@ -6,7 +6,7 @@ use std::time::Instant;
 use loadtwin::diagnose::{Diagnosis, Observed, Session, Verdict, by_name, effect};
 use loadtwin::machine::Machine;
 
-use crate::cases::Case;
+use crate::cases::{Case, Kind};
 use crate::score::Row;
 
 /// Simulates the case, diagnoses it without its label, then with the true
@@ -42,6 +42,7 @@ pub fn told(number: usize, case: &Case, machine: &Machine) -> Result<Row, Box<dy
         kind: case.kind,
         profile: case.profile.to_owned(),
         truth: case.truth(),
+        shows: case.kind == Kind::Outside || case.shows(machine)?,
         verdict: diagnosis.verdict.word().to_owned(),
         said,
         before: diagnosis.errors.nominal.before.value_percent,
