@@ -10,7 +10,7 @@ use loadtwin_common::measurement::Unwrap;
 use super::CalibrateError;
 use crate::build::{self, Filter, Sensors};
 use crate::gearbox::Torsion;
-use crate::machine::{CREEP, Direction, Drivetrain, Machine, Senses};
+use crate::machine::{CREEP, Direction, Drivetrain, Inertia, Machine, Senses};
 use crate::replay::{ReplayError, Samples};
 
 /// Half the span over which speed and acceleration are differences of mean
@@ -316,7 +316,6 @@ impl Side {
                 .filter(|(m, _)| (*m > shaft) == after)
                 .map(|(_, j)| j)
         };
-        let square = |ratio: f64| ratio * ratio;
         let direction = |direction: Direction| direction.sign();
         let mut dry_friction = vec![0.0; motion.len()];
         let mut losses = vec![0.0; motion.len()];
@@ -337,12 +336,8 @@ impl Side {
         }
         Self {
             sign: if after { -1.0 } else { 1.0 },
-            moment: inertias()
-                .map(|j| j.moment_kg_m2 * square(j.speed_ratio))
-                .sum(),
-            drag: inertias()
-                .map(|j| j.drag_nm_s_per_rad * square(j.speed_ratio))
-                .sum(),
+            moment: inertias().map(Inertia::referred_moment).sum(),
+            drag: inertias().map(Inertia::referred_drag).sum(),
             dry_friction,
             losses,
             loads: drivetrain

@@ -130,8 +130,8 @@ impl Driven {
     pub fn with_gear(&self, s: usize, part: f64) -> Self {
         let mut driven = self.clone();
         let d = &mut driven.drivetrain;
-        let referred = |i: &Inertia| i.moment_kg_m2 * i.speed_ratio * i.speed_ratio;
-        let moment = part * referred(&d.inertias[s]).min(referred(&d.inertias[s + 1]));
+        let neighbours = [s, s + 1].map(|i| d.inertias[i].referred_moment());
+        let moment = part * neighbours[0].min(neighbours[1]);
         for neighbour in &mut d.inertias[s..=s + 1] {
             neighbour.moment_kg_m2 -= 0.5 * moment / neighbour.speed_ratio.powi(2);
         }

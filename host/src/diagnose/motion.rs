@@ -32,13 +32,12 @@ pub(super) struct Motion<'a> {
 impl<'a> Motion<'a> {
     pub fn new(driven: &'a Driven, torsion: &Torsion) -> Self {
         let inertias = &driven.drivetrain.inertias;
-        let referred = |i: &Inertia| i.moment_kg_m2 * i.speed_ratio * i.speed_ratio;
         Self {
             driven,
             rows: shaft_rows(torsion, &driven.drivetrain),
             stiffness: torsion.referred_stiffness().collect(),
             ratios: inertias.iter().map(|i| i.speed_ratio).collect(),
-            moments: inertias.iter().map(referred).collect(),
+            moments: inertias.iter().map(Inertia::referred_moment).collect(),
             whole: torsion.discretised(driven.dt_s),
             part: torsion.discretised(driven.dt_s / PARTS as f64),
             states: torsion.states(),

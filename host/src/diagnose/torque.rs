@@ -69,8 +69,8 @@ pub(super) fn torques(
     let bodies = drivetrain.inertias.len();
     let n = motion.speed[0].len();
     let ratio = |b: usize| drivetrain.inertias[b].speed_ratio;
-    let moment = |b: usize| drivetrain.inertias[b].moment_kg_m2 * ratio(b) * ratio(b);
-    let drag = |b: usize| drivetrain.inertias[b].drag_nm_s_per_rad * ratio(b) * ratio(b);
+    let moment = |b: usize| drivetrain.inertias[b].referred_moment();
+    let drag = |b: usize| drivetrain.inertias[b].referred_drag();
     // Torque from outside on each inertia, referred; none where it is not known.
     let outside: Vec<Option<Vec<f64>>> = (0..bodies)
         .map(|b| {

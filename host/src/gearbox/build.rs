@@ -285,7 +285,7 @@ impl Plan {
             let Some(referred) = inertia.referred_friction() else {
                 continue;
             };
-            let moment = inertia.moment_kg_m2 * inertia.speed_ratio * inertia.speed_ratio;
+            let moment = inertia.referred_moment();
             let part = |torque: f64| (torque / self.nominal_torque) as f32;
             let drive = self.mechanical + self.loads + k;
             let mut column = vec![0.0; self.states()];

@@ -3,7 +3,7 @@
 use faer::Mat;
 
 use crate::exponential::exponential;
-use crate::machine::{Drivetrain, Senses};
+use crate::machine::{Drivetrain, Inertia, Senses};
 
 /// `dx/dt = A x + B d`, states `theta`, twists, speeds, all referred to the main
 /// shaft (speed ratio 1); loads `d` in their own sign and at their own shaft.
@@ -56,7 +56,7 @@ impl Torsion {
         let moments: Vec<f64> = drivetrain
             .inertias
             .iter()
-            .map(|j| j.moment_kg_m2 * j.speed_ratio * j.speed_ratio)
+            .map(Inertia::referred_moment)
             .collect();
 
         let states = 2 * n;
@@ -74,8 +74,7 @@ impl Torsion {
             }
         }
         for (i, inertia) in drivetrain.inertias.iter().enumerate() {
-            a[(speed(i), speed(i))] -=
-                inertia.drag_nm_s_per_rad * inertia.speed_ratio * inertia.speed_ratio / moments[i];
+            a[(speed(i), speed(i))] -= inertia.referred_drag() / moments[i];
         }
         let mut b = Mat::<f64>::zeros(states, drivetrain.loads.len());
         for (j, load) in drivetrain.loads.iter().enumerate() {

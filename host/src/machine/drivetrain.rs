@@ -91,6 +91,16 @@ impl Drivetrain {
 }
 
 impl Inertia {
+    /// Moment of inertia, referred to the main shaft [kg m^2].
+    pub fn referred_moment(&self) -> f64 {
+        self.moment_kg_m2 * self.speed_ratio * self.speed_ratio
+    }
+
+    /// Drag, referred to the main shaft [N m s/rad].
+    pub fn referred_drag(&self) -> f64 {
+        self.drag_nm_s_per_rad * self.speed_ratio * self.speed_ratio
+    }
+
     /// Its dry friction, referred to the main shaft.
     pub fn referred_friction(&self) -> Option<Friction> {
         let ratio = self.speed_ratio.abs();
