@@ -25,7 +25,7 @@ const FULL_SCALE: f64 = 4.0;
 const VALID_STD: f64 = 0.3;
 
 /// Random walk of a load whose description gives none, in nominal loads per sqrt(s).
-const DEFAULT_WALK: f64 = 0.3;
+const DEFAULT_WALK: f64 = 0.2;
 
 /// Standard deviation of a count that is only quantised [counts], `1 / sqrt(12)`.
 const QUANTISATION: f64 = 0.288_675;

@@ -140,7 +140,7 @@ pub struct Load {
     pub nominal_nm: f64,
     /// Standard deviation of the load's random walk over one second
     /// [N m/sqrt(s)], > 0: `Qd = walk^2 dt`. `loadtwin tune` finds it;
-    /// half the nominal torque where absent.
+    /// a fifth of the nominal torque where absent.
     pub walk_nm_per_sqrt_s: Option<f64>,
 }
 
