@@ -22,6 +22,9 @@ pub struct Row {
     pub verdict: String,
     /// Effects named, the first found first.
     pub said: String,
+    /// Beside several effects: `name=other` where the recording does not tell the two apart.
+    #[serde(default)]
+    pub open: String,
     /// Error on the unseen recording as described [% of nominal].
     pub before: Option<f64>,
     /// The same with what was said.
@@ -42,6 +45,23 @@ impl Row {
 
     fn names(&self) -> Vec<&str> {
         self.said.split_whitespace().collect()
+    }
+
+    /// Whether what was named is `wanted`, or is told to be inseparable from it.
+    fn exact_or_inseparable(&self, wanted: &[&str]) -> bool {
+        let open: Vec<(&str, &str)> = (self.open.split_whitespace())
+            .filter_map(|pair| pair.split_once('='))
+            .collect();
+        let mut left = wanted.to_vec();
+        let every = self.names().iter().all(|name| {
+            let is = |w: &&str| w == name || open.contains(&(name, w));
+            let at = left
+                .iter()
+                .position(|w| w == name)
+                .or(left.iter().position(is));
+            at.map(|at| left.remove(at)).is_some()
+        });
+        every && left.is_empty()
     }
 
     /// What was said first: an effect, or the verdict itself.
@@ -69,6 +89,8 @@ pub struct Score {
     pub two_exact: Rate,
     /// Of these, where the recording shows both.
     pub two_shown: Rate,
+    /// Of these, with what is told to be inseparable from what is named.
+    pub two_among: Rate,
     pub two_first: Rate,
     pub false_alarms: Rate,
     pub unknown_outside: Rate,
@@ -125,6 +147,9 @@ impl Score {
                 self.two_exact.count(exact);
                 if row.shows {
                     self.two_shown.count(exact);
+                    let among = row.exact_or_inseparable(&wanted);
+                    self.two_among
+                        .count(exact || row.verdict == "effects" && among);
                 }
                 self.unknown_inside.count(unknown);
                 exact
@@ -167,6 +192,7 @@ impl fmt::Display for Score {
             ("first right, weaker", self.first_weak),
             ("two, exact", self.two_exact),
             ("  where the recording shows both", self.two_shown),
+            ("  or inseparable from what is named", self.two_among),
             ("two, first among them", self.two_first),
             ("false alarms on clean ones", self.false_alarms),
             ("unknown outside the library", self.unknown_outside),

@@ -27,6 +27,15 @@ pub fn told(number: usize, case: &Case, machine: &Machine) -> Result<Row, Box<dy
         Verdict::Effects(names) | Verdict::Inseparable(names) => names.join(" "),
         Verdict::None | Verdict::Unknown => String::new(),
     };
+    let open = (diagnosis.selection.found.iter())
+        .filter(|_| matches!(diagnosis.verdict, Verdict::Effects(_)))
+        .flat_map(|f| {
+            f.alike
+                .iter()
+                .map(|other| format!("{}={other}", f.effect.name()))
+        })
+        .collect::<Vec<_>>()
+        .join(" ");
     let true_effects: Option<Vec<_>> = case
         .effects
         .iter()
@@ -45,6 +54,7 @@ pub fn told(number: usize, case: &Case, machine: &Machine) -> Result<Row, Box<dy
         shows: case.kind == Kind::Outside || case.shows(machine)?,
         verdict: diagnosis.verdict.word().to_owned(),
         said,
+        open,
         before: diagnosis.errors.nominal.before.value_percent,
         after: after(&diagnosis),
         given,

@@ -147,6 +147,13 @@ fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
         if !places.is_empty() {
             say!("{} at {}", found.effect.name(), places.join(", or at "));
         }
+        if !found.alike.is_empty() && matches!(diagnosis.verdict, Verdict::Effects(_)) {
+            say!(
+                "{}: this recording does not tell it from {}",
+                found.effect.name(),
+                found.alike.join(", ")
+            );
+        }
     }
     for correction in &diagnosis.corrections {
         say!(
@@ -156,10 +163,10 @@ fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
             correction.channel
         );
     }
-    if let Verdict::Inseparable(names) = &diagnosis.verdict
-        && let Some(effect) = names.first().and_then(|n| diagnose::by_name::<S>(n))
+    if !matches!(diagnosis.verdict, Verdict::Unknown)
+        && let Some(open) = diagnosis.selection.found.iter().find(|f| f.is_open())
     {
-        say!("what would: {}", effect.experiment());
+        say!("what would: {}", open.effect.experiment());
     }
     let silent = diagnose::cannot_show(&diagnosis.selection);
     if !silent.is_empty() {

@@ -42,33 +42,26 @@ impl<S: Observed> Selection<S> {
     }
 }
 
-/// Effects that are those of the machine, with nuisances, fitted together.
-struct Lasting<S: Observed> {
-    found: Vec<Found<S>>,
-    nuisance: Vec<Vec<f64>>,
-}
+/// Effects that are those of the machine, fitted together with those of the recording alone.
+struct Lasting<S: Observed>(Vec<Found<S>>);
 
 impl<S: Observed> Lasting<S> {
     fn fitted(sessions: &[S], found: &[Found<S>]) -> Self {
-        let mut found: Vec<Found<S>> = found.iter().filter(|f| f.effect.lasts()).cloned().collect();
-        let nuisance = refit(sessions, &mut found, None);
-        Self { found, nuisance }
+        let mut found = found.to_vec();
+        refit(sessions, &mut found, None);
+        found.retain(|f| f.effect.lasts());
+        Self(found)
     }
 
     /// For each stream the sum of the logarithms of the mean squares that are left of `unseen`.
     fn sizes(&self, unseen: &[S]) -> Vec<f64> {
-        let mut sizes = vec![0.0; self.nuisance.len()];
-        for (session, rest) in (unseen.iter()).zip(rest(unseen, &self.found, &self.nuisance)) {
-            for (k, (size, rest)) in sizes.iter_mut().zip(&rest).enumerate() {
-                let (mean, square) = moments(rest);
+        let mut sizes = vec![0.0; unseen[0].streams().len()];
+        for session in unseen {
+            let (zeros, left) = left_by(&self.0, session);
+            for (k, (size, left)) in sizes.iter_mut().zip(&left).enumerate() {
                 // Zeros differ from recording to recording, though not without bound.
-                let std = session.zero_std(k);
-                let fitted = self.nuisance[k]
-                    .first()
-                    .filter(|_| std.is_finite())
-                    .unwrap_or(&0.0);
-                let beyond = ((mean + fitted).abs() - FARTHEST * std).max(0.0);
-                *size += (square + beyond * beyond).max(1e-300).ln();
+                let beyond = (zeros[k].abs() - FARTHEST * session.zero_std(k)).max(0.0);
+                *size += (moments(left).1 + beyond * beyond).max(1e-300).ln();
             }
         }
         sizes
@@ -76,16 +69,36 @@ impl<S: Observed> Lasting<S> {
 
     /// Whether the last one predicts something of `unseen`.
     fn shows_the_last(&self, unseen: &[S]) -> bool {
-        let Some((_, others)) = self.found.split_last() else {
+        let Some((_, others)) = self.0.split_last() else {
             return false;
         };
-        let with = rest(unseen, &self.found, &self.nuisance);
-        let without = rest(unseen, others, &self.nuisance);
-        (with.iter().flatten().zip(without.iter().flatten())).any(|(with, without)| {
-            let predicted: Vec<f64> = without.iter().zip(with).map(|(a, b)| a - b).collect();
-            moments(&predicted).1 > SHOWN * moments(with).1
+        unseen.iter().any(|session| {
+            let one = std::slice::from_ref(session);
+            let none = vec![Vec::new(); session.streams().len()];
+            let (with, without) = (rest(one, &self.0, &none), rest(one, others, &none));
+            let (_, left) = left_by(&self.0, session);
+            let streams = with[0].iter().zip(&without[0]).zip(&left);
+            streams.into_iter().any(|((with, without), left)| {
+                let predicted: Vec<f64> = without.iter().zip(with).map(|(a, b)| a - b).collect();
+                moments(&predicted).1 > SHOWN * moments(left).1
+            })
         })
     }
+}
+
+/// What `found` leaves of each stream of a recording that took no part in the fit, and its zero;
+/// what every recording has of its own (zeros, counts, how it vibrates at first) is fitted anew.
+fn left_by<S: Observed>(found: &[Found<S>], session: &S) -> (Vec<f64>, Vec<Vec<f64>>) {
+    let mut session = session.clone();
+    let none = vec![Vec::new(); session.streams().len()];
+    let mut without = rest(std::slice::from_ref(&session), found, &none);
+    for (k, residual) in without.remove(0).into_iter().enumerate() {
+        session.set_residual(k, residual);
+    }
+    let one = std::slice::from_ref(&session);
+    let nuisance = refit(one, &mut [], None);
+    let zeros = nuisance.iter().map(|n| n.first().copied().unwrap_or(0.0));
+    (zeros.collect(), rest(one, &[], &nuisance).remove(0))
 }
 
 /// Mean, and mean square about it, of what is known.

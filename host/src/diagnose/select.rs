@@ -56,6 +56,15 @@ pub struct Found<S: Observed = Session> {
     pub overdispersion: Vec<f64>,
     /// Other shapes that explain the same.
     pub elsewhere: Vec<Vec<f64>>,
+    /// Other effects that the data cannot tell from it, by name.
+    pub alike: Vec<&'static str>,
+}
+
+impl<S: Observed> Found<S> {
+    /// Whether the data leave open what it is, or where.
+    pub fn is_open(&self) -> bool {
+        !(self.elsewhere.is_empty() && self.alike.is_empty())
+    }
 }
 
 impl<S: Observed> From<Ranked<S>> for Found<S> {
@@ -76,6 +85,7 @@ impl<S: Observed> From<Ranked<S>> for Found<S> {
             streams: trial.streams,
             overdispersion: trial.overdispersion,
             elsewhere,
+            alike: Vec::new(),
         }
     }
 }
@@ -86,8 +96,6 @@ pub struct Selection<S: Observed = Session> {
     pub found: Vec<Found<S>>,
     /// All candidates for the first effect, the best first.
     pub ranking: Vec<Ranked<S>>,
-    /// Candidates that the data cannot tell from the first one.
-    pub alike: Vec<Ranked<S>>,
     /// Nuisance parameters of each stream (zero first).
     pub nuisance: Vec<Vec<f64>>,
     /// Residuals after everything found: `[session][stream]`.
@@ -104,25 +112,15 @@ pub fn select<S: Observed>(
     let data = Data::new(sessions, draws);
     let mut found: Vec<Found<S>> = Vec::new();
     let mut ranking = Vec::new();
-    let mut alike = Vec::new();
     for round in 0..MOST {
         let ranked = beside(&data, sessions, &found, candidates);
         progress((round as f64 + 0.7) / MOST as f64);
         let best = chosen(&data, sessions, &ranked, &found);
-        if let (0, Some(best)) = (round, &best) {
-            alike = ranked
-                .iter()
-                .filter(|other| other.effect.name() != best.effect.name())
-                .filter(|other| other.count() <= best.count() || predicts_the_same(best, other))
-                .filter(|other| is_material(&data, sessions, other) && indistinct(best, other))
-                .cloned()
-                .collect();
-        }
         if round == 0 {
             ranking = ranked;
         }
         let Some(best) = best else { break };
-        found.push(best.into());
+        found.push(best);
         refit_newest(sessions, &mut found);
         settle(&data, sessions, &mut found);
         exchange(&data, sessions, candidates, &mut found);
@@ -133,7 +131,6 @@ pub fn select<S: Observed>(
     Selection {
         found,
         ranking,
-        alike,
         nuisance,
         rest,
     }
@@ -168,13 +165,13 @@ fn beside<S: Observed>(
 }
 
 /// The candidate of `ranked` that is significant, worth a name and more than what those of `found`
-/// leave; its score is the evidence that counts.
+/// leave, with those that cannot be told from it; its evidence is that which counts.
 fn chosen<S: Observed>(
     data: &Data,
     sessions: &[S],
     ranked: &[Ranked<S>],
     found: &[Found<S>],
-) -> Option<Ranked<S>> {
+) -> Option<Found<S>> {
     let forms = Forms::new(data, sessions, found);
     let mut worth: Vec<Ranked<S>> = ranked
         .iter()
@@ -183,7 +180,17 @@ fn chosen<S: Observed>(
         .filter(|r| r.margin() > 0.0)
         .collect();
     worth.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
-    simplest(data, &worth, found).cloned()
+    let best = simplest(data, &worth, found)?;
+    let alike = (worth.iter())
+        .filter(|other| other.effect.name() != best.effect.name())
+        .filter(|other| other.count() <= best.count() || predicts_the_same(best, other))
+        .filter(|other| indistinct(best, other))
+        .map(|other| other.effect.name())
+        .collect();
+    Some(Found {
+        alike,
+        ..best.clone().into()
+    })
 }
 
 /// Effects for which another is better, once what was found later is in the model.
@@ -199,7 +206,7 @@ fn exchange<S: Observed>(
         let ranked = beside(data, sessions, &others, candidates);
         let better = chosen(data, sessions, &ranked, &others);
         if let Some(better) = better.filter(|b| b.effect.name() != before.effect.name()) {
-            others.push(better.into());
+            others.push(better);
             refit_newest(sessions, &mut others);
             *found = others;
         }

@@ -58,10 +58,10 @@ impl Verdict {
         }
         let mut names: Vec<&'static str> =
             selection.found.iter().map(|f| f.effect.name()).collect();
-        let elsewhere = selection.found.iter().any(|f| !f.elsewhere.is_empty());
-        let open = elsewhere || !selection.alike.is_empty();
-        if names.len() == 1 && faults.is_empty() && open {
-            names.extend(selection.alike.iter().map(|a| a.effect.name()));
+        if let ([only], true) = (selection.found.as_slice(), faults.is_empty())
+            && only.is_open()
+        {
+            names.extend(&only.alike);
             return Self::Inseparable(names);
         }
         names.extend(faults);
@@ -170,13 +170,9 @@ pub fn report<S: Observed>(
             })
         })
         .collect();
-    let next_experiment = match verdict {
-        Verdict::Inseparable(names) => names
-            .first()
-            .and_then(|n| by_name::<S>(n))
-            .map(Effect::experiment),
-        _ => None,
-    };
+    let next_experiment = (selection.found.iter())
+        .find(|f| f.is_open() && !unknown)
+        .map(|f| f.effect.experiment());
     let mut out = json!({
         "machine": machine.name,
         "verdict": verdict.word(),
@@ -259,6 +255,7 @@ fn found<S: Observed>(f: &Found<S>, sessions: &[S], rest: &[Vec<Vec<f64>>]) -> V
         "about": f.effect.about(),
         "channels": acting.iter().map(name).collect::<Vec<_>>(),
         "place": place(&f.shape),
+        "or_is": f.alike,
         "or_at": f.elsewhere.iter().map(|shape| place(shape)).collect::<Vec<_>>(),
         "parameters": parameters,
         "std": stds,
