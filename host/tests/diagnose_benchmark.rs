@@ -36,8 +36,9 @@ fn what_is_not_told_is_found() {
         })
         .collect();
     let score = Score::of(&rows);
-    assert_eq!(score.first_strong.of + score.first_weak.of, 2);
-    assert_eq!(score.first_strong.right, score.first_strong.of, "{score}");
+    let (strong, weak) = (score.first_strong.all, score.first_weak.all);
+    assert_eq!(strong.of + weak.of, 2);
+    assert_eq!(strong.right, strong.of, "{score}");
     assert_eq!(score.false_alarms.right, 0, "{score}");
     assert_eq!(score.false_alarms.of, 2);
     assert_eq!(score.unknown_inside.right, 0, "{score}");

@@ -77,20 +77,44 @@ impl Row {
     }
 }
 
+/// How often what was there was named.
+#[derive(Default)]
+pub struct Named {
+    /// Of all.
+    pub all: Rate,
+    /// Where the recording shows it.
+    shown: Rate,
+    /// There, named or told to be inseparable from what is named.
+    among: Rate,
+}
+
+impl Named {
+    fn count(&mut self, right: bool, shows: bool, among: bool) {
+        self.all.count(right);
+        if shows {
+            self.shown.count(right);
+            self.among.count(right || among);
+        }
+    }
+
+    fn write(&self, f: &mut fmt::Formatter<'_>, what: &str) -> fmt::Result {
+        for (name, rate) in [
+            (what, self.all),
+            ("  where the recording shows it", self.shown),
+            ("  there, or told to be inseparable", self.among),
+        ] {
+            writeln!(f, "{name:<36}{rate}")?;
+        }
+        Ok(())
+    }
+}
+
 /// All rates.
 #[derive(Default)]
 pub struct Score {
-    pub first_strong: Rate,
-    /// Of these, where the recording shows the effect.
-    pub first_shown: Rate,
-    /// Of these, the effect named or told to be inseparable from what is named.
-    pub first_among: Rate,
-    pub first_weak: Rate,
-    pub two_exact: Rate,
-    /// Of these, where the recording shows both.
-    pub two_shown: Rate,
-    /// Of these, with what is told to be inseparable from what is named.
-    pub two_among: Rate,
+    pub first_strong: Named,
+    pub first_weak: Named,
+    pub two_exact: Named,
     pub two_first: Rate,
     pub false_alarms: Rate,
     pub unknown_outside: Rate,
@@ -120,18 +144,13 @@ impl Score {
         let right = match row.kind {
             Kind::One => {
                 let right = row.first() == wanted[0];
-                let strong = truth[0].1 >= STRONG;
-                if strong {
-                    self.first_strong.count(right);
+                let named = if truth[0].1 >= STRONG {
+                    &mut self.first_strong
                 } else {
-                    self.first_weak.count(right);
-                }
-                if strong && row.shows {
-                    let inseparable = row.verdict == "inseparable";
-                    self.first_shown.count(right);
-                    self.first_among
-                        .count(right || inseparable && row.names().contains(&wanted[0]));
-                }
+                    &mut self.first_weak
+                };
+                let among = row.verdict == "inseparable" && row.names().contains(&wanted[0]);
+                named.count(right, row.shows, among);
                 self.unknown_inside.count(unknown);
                 self.recovered.extend(row.recovered());
                 let key = (wanted[0].to_owned(), row.first().to_owned());
@@ -144,13 +163,8 @@ impl Score {
                 named.sort_unstable();
                 wanted.sort_unstable();
                 let exact = row.verdict == "effects" && named == wanted;
-                self.two_exact.count(exact);
-                if row.shows {
-                    self.two_shown.count(exact);
-                    let among = row.exact_or_inseparable(&wanted);
-                    self.two_among
-                        .count(exact || row.verdict == "effects" && among);
-                }
+                let among = row.verdict == "effects" && row.exact_or_inseparable(&wanted);
+                self.two_exact.count(exact, row.shows, among);
                 self.unknown_inside.count(unknown);
                 exact
             }
@@ -185,14 +199,11 @@ impl fmt::Display for Score {
             writeln!(f, "{truth:<26}{said:<26}{n:>4}")?;
         }
         writeln!(f)?;
+        self.first_strong
+            .write(f, "first right, strength 0.3 and more")?;
+        self.first_weak.write(f, "first right, weaker")?;
+        self.two_exact.write(f, "two, exact")?;
         for (name, rate) in [
-            ("first right, strength 0.3 and more", self.first_strong),
-            ("  where the recording shows it", self.first_shown),
-            ("  or inseparable from what is named", self.first_among),
-            ("first right, weaker", self.first_weak),
-            ("two, exact", self.two_exact),
-            ("  where the recording shows both", self.two_shown),
-            ("  or inseparable from what is named", self.two_among),
             ("two, first among them", self.two_first),
             ("false alarms on clean ones", self.false_alarms),
             ("unknown outside the library", self.unknown_outside),
