@@ -238,6 +238,37 @@ fn hysteresis_of_a_gauge_becomes_part_of_the_description() {
     assert!(after < 0.5 * before, "{before} {after}");
 }
 
+/// Another recording confirms what is the machine's, though a gauge came loose in it as well, at
+/// another moment.
+#[test]
+fn an_effect_is_confirmed_beside_one_that_does_not_last() {
+    let folder = tempfile::tempdir().unwrap();
+    let effects = ["gauge-debonding@rg3=1.5", "encoder-eccentricity=0.3"];
+    let record = |name, scenario| recorded(folder.path(), name, scenario, "60", &effects);
+    let [seen, unseen] = [
+        record("seen.parquet", "reversals"),
+        record("unseen.parquet", "turbulent"),
+    ];
+    let said = diagnosed(&seen, &["--validate", &unseen]);
+    assert_eq!(said["verdict"], "effects", "{said}");
+    let names = [&said["effects"][0]["name"], &said["effects"][1]["name"]];
+    assert_eq!(names, ["gauge-debonding", "encoder-eccentricity"], "{said}");
+}
+
+/// Friction that builds up over an angle is a constant torque where nothing stands still.
+#[test]
+fn beside_another_an_effect_says_what_it_cannot_be_told_from() {
+    let folder = tempfile::tempdir().unwrap();
+    let effects = ["mains-pick-up=1", "presliding-hysteresis=1"];
+    let recording = recorded(folder.path(), "two.parquet", "turbulent", "60", &effects);
+    let said = diagnosed(&recording, &[]);
+    let found = said["effects"].as_array().unwrap();
+    let friction = found.iter().find(|f| f["name"] == "coulomb-friction");
+    assert_eq!(friction.unwrap()["or_is"], json!(["presliding-hysteresis"]));
+    assert_eq!(found.len(), 2, "{said}");
+    assert!(said["next_experiment"].is_string(), "{said}");
+}
+
 #[test]
 fn what_no_candidate_explains_is_unknown() {
     let folder = tempfile::tempdir().unwrap();
