@@ -54,11 +54,8 @@ impl Row {
             .collect();
         let mut left = wanted.to_vec();
         let every = self.names().iter().all(|name| {
-            let is = |w: &&str| w == name || open.contains(&(name, w));
-            let at = left
-                .iter()
-                .position(|w| w == name)
-                .or(left.iter().position(is));
+            let named = left.iter().position(|w| w == name);
+            let at = named.or(left.iter().position(|w| open.contains(&(name, w))));
             at.map(|at| left.remove(at)).is_some()
         });
         every && left.is_empty()

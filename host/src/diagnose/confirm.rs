@@ -61,7 +61,7 @@ impl<S: Observed> Lasting<S> {
             for (k, (size, left)) in sizes.iter_mut().zip(&left).enumerate() {
                 // Zeros differ from recording to recording, though not without bound.
                 let beyond = (zeros[k].abs() - FARTHEST * session.zero_std(k)).max(0.0);
-                *size += (moments(left).1 + beyond * beyond).max(1e-300).ln();
+                *size += (square(left) + beyond * beyond).max(1e-300).ln();
             }
         }
         sizes
@@ -80,7 +80,7 @@ impl<S: Observed> Lasting<S> {
             let streams = with[0].iter().zip(&without[0]).zip(&left);
             streams.into_iter().any(|((with, without), left)| {
                 let predicted: Vec<f64> = without.iter().zip(with).map(|(a, b)| a - b).collect();
-                moments(&predicted).1 > SHOWN * moments(left).1
+                square(&predicted) > SHOWN * square(left)
             })
         })
     }
@@ -101,11 +101,10 @@ fn left_by<S: Observed>(found: &[Found<S>], session: &S) -> (Vec<f64>, Vec<Vec<f
     (zeros.collect(), rest(one, &[], &nuisance).remove(0))
 }
 
-/// Mean, and mean square about it, of what is known.
-fn moments(values: &[f64]) -> (f64, f64) {
+/// Mean square, about the mean, of what is known.
+fn square(values: &[f64]) -> f64 {
     let known = values.iter().filter(|v| v.is_finite());
     let n = known.clone().count().max(1) as f64;
     let mean = known.clone().sum::<f64>() / n;
-    let square = known.map(|v| (v - mean).powi(2)).sum::<f64>() / n;
-    (mean, square)
+    known.map(|v| (v - mean).powi(2)).sum::<f64>() / n
 }

@@ -127,6 +127,10 @@ pub fn select<S: Observed>(
     }
     let nuisance = refit(sessions, &mut found, None);
     let rest = rest(sessions, &found, &nuisance);
+    let named: Vec<&'static str> = found.iter().map(|f| f.effect.name()).collect();
+    for f in &mut found {
+        f.alike.retain(|other| !named.contains(other));
+    }
     progress(1.0);
     Selection {
         found,
