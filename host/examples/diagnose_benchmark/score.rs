@@ -23,7 +23,6 @@ pub struct Row {
     /// Effects named, the first found first.
     pub said: String,
     /// Beside several effects: `name=other` where the recording does not tell the two apart.
-    #[serde(default)]
     pub open: String,
     /// Error on the unseen recording as described [% of nominal].
     pub before: Option<f64>,

@@ -1,7 +1,7 @@
 //! Which further effects hold on recordings that took no part in the search.
 
 use super::observed::Observed;
-use super::refit::{refit, rest};
+use super::refit::{refit, rest, without};
 use super::select::{Found, Selection};
 
 /// Standard deviations that a zero may be off in a recording that took no part in the fit.
@@ -89,16 +89,11 @@ impl<S: Observed> Lasting<S> {
 /// What `found` leaves of each stream of a recording that took no part in the fit, and its zero;
 /// what every recording has of its own (zeros, counts, how it vibrates at first) is fitted anew.
 fn left_by<S: Observed>(found: &[Found<S>], session: &S) -> (Vec<f64>, Vec<Vec<f64>>) {
-    let mut session = session.clone();
     let none = vec![Vec::new(); session.streams().len()];
-    let mut without = rest(std::slice::from_ref(&session), found, &none);
-    for (k, residual) in without.remove(0).into_iter().enumerate() {
-        session.set_residual(k, residual);
-    }
-    let one = std::slice::from_ref(&session);
-    let nuisance = refit(one, &mut [], None);
+    let one = without(std::slice::from_ref(session), found, &none);
+    let nuisance = refit(&one, &mut [], None);
     let zeros = nuisance.iter().map(|n| n.first().copied().unwrap_or(0.0));
-    (zeros.collect(), rest(one, &[], &nuisance).remove(0))
+    (zeros.collect(), rest(&one, &[], &nuisance).remove(0))
 }
 
 /// Mean square, about the mean, of what is known.

@@ -219,3 +219,18 @@ pub(super) fn rest<S: Observed>(
         })
         .collect()
 }
+
+/// `sessions` with what nuisances and effects leave as their residuals.
+pub(super) fn without<S: Observed>(
+    sessions: &[S],
+    found: &[Found<S>],
+    nuisance: &[Vec<f64>],
+) -> Vec<S> {
+    let mut left = sessions.to_vec();
+    for (session, rest) in left.iter_mut().zip(rest(sessions, found, nuisance)) {
+        for (k, rest) in rest.into_iter().enumerate() {
+            session.set_residual(k, rest);
+        }
+    }
+    left
+}

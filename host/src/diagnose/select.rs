@@ -10,7 +10,7 @@ use super::forms::Forms;
 use super::null::Draws;
 use super::observed::Observed;
 use super::rank::{LEAST, Ranked, rank, refine, same};
-use super::refit::{refit, rest};
+use super::refit::{refit, rest, without};
 use super::shape::best_shape;
 use super::stream::Session;
 
@@ -148,15 +148,12 @@ fn beside<S: Observed>(
     candidates: &[&'static dyn Effect<S>],
 ) -> Vec<Ranked<S>> {
     let mut found = found.to_vec();
-    let mut working = sessions.to_vec();
-    if !found.is_empty() {
+    let working = if found.is_empty() {
+        sessions.to_vec()
+    } else {
         let nuisance = refit(sessions, &mut found, None);
-        for (session, rest) in working.iter_mut().zip(rest(sessions, &found, &nuisance)) {
-            for (k, rest) in rest.into_iter().enumerate() {
-                session.set_residual(k, rest);
-            }
-        }
-    }
+        without(sessions, &found, &nuisance)
+    };
     let base = data.base(base_columns(sessions, &found));
     let left: Vec<&'static dyn Effect<S>> = candidates
         .iter()
