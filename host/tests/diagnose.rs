@@ -240,7 +240,7 @@ fn hysteresis_of_a_gauge_becomes_part_of_the_description() {
     let least = error(&described, &clean);
     let (before, after) = (error(&described, &unseen), error(&out_name, &unseen));
     assert!(
-        after - least < (before - least) / 3.0,
+        after - least < 0.1 * (before - least),
         "{least} {before} {after}"
     );
 }
