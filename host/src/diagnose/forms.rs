@@ -2,11 +2,14 @@
 
 use super::columns::columns;
 use super::effect::{Coupling, Effect};
-use super::fit::Data;
+use super::fit::{Data, Trial};
 use super::observed::Observed;
 use super::rank::{Ranked, numbers};
 use super::select::{Found, is_latent};
 use super::signals::smooth;
+
+/// Times by which what a form leaves of one gauge may be more, as a part, than what it leaves of another.
+const UNEVEN: f64 = 3.0;
 
 /// Part of the excess over a clean machine that a candidate leaves at most, which explains
 /// what a wrong form leaves only by chance.
@@ -61,13 +64,17 @@ impl<'a, S: Observed> Forms<'a, S> {
         let tied = freest.is_some_and(|freest| candidate.count() <= freest);
         let alone = candidate.effect.coupling() == Coupling::Own;
         let most = trial.streams.iter().copied().fold(0.0, f64::max);
+        let explained: Vec<Vec<f64>> = (trial.streams.iter().enumerate())
+            .map(|(k, gain)| self.explained(k, gain.max(0.0)))
+            .collect();
+        let forms = self.forms(trial, &explained);
         let (mut score, mut brought, mut before) = (trial.score, 0.0, 0.0);
         for (k, gain) in trial.streams.iter().enumerate() {
             if *gain <= 0.02 * most {
                 continue;
             }
+            let left = |coupling| times * self.left(coupling, k, &forms, &explained[k], &own[k]);
             let explained = self.data.squares(k, *gain);
-            let left = |coupling| times * self.left(coupling, k, *gain, &own[k]);
             let clears = tied && clears(trial.excess[k], explained / self.data.independent(k));
             let (by_own, by_shared) = (left(Coupling::Own), left(Coupling::Shared));
             let by_itself = by_own + if alone { by_shared } else { 0.0 };
@@ -85,21 +92,61 @@ impl<'a, S: Observed> Forms<'a, S> {
         (brought > before).then_some(counted)
     }
 
-    /// Squares in stream `k` that those found of that coupling may have left where a candidate
-    /// has the spectrum `own`, beside further evidence `later`.
-    fn left(&self, coupling: Coupling, k: usize, mut later: f64, own: &[f64]) -> f64 {
-        let mut left = 0.0;
-        for (f, spectra) in self.found.iter().zip(&self.spectra).rev() {
+    /// Squares of stream `k` that each of those found explains, over the mean square that is left
+    /// beside further evidence `later`.
+    fn explained(&self, k: usize, mut later: f64) -> Vec<f64> {
+        let mut explained = vec![0.0; self.found.len()];
+        for (f, explained) in self.found.iter().zip(&mut explained).rev() {
             let gain = f.streams[k].max(0.0);
-            if f.effect.coupling() == coupling {
-                let explained = self.data.squares(k, later + gain) - self.data.squares(k, later);
-                left += f.effect.form(&self.sessions[0]).powi(2)
-                    * overlap(own, &spectra[k])
-                    * explained;
-            }
+            *explained = self.data.squares(k, later + gain) - self.data.squares(k, later);
             later += gain;
         }
-        left
+        explained
+    }
+
+    /// Part, in squares, of what each of those found explains by which its form may be off, where
+    /// they explain `explained[stream][effect]` beside `candidate`.
+    ///
+    /// What acts on each gauge by itself has the same form in all of them, and leaves no more than
+    /// what there is beside it: the gauge of which it leaves least, as a part, speaks for the others.
+    /// Not so of a signal that is free: it follows the gauge that shows it best.
+    fn forms(&self, candidate: &Trial, explained: &[Vec<f64>]) -> Vec<f64> {
+        let at_most = |i: usize| {
+            let parts = explained.iter().zip(&candidate.streams).enumerate();
+            let parts = parts.map(|(k, (explained, gain))| {
+                let all = self.data.independent(k) + self.data.squares(k, gain.max(0.0));
+                all / explained[i]
+            });
+            UNEVEN * parts.fold(f64::INFINITY, f64::min)
+        };
+        let form = |(i, f): (usize, &Found<S>)| {
+            let form = f.effect.form(&self.sessions[0]).powi(2);
+            let same = f.effect.coupling() == Coupling::Own && !is_latent(self.sessions, f.effect);
+            if same { form.min(at_most(i)) } else { form }
+        };
+        self.found.iter().enumerate().map(form).collect()
+    }
+
+    /// Squares of stream `k` that those found of that coupling may have left, by their `forms`, of
+    /// what they have `explained`, where a candidate has the spectrum `own`.
+    fn left(
+        &self,
+        coupling: Coupling,
+        k: usize,
+        forms: &[f64],
+        explained: &[f64],
+        own: &[f64],
+    ) -> f64 {
+        let of_each = self
+            .found
+            .iter()
+            .zip(&self.spectra)
+            .zip(forms)
+            .zip(explained);
+        of_each
+            .filter(|(((f, _), _), _)| f.effect.coupling() == coupling)
+            .map(|(((_, spectra), form), explained)| form * overlap(own, &spectra[k]) * explained)
+            .sum()
     }
 }
 
