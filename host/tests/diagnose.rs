@@ -262,6 +262,18 @@ fn an_effect_is_confirmed_beside_one_that_does_not_last() {
     assert_eq!(names, ["gauge-debonding", "encoder-eccentricity"], "{said}");
 }
 
+/// What the strong one leaves of the gauge that it explains best tells how right its form is.
+#[test]
+fn a_weak_effect_is_named_beside_a_strong_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let effects = ["strain-nonlinearity=1.3", "thermal-drift=0.15"];
+    let recording = recorded(folder.path(), "two.parquet", "steps", "90", &effects);
+    let said = diagnosed(&recording, &[]);
+    let found = said["effects"].as_array().unwrap();
+    let names: Vec<&Value> = found.iter().map(|f| &f["name"]).collect();
+    assert_eq!(names, ["strain-nonlinearity", "thermal-drift"], "{said}");
+}
+
 /// Friction that builds up over an angle is a constant torque where nothing stands still.
 #[test]
 fn beside_another_an_effect_says_what_it_cannot_be_told_from() {

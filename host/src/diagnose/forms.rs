@@ -137,15 +137,10 @@ impl<'a, S: Observed> Forms<'a, S> {
         explained: &[f64],
         own: &[f64],
     ) -> f64 {
-        let of_each = self
-            .found
-            .iter()
-            .zip(&self.spectra)
-            .zip(forms)
-            .zip(explained);
+        let of_each = self.found.iter().enumerate();
         of_each
-            .filter(|(((f, _), _), _)| f.effect.coupling() == coupling)
-            .map(|(((_, spectra), form), explained)| form * overlap(own, &spectra[k]) * explained)
+            .filter(|(_, f)| f.effect.coupling() == coupling)
+            .map(|(i, _)| forms[i] * overlap(own, &self.spectra[i][k]) * explained[i])
             .sum()
     }
 }
