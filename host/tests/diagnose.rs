@@ -97,11 +97,13 @@ fn nothing_is_missing_however_the_machine_was_moved() {
 
 /// The machine of the example on a bench without torque flanges.
 fn without_references(folder: &Path) -> PathBuf {
+    only(folder, |block| !block.contains("[[reference]]"))
+}
+
+/// The machine of the example with the tables that are `kept`.
+fn only(folder: &Path, kept: impl Fn(&str) -> bool) -> PathBuf {
     let described = std::fs::read_to_string(machine()).unwrap();
-    let kept: Vec<&str> = described
-        .split("\n\n")
-        .filter(|block| !block.contains("[[reference]]"))
-        .collect();
+    let kept: Vec<&str> = described.split("\n\n").filter(|b| kept(b)).collect();
     let maps = machine().with_file_name("sensitivity.csv");
     std::fs::copy(maps, folder.join("sensitivity.csv")).unwrap();
     let path = folder.join("machine.toml");
@@ -131,6 +133,99 @@ fn without_reference_the_gauges_outvote_one_that_is_wrong() {
     let clean = recorded(folder.path(), "clean.parquet", "start-stop", "60", &[]);
     let said = diagnosed_as(&machine, &clean, &[]);
     assert_eq!(said["verdict"], "none", "{said}");
+}
+
+/// The test of a residual, `with` what it goes, where there is one.
+fn tested<'a>(said: &'a Value, channel: &str, test: &str, with: &str) -> &'a Value {
+    let structure = said["structure"].as_array().unwrap();
+    let of = structure.iter().find(|s| s["channel"] == channel).unwrap();
+    let named = |t: &&Value| t["test"] == test && t["with"].as_str().unwrap().contains(with);
+    of["tests"].as_array().unwrap().iter().find(named).unwrap()
+}
+
+fn stands_out(tested: &Value, when: &str) -> bool {
+    tested[when].as_f64().unwrap().abs() > tested["by_chance"].as_f64().unwrap()
+}
+
+#[test]
+fn one_gauge_without_reference_is_judged_by_its_innovations() {
+    let folder = tempfile::tempdir().unwrap();
+    let one = |block: &str| {
+        let other = block.contains("[[channel]]") && !block.contains("\"ta1\"");
+        !other && !block.contains("[[reference]]") && !block.contains("[[sensor_set]]")
+    };
+    let machine = only(folder.path(), one);
+    let clean = recorded(folder.path(), "clean.parquet", "start-stop", "60", &[]);
+    let said = diagnosed_as(&machine, &clean, &[]);
+    assert_eq!(said["torque_told_by"], "filter", "{said}");
+    assert_eq!(said["verdict"], "none", "{said}");
+    // What a load may be is not told.
+    let silent = said["cannot_show"].as_array().unwrap();
+    assert!(silent.contains(&"gain-error".into()), "{said}");
+
+    let effect = ["carrier-order=1"];
+    let seen = recorded(folder.path(), "seen.parquet", "start-stop", "60", &effect);
+    let said = diagnosed_as(&machine, &seen, &[]);
+    assert_eq!(said["verdict"], "unknown", "{said}");
+    let order = tested(&said, "ta1", "order", "main_shaft");
+    assert!(
+        order["with"].as_str().unwrap().starts_with("2 of"),
+        "{order}"
+    );
+    assert!(stands_out(order, "before"), "{order}");
+    assert!(said["error"]["nominal"]["before"]["value_percent"].is_null());
+}
+
+#[test]
+fn residuals_go_with_what_the_effect_goes_with_until_it_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let diagnosed_with = |effect: &str| {
+        let seen = recorded(folder.path(), "seen.parquet", "start-stop", "60", &[effect]);
+        diagnosed(&seen, &[])
+    };
+    let said = diagnosed_with("strain-nonlinearity=1");
+    let torque = tested(&said, "ta1", "over", "Torque");
+    assert!(torque["before"].as_f64().unwrap() > 0.5, "{torque}");
+    assert!(!stands_out(torque, "after"), "{torque}");
+    let said = diagnosed_with("thermal-drift=3");
+    let warmth = tested(&said, "ta1", "over", "Warmer");
+    assert!(warmth["before"].as_f64().unwrap() > 0.5, "{warmth}");
+    assert!(!stands_out(warmth, "after"), "{warmth}");
+    let said = diagnosed_with("carrier-order=1");
+    for (test, with) in [("order", "main_shaft"), ("colour", ""), ("beside", "")] {
+        let tested = tested(&said, "ta1", test, with);
+        assert!(stands_out(tested, "before"), "{tested}");
+        assert!(!stands_out(tested, "after"), "{tested}");
+    }
+}
+
+/// The filter's own consistency: of what it expects in a clean machine, not with a gauge that
+/// drifts by many times its noise.
+#[test]
+fn innovations_are_told_beside_the_residuals() {
+    let folder = tempfile::tempdir().unwrap();
+    let nis = |effects: &[&str]| {
+        let seen = recorded(folder.path(), "seen.parquet", "start-stop", "60", effects);
+        let said = diagnosed(&seen, &[]);
+        let sets = said["innovations"].as_array().unwrap().clone();
+        assert_eq!(sets.len(), 8, "{said}");
+        let set = sets
+            .iter()
+            .find(|s| s["sensors"] == "torque-arm-3")
+            .unwrap();
+        let gauge = &set["of"][1];
+        assert_eq!(gauge["sensor"], "ta2");
+        (
+            set["nis"].as_f64().unwrap(),
+            gauge["bias"].as_f64().unwrap(),
+        )
+    };
+    let (consistent, bias) = nis(&[]);
+    assert!((0.7..1.3).contains(&consistent), "{consistent}");
+    assert!(bias.abs() < 0.2, "{bias}");
+    let (wrong, bias) = nis(&["gain-error@ta2=1"]);
+    assert!(wrong > 2.0 * consistent, "{wrong}");
+    assert!(bias.abs() > 0.5, "{bias}");
 }
 
 #[test]

@@ -11,8 +11,12 @@ use super::output::say;
 use super::progress::Progress;
 use crate::balance::Request;
 use crate::diagnose::effect::Effect;
-use crate::diagnose::{self, BearingSession, Diagnosis, Observed, RotorSession, Session, Verdict};
+use crate::diagnose::{
+    self, BearingSession, Diagnosis, Innovations, Observed, RotorSession, Session, Structure,
+    Verdict,
+};
 use crate::machine::{Kind, Machine};
+use crate::replay::ReplayError;
 
 /// Find which physical effect a model lacks, and add it.
 ///
@@ -69,13 +73,15 @@ impl Diagnose {
                 progress.show(part);
             })?;
         drop(progress);
+        let innovations = diagnose::innovations(machine, &self.recordings);
         if let Some(path) = &self.report {
             let names: Vec<String> = self
                 .recordings
                 .iter()
                 .map(|r| r.display().to_string())
                 .collect();
-            diagnose::page(machine, &names.join(", "), &diagnosis).write(path)?;
+            let innovations = innovations.as_deref().unwrap_or_default();
+            diagnose::page(machine, &names.join(", "), &diagnosis, innovations).write(path)?;
         }
         // Nothing is written of what is not known.
         let written = match &self.out {
@@ -98,13 +104,15 @@ impl Diagnose {
             _ => None,
         };
         if as_json {
-            let mut out = diagnose::report(machine, &diagnosis, &self.validate, written);
+            let mut out =
+                diagnose::report(machine, &diagnosis, &innovations, &self.validate, written);
             if let Some(object) = out.as_object_mut() {
                 object.insert("seconds".into(), json!(started.elapsed().as_secs_f64()));
             }
             say!("{out}");
         } else {
             print(&diagnosis);
+            print_innovations(&innovations);
             if self.validate.is_empty() {
                 say!("errors on the fitted recordings: give others with --validate");
             }
@@ -205,6 +213,7 @@ fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
             oddity.concentration
         );
     }
+    print_structure(&diagnosis.structures);
     let cell = |value: Option<f64>| value.map_or_else(|| "-".into(), |v| format!("{v:.3} %"));
     let errors = &diagnosis.errors;
     for (name, pair) in [
@@ -216,6 +225,48 @@ fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
             cell(pair.before.value_percent),
             cell(pair.after.value_percent)
         );
+    }
+}
+
+/// What each residual goes with most clearly.
+fn print_structure(structures: &[Structure]) {
+    const CLEAREST: usize = 2;
+    say!(
+        "{:<20}{:<40}{:>8}{:>8}{:>11}",
+        "residual",
+        "goes with",
+        "before",
+        "after",
+        "by chance"
+    );
+    for structure in structures {
+        for tested in structure.standing_out().into_iter().take(CLEAREST) {
+            say!(
+                "{:<20}{:<40}{:>8.2}{:>8.2}{:>11.2}",
+                structure.channel,
+                tested.to_string(),
+                tested.before,
+                tested.after,
+                tested.by_chance
+            );
+        }
+    }
+}
+
+fn print_innovations(innovations: &Result<Vec<Innovations>, ReplayError>) {
+    match innovations {
+        Ok(innovations) => {
+            for of in innovations {
+                if let (Some(nis), Some([low, high])) = (of.nis, of.nis_bounds) {
+                    say!(
+                        "innovations of {} in {}: NIS {nis:.2} ({low:.2} to {high:.2} in a consistent filter)",
+                        of.sensors,
+                        of.recording.display()
+                    );
+                }
+            }
+        }
+        Err(reason) => say!("no innovations: {reason}"),
     }
 }
 

@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
+use super::consensus::FEWEST;
 use super::effect::{Effect, GaugeModel, LIBRARY};
 use super::error::{LoadErrors, load_errors};
 use super::fit::Prior;
-use super::observed::{Abscissa, Observed};
+use super::observed::{Abscissa, Observed, Shaft};
 use super::select::Found;
 use super::stream::{Columns, Kind, Session, Stream, Term, Told};
 use super::{DiagnoseError, Diagnosis, Residuals, SEED, correct, null, observe};
@@ -93,6 +94,7 @@ impl Observed for Session {
             Kind::Strain => "",
             Kind::Balance => "N m",
             Kind::Angle => "rad",
+            Kind::Innovation => "σ",
         }
     }
 
@@ -121,14 +123,14 @@ impl Observed for Session {
             Kind::Balance => 1.5 * self.signals.smoothing as f64,
             // Counts err alike for a while at a steady speed.
             Kind::Angle => 16.0,
-            Kind::Strain => 1.0,
+            Kind::Strain | Kind::Innovation => 1.0,
         }
     }
 
     fn zero_std(&self, k: usize) -> f64 {
         let stream = &self.streams[k];
         let part = match stream.kind {
-            Kind::Strain => 1.0,
+            Kind::Strain | Kind::Innovation => 1.0,
             Kind::Balance => 1e-3,
             Kind::Angle => 1e3,
         };
@@ -146,7 +148,7 @@ impl Observed for Session {
             std: self.zero_std(k),
         };
         let mut own = match stream.kind {
-            Kind::Strain => vec![zero],
+            Kind::Strain | Kind::Innovation => vec![zero],
             Kind::Balance => {
                 let moment: f64 = signals
                     .response
@@ -209,7 +211,13 @@ impl Observed for Session {
         let mut all = vec![
             Abscissa::new("Time", "s", &signals.t),
             Abscissa::new("Torque over nominal", "", &signals.level),
+            Abscissa::new("Change of torque over nominal", "1/s", signals.change()),
             Abscissa::new("Speed of the main shaft", "rad/s", &signals.speed),
+            Abscissa::new(
+                "Acceleration of the main shaft",
+                "rad/s²",
+                &signals.acceleration,
+            ),
             Abscissa::new(
                 "Carrier angle",
                 "rad",
@@ -222,6 +230,23 @@ impl Observed for Session {
         all
     }
 
+    fn shafts(&self) -> Vec<Shaft<'_>> {
+        let signals = &self.signals;
+        let mut ratios: Vec<f64> = Vec::new();
+        let mut shafts = Vec::new();
+        for (name, ratio) in signals.inertias.iter().zip(&signals.ratios) {
+            if !ratios.iter().any(|r| (r / ratio).abs() == 1.0) {
+                ratios.push(*ratio);
+                let angle: Vec<f64> = signals.angle.iter().map(|a| a * ratio).collect();
+                shafts.push(Shaft {
+                    name,
+                    angle: angle.into(),
+                });
+            }
+        }
+        shafts
+    }
+
     fn particulars(&self) -> Map<String, Value> {
         [("torque_told_by".to_owned(), json!(self.told))]
             .into_iter()
@@ -229,10 +254,17 @@ impl Observed for Session {
     }
 
     fn note(&self, _: &[&'static str]) -> Option<String> {
-        (self.told == Told::Gauges).then(|| {
-            "no reference load: what all gauges have in common cannot be told from the torque"
-                .into()
-        })
+        match self.told {
+            Told::References => None,
+            Told::Gauges => Some(
+                "no reference load: what all gauges have in common cannot be told from the torque"
+                    .into(),
+            ),
+            Told::Filter => Some(format!(
+                "no reference load and no shaft with {FEWEST} gauges: only innovations are judged; \
+                 what the estimated load takes up is not seen, and no effect can be named",
+            )),
+        }
     }
 }
 

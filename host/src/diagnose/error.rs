@@ -130,8 +130,8 @@ fn interval(sessions: &[Session], residuals: &[Vec<Vec<f64>>], seed: u64) -> Int
             blocks.push((known.clone().map(|e| e.abs()).sum(), known.count() as f64));
         }
     }
-    // What the gauges say together is no reference for itself.
-    if sessions.iter().any(|s| s.told == Told::Gauges) {
+    // What the gauges say is no reference for itself.
+    if sessions.iter().any(|s| s.told != Told::References) {
         blocks.clear();
     }
     means(&blocks, seed)

@@ -8,6 +8,7 @@
 //! left out, against draws of the same machine without any effect.
 
 mod bearing;
+mod bins;
 mod chain;
 mod columns;
 mod confirm;
@@ -18,13 +19,16 @@ mod drivetrain;
 pub mod effect;
 mod empirical;
 mod error;
+mod filtered;
 mod fit;
 mod forms;
+mod innovations;
 mod known;
 mod motion;
 mod null;
 mod observe;
 mod observed;
+mod oddity;
 mod page;
 mod rank;
 mod recorded;
@@ -52,15 +56,17 @@ pub use bearing::BearingSession;
 pub use correct::corrected;
 pub use empirical::Correction;
 pub use error::{Interval, LoadErrors, load_errors};
+pub use innovations::{Innovations, SensorInnovations, innovations};
 pub use observe::observe;
-pub use observed::{Abscissa, Observed};
+pub use observed::{Abscissa, Observed, Shaft};
+pub use oddity::{Oddity, oddities};
 pub use page::{page, sentence};
 pub use rank::Ranked;
 pub use rotor::RotorSession;
 pub use select::{Found, Selection};
 pub use signals::Signals;
 pub use stream::{Kind, Session, Stream, Term, Told};
-pub use structure::{Oddity, oddities};
+pub use structure::{Structure, Test, Tested, structures};
 pub use verdict::{Verdict, by_name, cannot_show, report};
 
 use crate::bearing::RecordedError;
@@ -133,6 +139,8 @@ pub struct Diagnosis<S: Observed = Session> {
     pub selection: Selection<S>,
     /// What is left and unlike the machine without effect.
     pub oddities: Vec<Oddity>,
+    /// What the residuals go with.
+    pub structures: Vec<Structure>,
     /// What is said.
     pub verdict: Verdict,
     /// What may be subtracted where something is missing that no candidate explains.
@@ -183,7 +191,8 @@ impl<S: Observed> Residuals<S> {
             selection.confirm(sessions, unseen);
         }
         let oddities = oddities(sessions, &selection, draws);
-        let verdict = Verdict::of(sessions, &selection, &oddities, draws);
+        let structures = structures(sessions, &selection, draws);
+        let verdict = Verdict::of(sessions, &selection, &oddities, &structures, draws);
         let corrections = match verdict {
             Verdict::Unknown => empirical::corrections(sessions, &oddities),
             _ => Vec::new(),
@@ -199,6 +208,7 @@ impl<S: Observed> Residuals<S> {
             unseen: unseen.clone(),
             selection,
             oddities,
+            structures,
             verdict,
             corrections,
             errors,

@@ -8,13 +8,15 @@ use super::DiagnoseError;
 use super::consensus;
 use super::doubt::{SHORTEST_S, doubt};
 use super::effect::bending::take_out;
+use super::filtered::Filtered;
 use super::known::{course, course_by_shaft, drives, loads};
 use super::recorded::{Recorded, derivatives};
 use super::seen::{SMOOTHING_S, Seen};
-use super::signals::Signals;
+use super::signals::{Signals, smooth};
 use super::stream::{Kind, Session, Stream, Told, product};
-use super::thin::Thin;
+use super::thin::{Thin, filled};
 use super::torque::{Bodies, torques};
+use crate::build::Sensors;
 use crate::gearbox::Torsion;
 use crate::machine::{Machine, MachineError};
 
@@ -22,7 +24,8 @@ use crate::machine::{Machine, MachineError};
 const RATE_HZ: f64 = 125.0;
 
 /// Reads `path` as residuals of today's `machine`, given the torque that the
-/// references tell, or where there are none the gauges together.
+/// references tell, or where there are none the gauges together; where these are too few, as
+/// the innovations of the filter.
 ///
 /// # Errors
 /// When the recording cannot be read, is too short to be judged, shows next to
@@ -31,7 +34,7 @@ pub fn observe(machine: &Machine, path: &Path) -> Result<Session, DiagnoseError>
     observe_given(machine, path, Told::References)
 }
 
-/// As [`observe`], given the torque that `told` tells, or what it lacks the gauges.
+/// As [`observe`], given the torque that `told` tells, or what it lacks the gauges or the filter.
 pub(super) fn observe_given(
     machine: &Machine,
     path: &Path,
@@ -60,37 +63,37 @@ pub(super) fn observe_given(
         .map(|angle| derivatives(angle, width, recorded.dt_s))
         .unzip();
     let motion = Bodies::new(machine, drivetrain, &speeds, &accelerations);
-    let known = match told {
+    let mut known = match told {
         Told::References => loads(machine, drivetrain, &recorded),
-        Told::Gauges => vec![None; drivetrain.loads.len()],
+        Told::Gauges | Told::Filter => vec![None; drivetrain.loads.len()],
     };
-    if known.iter().all(Option::is_none) {
+    if told == Told::References && known.iter().all(Option::is_none) {
         told = Told::Gauges;
     }
     let drives = drives(machine, drivetrain, &recorded);
-    let torques = match told {
-        Told::References => torques(
+    let by_loads = |known: &[Option<Vec<f64>>]| {
+        torques(
             drivetrain,
             &torsion,
             &motion,
-            &known,
+            known,
             &drives,
             width,
             recorded.dt_s,
-        ),
-        Told::Gauges => consensus::torques(machine, drivetrain, &recorded)?,
+        )
     };
-    if torques.shafts.iter().all(Option::is_none) && told == Told::Gauges {
-        return Err(refused(format!(
-            "no reference load (columns [{}]) and no shaft with {} gauges that could tell the torque together",
-            machine
-                .references
-                .iter()
-                .map(|r| r.name.as_str())
-                .collect::<Vec<_>>()
-                .join(", "),
-            consensus::FEWEST,
-        )));
+    let mut told_by = match told {
+        Told::References => by_loads(&known),
+        Told::Gauges | Told::Filter => consensus::torques(machine, drivetrain, &recorded)?,
+    };
+    let mut innovations = Vec::new();
+    if told != Told::References && told_by.shafts.iter().all(Option::is_none) {
+        told = Told::Filter;
+        let filtered = Filtered::run(machine, &Sensors::choose(machine, None)?, path)?;
+        let load = |of: &Vec<f64>| Some(smooth(&filled(of), width));
+        known = filtered.loads.iter().map(load).collect();
+        told_by = by_loads(&known);
+        innovations = filtered.innovations;
     }
     let every = ((1.0 / (recorded.dt_s * RATE_HZ)).round() as usize).max(1);
     let seen = Seen {
@@ -106,9 +109,9 @@ pub(super) fn observe_given(
         motion,
         known,
         drives,
-        torques,
+        torques: told_by,
     };
-    let session = session(&seen, told)?;
+    let session = session(&seen, told, &innovations)?;
     match doubt(&session) {
         Some(reason) => Err(refused(reason)),
         None => Ok(session),
@@ -116,26 +119,18 @@ pub(super) fn observe_given(
 }
 
 /// Everything that `seen` shows, given the torque that `told` tells.
-fn session(seen: &Seen<'_>, told: Told) -> Result<Session, MachineError> {
+fn session(
+    seen: &Seen<'_>,
+    told: Told,
+    innovations: &[(String, Vec<f64>)],
+) -> Result<Session, MachineError> {
     let signals = seen.signals();
-    let mut streams = Vec::new();
-    let mut spikes = Vec::new();
-    for channel in 0..seen.machine.channels.len() {
-        if let Some((stream, stand_out)) = seen.strain(channel)? {
-            streams.push(stream);
-            spikes.push(stand_out);
-        }
-    }
-    for (stream, count) in streams.iter_mut().zip(alone(&spikes)) {
-        stream.spikes = count;
-    }
-    take_out(seen.machine, &mut streams);
-    streams.extend(seen.balance());
-    streams.extend((1..seen.machine.encoders.len()).filter_map(|k| seen.angle(k)));
-    home(&mut streams, signals.count);
-    known_roughly(&mut streams, &signals);
+    let streams = match told {
+        Told::References | Told::Gauges => streams(seen, &signals)?,
+        Told::Filter => seen.innovations(innovations),
+    };
     let course = match told {
-        Told::References => course(
+        Told::References | Told::Filter => course(
             seen.drivetrain,
             &seen.torsion,
             &seen.recorded,
@@ -158,6 +153,27 @@ fn session(seen: &Seen<'_>, told: Told) -> Result<Session, MachineError> {
         course,
         told,
     })
+}
+
+/// What each gauge, the balance and the angles show beyond today's model.
+fn streams(seen: &Seen<'_>, signals: &Signals) -> Result<Vec<Stream>, MachineError> {
+    let mut streams = Vec::new();
+    let mut spikes = Vec::new();
+    for channel in 0..seen.machine.channels.len() {
+        if let Some((stream, stand_out)) = seen.strain(channel)? {
+            streams.push(stream);
+            spikes.push(stand_out);
+        }
+    }
+    for (stream, count) in streams.iter_mut().zip(alone(&spikes)) {
+        stream.spikes = count;
+    }
+    take_out(seen.machine, &mut streams);
+    streams.extend(seen.balance());
+    streams.extend((1..seen.machine.encoders.len()).filter_map(|k| seen.angle(k)));
+    home(&mut streams, signals.count);
+    known_roughly(&mut streams, signals);
+    Ok(streams)
 }
 
 /// How many samples of each channel stand out while no other channel's does:

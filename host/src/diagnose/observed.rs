@@ -38,6 +38,27 @@ impl<'a> Abscissa<'a> {
     }
 }
 
+/// The angle that a shaft has turned by.
+pub struct Shaft<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// Angle, continuous over turns [rad].
+    pub angle: Cow<'a, [f64]>,
+}
+
+/// What all `sessions` have of each quantity: `[quantity][session]`.
+pub fn common<S: Observed>(sessions: &[S]) -> Vec<Vec<Abscissa<'_>>> {
+    let mut along: Vec<Vec<Abscissa<'_>>> = Vec::new();
+    for abscissa in sessions.iter().flat_map(S::abscissae) {
+        match (along.iter_mut()).find(|of| of[0].quantity == abscissa.quantity) {
+            Some(of) => of.push(abscissa),
+            None => along.push(vec![abscissa]),
+        }
+    }
+    along.retain(|of| of.len() == sessions.len());
+    along
+}
+
 /// A recording of one kind of machine as residuals, a stream for each thing that is measured,
 /// and what effects predict for them.
 pub trait Observed: Clone + Send + Sync + 'static {
@@ -134,6 +155,9 @@ pub trait Observed: Clone + Send + Sync + 'static {
 
     /// What residuals are drawn over, time first.
     fn abscissae(&self) -> Vec<Abscissa<'_>>;
+
+    /// The shafts whose orders residuals are looked at for, each speed once.
+    fn shafts(&self) -> Vec<Shaft<'_>>;
 
     /// Keys of the JSON that only this kind of machine has.
     fn particulars(&self) -> Map<String, Value>;

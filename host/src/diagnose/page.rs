@@ -2,7 +2,7 @@
 
 use super::effect::Coupling;
 use super::observed::Observed;
-use super::{Diagnosis, Interval, Verdict};
+use super::{Diagnosis, Innovations, Interval, Verdict};
 use crate::machine::Machine;
 use crate::report::{
     Axis, Data, KeyFigure, Mark, Plot, PlotSize, Report, Role, ScatterSample, Section, Series,
@@ -14,7 +14,12 @@ const POINTS: usize = 3000;
 
 /// Verdict, ranking, errors, and the residuals before and after over all that the recording
 /// shows.
-pub fn page<S: Observed>(machine: &Machine, recording: &str, diagnosis: &Diagnosis<S>) -> Report {
+pub fn page<S: Observed>(
+    machine: &Machine,
+    recording: &str,
+    diagnosis: &Diagnosis<S>,
+    innovations: &[Innovations],
+) -> Report {
     let errors = &diagnosis.errors;
     Report {
         title: format!("{}: diagnosis", machine.name),
@@ -40,7 +45,12 @@ pub fn page<S: Observed>(machine: &Machine, recording: &str, diagnosis: &Diagnos
             note: note(figure),
         })
         .collect(),
-        tables: vec![ranking(diagnosis), rests(diagnosis)],
+        tables: vec![
+            ranking(diagnosis),
+            rests(diagnosis),
+            goes_with(diagnosis),
+            consistency(innovations),
+        ],
         time: None,
         sections: worst(diagnosis)
             .into_iter()
@@ -117,6 +127,61 @@ fn rests<S: Observed>(diagnosis: &Diagnosis<S>) -> Table {
                 ]
             })
             .collect(),
+    }
+}
+
+fn goes_with<S: Observed>(diagnosis: &Diagnosis<S>) -> Table {
+    let rows = diagnosis.structures.iter().flat_map(|structure| {
+        structure.standing_out().into_iter().map(|tested| {
+            vec![
+                structure.channel.clone(),
+                tested.to_string(),
+                format!("{:.2}", tested.before),
+                format!("{:.2}", tested.after),
+                format!("{:.2}", tested.by_chance),
+            ]
+        })
+    });
+    Table {
+        caption: "What residuals go with, where that is more than chance".into(),
+        head: ["Residual", "goes with", "before", "after", "by chance"]
+            .map(String::from)
+            .to_vec(),
+        rows: rows.collect(),
+    }
+}
+
+fn consistency(innovations: &[Innovations]) -> Table {
+    let figure = |value: Option<f64>| value.map_or_else(|| "–".into(), |v| format!("{v:.2}"));
+    let rows = innovations.iter().flat_map(|of| {
+        of.of.iter().map(move |sensor| {
+            vec![
+                of.recording.display().to_string(),
+                of.sensors.clone(),
+                sensor.sensor.clone(),
+                figure(sensor.bias),
+                figure(sensor.nis),
+                figure(sensor.next),
+                format!("{}", sensor.coloured_lags),
+            ]
+        })
+    });
+    Table {
+        caption:
+            "Innovations of the filter as described; the load takes up part of what is missing"
+                .into(),
+        head: [
+            "Recording",
+            "sensors",
+            "sensor",
+            "mean [σ]",
+            "NIS",
+            "from one to the next",
+            "coloured lags of 25",
+        ]
+        .map(String::from)
+        .to_vec(),
+        rows: rows.collect(),
     }
 }
 

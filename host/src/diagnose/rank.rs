@@ -191,7 +191,7 @@ fn charge<S: Observed>(effect: &dyn Effect<S>, sessions: &[S], trial: &mut Trial
 
 /// The value that an extreme-value distribution with the draws' mean and
 /// standard deviation exceeds with `probability`.
-fn gumbel(draws: &[f64], probability: f64) -> f64 {
+pub(super) fn gumbel(draws: &[f64], probability: f64) -> f64 {
     let n = draws.len() as f64;
     if n < 2.0 {
         return 0.0;

@@ -255,7 +255,7 @@ impl Seen<'_> {
             return None;
         }
         let stiffness: Vec<f64> = torsion.referred_stiffness().collect();
-        let residual: Vec<f64> = (0..recorded.len())
+        let mut residual: Vec<f64> = (0..recorded.len())
             .map(|i| {
                 let twisted: f64 = self
                     .torques
@@ -269,6 +269,9 @@ impl Seen<'_> {
                 recorded.encoders[k][i] - recorded.encoders[0][i] - twisted
             })
             .collect();
+        // Both count from an arbitrary zero.
+        let zero = residual.iter().sum::<f64>() / residual.len() as f64;
+        residual.iter_mut().for_each(|r| *r -= zero);
         Some(Stream {
             residual: self.thin.residual(&residual),
             scale: full,
@@ -280,6 +283,20 @@ impl Seen<'_> {
             ],
             ..self.bare(encoder.name.clone(), Kind::Angle)
         })
+    }
+
+    /// The residuals of a filter, sensor by sensor, from its normalised innovations.
+    pub fn innovations(&self, normalised: &[(String, Vec<f64>)]) -> Vec<Stream> {
+        let used = normalised
+            .iter()
+            .filter(|(_, of)| of.iter().any(|v| v.is_finite()));
+        used.map(|(name, of)| Stream {
+            residual: self.thin.residual(of),
+            scale: 1.0,
+            noise_std: 1.0 / (self.thin.every as f64).sqrt(),
+            ..self.bare(name.clone(), Kind::Innovation)
+        })
+        .collect()
     }
 
     /// A stream that answers to no torque.

@@ -73,6 +73,16 @@ impl Signals {
         self.t.is_empty()
     }
 
+    /// Change of `level`, smoothed [1/s].
+    pub fn change(&self) -> Vec<f64> {
+        let level = smooth(&self.level, self.smoothing);
+        let last = level.len().saturating_sub(1);
+        (0..level.len())
+            .map(|i| (i.saturating_sub(1), (i + 1).min(last)))
+            .map(|(from, to)| (level[to] - level[from]) / (self.dt_s * (to - from).max(1) as f64))
+            .collect()
+    }
+
     /// Speed as part of nominal.
     pub fn relative_speed(&self) -> impl Iterator<Item = f64> {
         self.speed.iter().map(|w| w / self.nominal_speed)

@@ -16,6 +16,8 @@ pub enum Kind {
     Balance,
     /// Angle of a further encoder against the first, less the twist [rad].
     Angle,
+    /// What a sensor says beyond what the filter expected, over its standard deviation.
+    Innovation,
 }
 
 /// What tells the torque that a recording's residuals are given.
@@ -26,6 +28,8 @@ pub enum Told {
     References,
     /// All gauges of a shaft together: what they have in common is not seen.
     Gauges,
+    /// The filter, where gauges are too few: what it takes for load is not seen.
+    Filter,
 }
 
 /// One residual, sample by sample of [`Signals`].

@@ -1,17 +1,20 @@
 //! What is said, and its JSON.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
 use super::Diagnosis;
 use super::effect::{Coupling, Effect};
+use super::innovations::Innovations;
 use super::null::Draws;
 use super::observed::Observed;
+use super::oddity::Oddity;
 use super::select::{Found, Selection};
 use super::spread::spreads;
-use super::structure::Oddity;
+use super::structure::{Structure, Test, Tested};
 use crate::machine::Machine;
+use crate::replay::ReplayError;
 
 /// Part of the excess that what was found must explain, or something else is missing.
 const EXPLAINED: f64 = 0.7;
@@ -23,6 +26,9 @@ const EXCESS: f64 = 8.0;
 /// How well the simulations know the mean square of what a clean machine
 /// leaves, where vibrations are most of it.
 const ROUGHLY: f64 = 0.03;
+
+/// Part of a clean machine's mean square that counts as a form.
+const FORM: f64 = 0.3;
 
 /// Evidence of faulty samples that counts.
 const FAULTS: f64 = 40.0;
@@ -46,6 +52,7 @@ impl Verdict {
         sessions: &[S],
         selection: &Selection<S>,
         oddities: &[Oddity],
+        structures: &[Structure],
         draws: &Draws,
     ) -> Self {
         let faults: Vec<&'static str> = S::library()
@@ -53,7 +60,8 @@ impl Verdict {
             .filter(|e| evidence_of_faults(**e, sessions) > FAULTS)
             .map(|e| e.name())
             .collect();
-        if unexplained(sessions, oddities, draws) {
+        let nameless = selection.ranking.is_empty();
+        if unexplained(sessions, oddities, draws) || nameless && has_form(oddities, structures) {
             return Self::Unknown;
         }
         let mut names: Vec<&'static str> =
@@ -115,6 +123,15 @@ fn unexplained<S: Observed>(sessions: &[S], oddities: &[Oddity], draws: &Draws) 
     largest > EXCESS && after > (1.0 - EXPLAINED) * before
 }
 
+/// Whether some residual goes with an order or a quantity, by more than how well a clean machine
+/// is known. Where nothing can be named that is all there is to say.
+fn has_form(oddities: &[Oddity], structures: &[Structure]) -> bool {
+    let form = |t: &Tested| t.stands_out() && matches!(t.test, Test::Order | Test::Over);
+    (oddities.iter().zip(structures))
+        .flat_map(|(o, s)| s.tests.iter().map(move |t| (o, t)))
+        .any(|(o, t)| form(t) && o.before * t.before > FORM)
+}
+
 /// Logarithm of the odds that faulty samples give for an effect.
 fn evidence_of_faults<S: Observed>(effect: &dyn Effect<S>, sessions: &[S]) -> f64 {
     sessions
@@ -128,7 +145,8 @@ fn evidence_of_faults<S: Observed>(effect: &dyn Effect<S>, sessions: &[S]) -> f6
 pub fn report<S: Observed>(
     machine: &Machine,
     diagnosis: &Diagnosis<S>,
-    validated_on: &[std::path::PathBuf],
+    innovations: &Result<Vec<Innovations>, ReplayError>,
+    validated_on: &[PathBuf],
     machine_out: Option<&Path>,
 ) -> Value {
     let Diagnosis {
@@ -184,6 +202,8 @@ pub fn report<S: Observed>(
         "error": diagnosis.errors,
         "validated_on": validated_on,
         "machine_out": machine_out,
+        "structure": diagnosis.structures,
+        "innovations": innovations.as_ref().map_or_else(|e| json!({ "refused": e.to_string() }), |i| json!(i)),
         "empirical_corrections": diagnosis.corrections,
         "unexplained": if unknown { json!(strangest(&diagnosis.oddities)) } else { Value::Null },
     });

@@ -14,7 +14,7 @@ use crate::build::Sensors;
 use crate::diagnose::effect::Effect;
 use crate::diagnose::error::LoadErrors;
 use crate::diagnose::fit::Prior;
-use crate::diagnose::observed::{Abscissa, Observed};
+use crate::diagnose::observed::{Abscissa, Observed, Shaft};
 use crate::diagnose::refit::rest;
 use crate::diagnose::select::Found;
 use crate::diagnose::stream::Columns;
@@ -240,6 +240,11 @@ impl Observed for BearingSession {
             Abscissa::new("Fz", "N", load(2)),
             Abscissa::new("Mx", "N m", load(3)),
         ]
+    }
+
+    /// None: a block is long against a turn.
+    fn shafts(&self) -> Vec<Shaft<'_>> {
+        Vec::new()
     }
 
     fn particulars(&self) -> Map<String, Value> {

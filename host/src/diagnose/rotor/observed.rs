@@ -10,7 +10,7 @@ use crate::build::Sensors;
 use crate::diagnose::effect::{Coupling, Effect};
 use crate::diagnose::error::LoadErrors;
 use crate::diagnose::fit::Prior;
-use crate::diagnose::observed::{Abscissa, Observed};
+use crate::diagnose::observed::{Abscissa, Observed, Shaft};
 use crate::diagnose::refit::rest;
 use crate::diagnose::select::Found;
 use crate::diagnose::stream::Columns;
@@ -173,6 +173,13 @@ impl Observed for RotorSession {
                 turning.angle.iter().map(turn).collect::<Vec<f64>>(),
             ),
         ]
+    }
+
+    fn shafts(&self) -> Vec<Shaft<'_>> {
+        vec![Shaft {
+            name: "shaft",
+            angle: self.turning().angle.as_slice().into(),
+        }]
     }
 
     fn particulars(&self) -> Map<String, Value> {

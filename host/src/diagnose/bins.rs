@@ -1,0 +1,117 @@
+//! The mean of a residual over a quantity, in bins.
+
+/// Number of bins.
+const BINS: usize = 24;
+
+/// `(x, y, half)`: the quantity, the residual, and in which half of the blocks it lies.
+pub(super) type Sample = (f64, f64, usize);
+
+/// Where both are known; blocks of `block` samples are dealt to the halves in turn.
+pub(super) fn paired<'a>(
+    x: &'a [f64],
+    y: &'a [f64],
+    block: usize,
+) -> impl Iterator<Item = Sample> + 'a {
+    (x.iter().zip(y).enumerate())
+        .filter(|(_, (x, y))| x.is_finite() && y.is_finite())
+        .map(move |(i, (x, y))| (*x, *y, i / block % 2))
+}
+
+/// Bins with as many samples each.
+pub(super) struct Bins {
+    /// Upper ends of all but the last.
+    ends: Vec<f64>,
+    /// Middles of the bins, rising.
+    pub middles: Vec<f64>,
+}
+
+impl Bins {
+    /// Of the first values of `samples`; none where they are too few or all the same.
+    pub fn of(samples: &[Sample]) -> Option<Self> {
+        let mut values: Vec<f64> = samples.iter().map(|s| s.0).collect();
+        values.sort_by(f64::total_cmp);
+        let n = values.len();
+        if n < 4 * BINS || values[n / 20] == values[n - 1 - n / 20] {
+            return None;
+        }
+        let at = |twice: usize| values[(twice * n / (2 * BINS)).min(n - 1)];
+        Some(Self {
+            ends: (1..BINS).map(|b| at(2 * b)).collect(),
+            middles: (0..BINS).map(|b| at(2 * b + 1)).collect(),
+        })
+    }
+
+    fn bin(&self, x: f64) -> usize {
+        self.ends.partition_point(|end| *end < x)
+    }
+
+    /// Mean of `(x, y)` in each bin about the mean of all; 0 where there is none.
+    pub fn means(&self, samples: impl Iterator<Item = (f64, f64)> + Clone) -> Vec<f64> {
+        let (mut sums, mut counts) = (vec![0.0; BINS], vec![0.0_f64; BINS]);
+        for (x, y) in samples {
+            let bin = self.bin(x);
+            sums[bin] += y;
+            counts[bin] += 1.0;
+        }
+        let mean = sums.iter().sum::<f64>() / counts.iter().sum::<f64>().max(1.0);
+        (sums.iter().zip(&counts))
+            .map(|(sum, n)| if *n > 0.0 { sum / n - mean } else { 0.0 })
+            .collect()
+    }
+
+    /// Part of the mean square about the mean that the means of every other block take from the
+    /// rest.
+    pub fn takes(&self, samples: &[Sample]) -> f64 {
+        let (mut left, mut whole) = (0.0, 0.0);
+        for half in 0..2 {
+            let of = |half: usize| (samples.iter()).filter(move |s| s.2 == half);
+            let means = self.means(of(1 - half).map(|s| (s.0, s.1)));
+            let n = of(half).count().max(1) as f64;
+            let mean = of(half).map(|s| s.1).sum::<f64>() / n;
+            for (x, y, _) in of(half) {
+                whole += (y - mean).powi(2);
+                left += (y - mean - means[self.bin(*x)]).powi(2);
+            }
+        }
+        1.0 - left / f64::max(whole, 1e-300)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `(x, y, half)`: x goes round, y is `of` x and noise.
+    fn samples(of: impl Fn(f64) -> f64) -> Vec<Sample> {
+        let mut noise = 1_u32;
+        (0..20_000)
+            .map(|i| {
+                noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                let x = f64::from(i) * 0.037 % std::f64::consts::TAU;
+                let white = f64::from(noise) / f64::from(u32::MAX) - 0.5;
+                (x, of(x) + 0.1 * white, (i / 100 % 2) as usize)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn what_goes_with_a_quantity_is_taken_and_noise_is_not() {
+        let wave = samples(f64::sin);
+        let bins = Bins::of(&wave).unwrap();
+        assert!(bins.takes(&wave) > 0.95);
+        let means = bins.means(wave.iter().map(|s| (s.0, s.1)));
+        for (x, mean) in bins.middles.iter().zip(means) {
+            assert!((mean - x.sin()).abs() < 0.05, "{x} {mean}");
+        }
+        let noise = samples(|_| 0.0);
+        assert!(Bins::of(&noise).unwrap().takes(&noise) < 0.01);
+    }
+
+    #[test]
+    fn nothing_is_told_over_what_does_not_move() {
+        let still: Vec<Sample> = (samples(f64::sin).into_iter())
+            .map(|(_, y, half)| (1.0, y, half))
+            .collect();
+        assert!(Bins::of(&still).is_none());
+    }
+}
