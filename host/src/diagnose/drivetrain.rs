@@ -43,8 +43,8 @@ impl Observed for Session {
         }
         progress(0.2);
         let draws = null::draws(machine, &mut sessions, SEED);
-        for session in &mut unseen {
-            null::take_off_clean(machine, session, SEED);
+        for session in &mut sessions {
+            observe::home(&mut session.streams, session.signals.count);
         }
         for session in sessions.iter_mut().chain(&mut unseen) {
             session.forget_coarse_angles();
@@ -102,6 +102,10 @@ impl Observed for Session {
         &self.streams[k].residual
     }
 
+    fn clean(&self, k: usize) -> &[f64] {
+        &self.streams[k].clean
+    }
+
     fn set_residual(&mut self, k: usize, residual: Vec<f64>) {
         self.streams[k].residual = residual;
     }
@@ -135,7 +139,7 @@ impl Observed for Session {
 
     /// A zero for each strain and angle, a count by which the carrier's zero may be off, the
     /// reference's zero and an error of the inertia in the balance, an error of the stiffness in an
-    /// angle; and what is only known roughly.
+    /// angle; what is only known roughly; and what a clean machine leaves when it does the same.
     fn nuisances(&self, k: usize) -> Vec<Prior> {
         let (stream, signals) = (&self.streams[k], &self.signals);
         let n = signals.len();
@@ -176,6 +180,12 @@ impl Observed for Session {
             column: column.clone(),
             std: 1.0,
         }));
+        let mut clean = stream.clean.clone();
+        clean.resize(n, 0.0);
+        own.push(Prior {
+            column: clean,
+            std: 1.0,
+        });
         own
     }
 

@@ -36,7 +36,7 @@ struct Clean {
 /// session, each block from another one, and over the whole of them what a machine leaves that
 /// differs from the description as little as such figures are known.
 ///
-/// What a simulation of the very `machine` without noise leaves is taken off the residuals of
+/// What a simulation of the very `machine` without noise leaves is taken into the streams of
 /// `sessions`. What that does not tell of a clean recording, because what was
 /// done is only read off it, the draws have as well: each simulation is
 /// simulated again from what is read off it, and the difference drawn.
@@ -71,36 +71,13 @@ pub fn draws(machine: &Machine, sessions: &mut [Session], seed: u64) -> Draws {
         .collect()
 }
 
-/// Takes what `machine` leaves without noise, doing what it did in `session`, off the residuals;
-/// as they are where that cannot be simulated.
-pub fn take_off_clean(machine: &Machine, session: &mut Session, seed: u64) {
-    if let Ok(described) = simulated(machine, &without_noise(machine), session, seed) {
-        take_off(session, &described);
-    }
-}
-
-fn take_off(session: &mut Session, clean: &Session) {
-    for (stream, clean) in session.streams.iter_mut().zip(&clean.streams) {
-        let known = |r: &f64| if r.is_finite() { *r } else { 0.0 };
-        for (r, clean) in stream.residual.iter_mut().zip(&clean.residual) {
-            *r -= known(clean);
-        }
-    }
-    home(&mut session.streams, session.signals.count);
-}
-
-fn without_noise(machine: &Machine) -> Machine {
+/// Simulates `machine` doing what it did in `session`, and takes what it leaves without noise
+/// into the streams of `session`.
+fn clean(machine: &Machine, session: &mut Session, seed: u64) -> Result<Clean, DiagnoseError> {
     let mut quiet = machine.clone();
     for channel in &mut quiet.channels {
         channel.noise_std = 0.0;
     }
-    quiet
-}
-
-/// Simulates `machine` doing what it did in `session`, and takes what it leaves without noise
-/// off the residuals of `session`.
-fn clean(machine: &Machine, session: &mut Session, seed: u64) -> Result<Clean, DiagnoseError> {
-    let quiet = without_noise(machine);
     let told = &*session;
     let noise = || {
         (0..SIMULATIONS).into_par_iter().map(|k| {
@@ -122,7 +99,10 @@ fn clean(machine: &Machine, session: &mut Session, seed: u64) -> Result<Clean, D
     let mut quiet = quiet?.into_iter();
     let described = quiet.next().ok_or(DiagnoseError::NoDrivetrain)?;
     let alike = quiet.map(|alike| beyond(alike, &described)).collect();
-    take_off(session, &described);
+    for (stream, clean) in session.streams.iter_mut().zip(&described.streams) {
+        let known = |r: &f64| if r.is_finite() { *r } else { 0.0 };
+        stream.clean = clean.residual.iter().map(known).collect();
+    }
     Ok(Clean {
         noise: noise?,
         alike,
@@ -140,7 +120,8 @@ fn beyond(mut session: Session, other: &Session) -> Vec<Vec<f64>> {
     session.streams.into_iter().map(|s| s.residual).collect()
 }
 
-/// Each block from one of the simulations, `clean[simulation][stream]`.
+/// Each block from one of the simulations, `clean[simulation][stream]`, beside what the model
+/// has of a clean machine already.
 pub(super) fn drawn<S: Observed>(
     session: &S,
     clean: &[Vec<Vec<f64>>],
@@ -150,9 +131,18 @@ pub(super) fn drawn<S: Observed>(
     let choice: Vec<usize> = (0..n.div_ceil(block))
         .map(|_| rng.random_range(0..clean.len()))
         .collect();
-    let sample = |k: usize, i: usize| clean[choice[i / block]].get(k)?.get(i).copied();
     (0..session.streams().len())
-        .map(|k| (0..n).map(|i| sample(k, i).unwrap_or(f64::NAN)).collect())
+        .map(|k| {
+            let known = session.clean(k);
+            (0..n)
+                .map(|i| {
+                    let drawn = clean[choice[i / block]]
+                        .get(k)
+                        .and_then(|r| r.get(i).copied());
+                    drawn.map_or(f64::NAN, |r| r + known.get(i).copied().unwrap_or(0.0))
+                })
+                .collect()
+        })
         .collect()
 }
 

@@ -190,7 +190,8 @@ fn alone(spikes: &[Vec<usize>]) -> Vec<u64> {
 }
 
 /// Takes off the error that the counts of the index's encoder leave in the
-/// carrier angle: the shift on which most maps agree, up to two counts.
+/// carrier angle: the shift on which most maps agree, up to two counts, beyond
+/// what a clean machine leaves.
 pub(super) fn home(streams: &mut [Stream], count: f64) {
     let mut told: Vec<(f64, f64)> = (streams.iter())
         .filter(|s| s.over_angle())
@@ -210,8 +211,9 @@ pub(super) fn home(streams: &mut [Stream], count: f64) {
 
 /// The shift of the carrier angle that explains most of a residual [rad], and its weight.
 fn shift_of_map(stream: &Stream) -> Option<(f64, f64)> {
-    let known: Vec<(f64, f64)> = (stream.residual.iter().zip(&stream.slope))
-        .map(|(r, slope)| (*r, *slope))
+    let clean = |i: usize| stream.clean.get(i).copied().unwrap_or(0.0);
+    let known: Vec<(f64, f64)> = (stream.residual.iter().zip(&stream.slope).enumerate())
+        .map(|(i, (r, slope))| (r - clean(i), *slope))
         .filter(|(r, _)| r.is_finite())
         .collect();
     let mean = known.iter().map(|k| k.0).sum::<f64>() / known.len().max(1) as f64;

@@ -118,6 +118,10 @@ pub trait Observed: Clone + Send + Sync + 'static {
     /// Residual of stream `k`: measured less predicted; NaN where there is none.
     fn residual(&self, k: usize) -> &[f64];
 
+    /// What a clean machine leaves of stream `k` when it does the same; empty where that is not
+    /// known.
+    fn clean(&self, k: usize) -> &[f64];
+
     /// Puts another residual in its place.
     fn set_residual(&mut self, k: usize, residual: Vec<f64>);
 

@@ -41,9 +41,11 @@ pub struct Stream {
     pub kind: Kind,
     /// Group of the channel.
     pub group: Option<String>,
-    /// Measured less predicted, less what a clean simulation leaves that does the same; NaN where
-    /// there is none.
+    /// Measured less predicted; NaN where there is none.
     pub residual: Vec<f64>,
+    /// The same of a clean simulation that did what the recording did; empty
+    /// where there is none.
+    pub clean: Vec<f64>,
     /// Full scale: what the stream reads at nominal load, root mean square.
     pub scale: f64,
     /// Standard deviation of a sample that the description expects.

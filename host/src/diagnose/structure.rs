@@ -110,17 +110,20 @@ impl Structure {
 type Residuals = Vec<Vec<Vec<f64>>>;
 
 /// What each residual goes with, before and after what was found, in the order of the streams.
+///
+/// What a clean machine leaves is no part of it.
 pub fn structures<S: Observed>(
     sessions: &[S],
     selection: &Selection<S>,
     draws: &Draws,
 ) -> Vec<Structure> {
     let streams = sessions[0].streams().len();
-    let before: Residuals = (sessions.iter())
+    let measured: Residuals = (sessions.iter())
         .map(|s| (0..streams).map(|k| s.residual(k).to_vec()).collect())
         .collect();
+    let before = beside_clean(sessions, &measured);
     let draws: Vec<Residuals> = (draws.par_iter())
-        .map(|draw| masked(draw, &before))
+        .map(|draw| beside_clean(sessions, draw))
         .collect();
     (0..streams)
         .into_par_iter()
@@ -137,12 +140,25 @@ pub fn structures<S: Observed>(
         .collect()
 }
 
-/// `draw` where residuals were measured.
-fn masked(draw: &Residuals, measured: &Residuals) -> Residuals {
-    let sample = |(v, r): (&f64, &f64)| if r.is_finite() { *v } else { f64::NAN };
-    let stream = |(v, r): (&Vec<f64>, &Vec<f64>)| v.iter().zip(r).map(sample).collect();
-    (draw.iter().zip(measured))
-        .map(|(v, r)| v.iter().zip(r).map(stream).collect())
+/// `residuals` less what a clean machine leaves, where they were measured.
+fn beside_clean<S: Observed>(sessions: &[S], residuals: &Residuals) -> Residuals {
+    let stream = |session: &S, k: usize, values: &Vec<f64>| -> Vec<f64> {
+        let clean = session
+            .clean(k)
+            .iter()
+            .copied()
+            .chain(std::iter::repeat(0.0));
+        (values.iter().zip(session.residual(k)).zip(clean))
+            .map(|((v, r), clean)| if r.is_finite() { v - clean } else { f64::NAN })
+            .collect()
+    };
+    (sessions.iter().zip(residuals))
+        .map(|(s, of)| {
+            of.iter()
+                .enumerate()
+                .map(|(k, v)| stream(s, k, v))
+                .collect()
+        })
         .collect()
 }
 

@@ -186,6 +186,11 @@ impl Observed for BearingSession {
         &self.streams[k].residual
     }
 
+    /// The clean machine is another one.
+    fn clean(&self, _: usize) -> &[f64] {
+        &[]
+    }
+
     fn set_residual(&mut self, k: usize, residual: Vec<f64>) {
         self.streams[k].residual = residual;
     }

@@ -21,7 +21,7 @@ const DRAWS: usize = 10;
 
 /// What clean machines leave in each of `sessions`: `[session][simulation]`.
 ///
-/// That of the very `machine` without noise is taken off the residuals; the others are machines
+/// That of the very `machine` without noise is taken into the streams; the others are machines
 /// like it, less that.
 pub(super) fn simulated(
     machine: &Machine,
@@ -50,9 +50,7 @@ pub(super) fn simulated(
             }
         }
         for (stream, clean) in session.streams.iter_mut().zip(described) {
-            for (r, clean) in stream.residual.iter_mut().zip(clean) {
-                *r -= clean;
-            }
+            stream.clean = clean;
         }
         all.push(clean);
     }

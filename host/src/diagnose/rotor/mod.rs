@@ -38,6 +38,7 @@ const ONE_SPEED: f64 = 0.1;
 #[derive(Clone, Debug)]
 pub struct RotorStream {
     residual: Vec<f64>,
+    clean: Vec<f64>,
 }
 
 /// A recording of a rotor as residuals.
@@ -75,7 +76,10 @@ impl RotorSession {
         }
         let seen = Seen::new(rotor, channels, &Arc::new(recorded))?;
         let streams = (seen.residual().into_iter())
-            .map(|residual| RotorStream { residual })
+            .map(|residual| RotorStream {
+                residual,
+                clean: Vec::new(),
+            })
             .collect();
         let dt_s = seen.turning().dt_s;
         Ok(Self {

@@ -114,6 +114,10 @@ impl Observed for RotorSession {
         &self.streams[k].residual
     }
 
+    fn clean(&self, k: usize) -> &[f64] {
+        &self.streams[k].clean
+    }
+
     fn set_residual(&mut self, k: usize, residual: Vec<f64>) {
         self.streams[k].residual = residual;
     }
@@ -127,8 +131,11 @@ impl Observed for RotorSession {
         1.0
     }
 
-    fn nuisances(&self, _: usize) -> Vec<Prior> {
-        Vec::new()
+    /// What a clean machine leaves when it does the same.
+    fn nuisances(&self, k: usize) -> Vec<Prior> {
+        let mut column = self.streams[k].clean.clone();
+        column.resize(self.t.len(), 0.0);
+        vec![Prior { column, std: 1.0 }]
     }
 
     fn columns(
