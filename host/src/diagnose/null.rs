@@ -28,18 +28,19 @@ pub type Draws = Vec<Vec<Vec<Vec<f64>>>>;
 struct Clean {
     /// What noise leaves, and that what was done is only read off the recording.
     noise: Vec<Vec<Vec<f64>>>,
-    /// What a machine like the one described leaves more than that one, without noise.
+    /// What machines like the one described leave more than that one, without noise of the gauges.
     alike: Vec<Vec<Vec<f64>>>,
 }
 
 /// Draws residuals without effect: of clean simulations of `machine` doing what it did in each
-/// session, each block from another one, and over the whole of them what a machine leaves that
-/// differs from the description as little as such figures are known.
+/// session what noise leaves, each block from another one, and over the whole of them what a
+/// machine leaves that differs from the description as little as such figures are known.
 ///
 /// What a simulation of the very `machine` without noise leaves is taken into the streams of
 /// `sessions`. What that does not tell of a clean recording, because what was
-/// done is only read off it, the draws have as well: each simulation is
-/// simulated again from what is read off it, and the difference drawn.
+/// done is only read off it, the draws have as well: each simulation with noise is
+/// simulated again from what is read off it, and the difference drawn. What noise of the
+/// references makes of it is another one in each machine, as it is in the recorded one.
 ///
 /// Where that cannot be simulated, the blocks of the residual itself with
 /// signs at random: its size and colour stay, what it has to do with any
@@ -53,13 +54,12 @@ pub fn draws(machine: &Machine, sessions: &mut [Session], seed: u64) -> Draws {
     (0..DRAWS)
         .map(|number| {
             let like = (number % ALIKE) as usize;
-            let sign = if rng.random() { 1.0 } else { -1.0 };
             let of = |(session, clean): (&Session, &Option<Clean>)| match clean {
                 Some(clean) => {
                     let mut draw = drawn(session, &clean.noise, &mut rng);
                     for (draw, alike) in draw.iter_mut().zip(&clean.alike[like]) {
                         for (value, more) in draw.iter_mut().zip(alike) {
-                            *value += sign * more;
+                            *value += more;
                         }
                     }
                     draw
@@ -89,7 +89,7 @@ fn clean(machine: &Machine, session: &mut Session, seed: u64) -> Result<Clean, D
     let without = || {
         (0..=ALIKE).into_par_iter().map(|k| match k {
             0 => simulated(machine, &quiet, told, seed),
-            k => simulated(machine, &alike(&quiet, seed + k), told, seed),
+            k => simulated(machine, &alike(&quiet, seed + k), told, seed + k),
         })
     };
     let (noise, quiet) = rayon::join(
