@@ -271,7 +271,9 @@ impl Seen<'_> {
             .collect();
         // Both count from an arbitrary zero.
         let zero = residual.iter().sum::<f64>() / residual.len() as f64;
-        residual.iter_mut().for_each(|r| *r -= zero);
+        for r in &mut residual {
+            *r -= zero;
+        }
         Some(Stream {
             residual: self.thin.residual(&residual),
             scale: full,

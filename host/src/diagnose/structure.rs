@@ -162,11 +162,14 @@ fn beside_clean<S: Observed>(sessions: &[S], residuals: &Residuals) -> Residuals
         .collect()
 }
 
+/// What a test says of residuals, for each thing that they may go with.
+type Values<'a> = dyn Fn(&Residuals) -> Vec<f64> + 'a;
+
 /// What a test measures, with each thing that a residual may go with.
 struct Measure<'a> {
     test: Test,
     with: Vec<String>,
-    of: Box<dyn Fn(&Residuals) -> Vec<f64> + 'a>,
+    of: Box<Values<'a>>,
 }
 
 impl<'a> Measure<'a> {
