@@ -45,6 +45,8 @@ impl Filtered {
                 });
             }
         })?;
+        // A filter need not take every sensor: that of a rotor takes its angle as told.
+        all.innovations.retain(|(_, of)| !of.is_empty());
         Ok(all)
     }
 }

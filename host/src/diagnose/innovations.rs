@@ -78,7 +78,8 @@ pub fn innovations(
 fn of(machine: &Machine, sensors: &Sensors, path: &Path) -> Result<Innovations, ReplayError> {
     let innovations = Filtered::run(machine, sensors, path)?.innovations;
     let mut all = NisConsistency::default();
-    for i in 0..innovations[0].1.len() {
+    let samples = innovations.iter().map(|(_, of)| of.len()).min();
+    for i in 0..samples.unwrap_or(0) {
         let used = innovations
             .iter()
             .map(|(_, of)| of[i])

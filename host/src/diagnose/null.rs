@@ -12,11 +12,8 @@ use super::stream::Session;
 use crate::machine::Machine;
 use crate::simulate::{Scenario, Simulation};
 
-/// Simulations of the machine as described, on what the recording did, with other noise.
+/// Simulations of the machine as described, on what the recording did.
 const SIMULATIONS: u64 = 3;
-
-/// Machines that fit the description within what such figures are known to.
-const ALIKE: u64 = 3;
 
 /// Draws of the residuals.
 const DRAWS: u64 = 10;
@@ -24,100 +21,75 @@ const DRAWS: u64 = 10;
 /// Residuals without effect: `[draw][session][stream]`, samples as in the session.
 pub type Draws = Vec<Vec<Vec<Vec<f64>>>>;
 
-/// What simulations of one recording without any effect leave, `[simulation][stream]`.
-struct Clean {
-    /// What noise leaves, and that what was done is only read off the recording.
-    noise: Vec<Vec<Vec<f64>>>,
-    /// What machines like the one described leave more than that one, without noise of the gauges.
-    alike: Vec<Vec<Vec<f64>>>,
-}
-
-/// Draws residuals without effect: of clean simulations of `machine` doing what it did in each
-/// session what noise leaves, each block from another one, and over the whole of them what a
-/// machine leaves that differs from the description as little as such figures are known.
+/// Draws residuals without effect: each block from one of a few clean
+/// simulations of machines like `machine` doing what it did in each session.
 ///
-/// What a simulation of the very `machine` without noise leaves is taken into the streams of
+/// One more, of the very `machine` without noise, is taken into the streams of
 /// `sessions`. What that does not tell of a clean recording, because what was
-/// done is only read off it, the draws have as well: each simulation with noise is
-/// simulated again from what is read off it, and the difference drawn. What noise of the
-/// references makes of it is another one in each machine, as it is in the recorded one.
+/// done is only read off it, the draws have as well: each simulation is
+/// simulated again from what is read off it, and the difference drawn.
 ///
 /// Where that cannot be simulated, the blocks of the residual itself with
 /// signs at random: its size and colour stay, what it has to do with any
 /// signal is lost.
 pub fn draws(machine: &Machine, sessions: &mut [Session], seed: u64) -> Draws {
-    let clean: Vec<Option<Clean>> = sessions
-        .iter_mut()
-        .map(|session| clean(machine, session, seed).ok())
-        .collect();
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    (0..DRAWS)
-        .map(|number| {
-            let like = (number % ALIKE) as usize;
-            let of = |(session, clean): (&Session, &Option<Clean>)| match clean {
-                Some(clean) => {
-                    let mut draw = drawn(session, &clean.noise, &mut rng);
-                    for (draw, alike) in draw.iter_mut().zip(&clean.alike[like]) {
-                        for (value, more) in draw.iter_mut().zip(alike) {
-                            *value += more;
-                        }
-                    }
-                    draw
-                }
-                None => turned(session, &mut rng),
-            };
-            sessions.iter().zip(&clean).map(of).collect()
-        })
-        .collect()
-}
-
-/// Simulates `machine` doing what it did in `session`, and takes what it leaves without noise
-/// into the streams of `session`.
-fn clean(machine: &Machine, session: &mut Session, seed: u64) -> Result<Clean, DiagnoseError> {
     let mut quiet = machine.clone();
     for channel in &mut quiet.channels {
         channel.noise_std = 0.0;
     }
-    let told = &*session;
-    let noise = || {
-        (0..SIMULATIONS).into_par_iter().map(|k| {
-            let first = simulated(machine, machine, told, seed + k)?;
-            let again = simulated(machine, &quiet, &first, seed + SIMULATIONS)?;
-            Ok(beyond(first, &again))
+    let clean: Vec<Option<Vec<Session>>> = sessions
+        .iter()
+        .map(|session| {
+            (0..=SIMULATIONS)
+                .into_par_iter()
+                .map(|k| {
+                    let seed = seed + k;
+                    if k == SIMULATIONS {
+                        return simulated(machine, &quiet, session, seed).ok();
+                    }
+                    let mut first =
+                        simulated(machine, &alike(machine, seed), session, seed).ok()?;
+                    let again = simulated(machine, &quiet, &first, seed + SIMULATIONS).ok()?;
+                    for (first, again) in first.streams.iter_mut().zip(&again.streams) {
+                        for (r, told) in first.residual.iter_mut().zip(&again.residual) {
+                            *r -= told;
+                        }
+                    }
+                    home(&mut first.streams, first.signals.count);
+                    Some(first)
+                })
+                .collect()
         })
-    };
-    let without = || {
-        (0..=ALIKE).into_par_iter().map(|k| match k {
-            0 => simulated(machine, &quiet, told, seed),
-            k => simulated(machine, &alike(&quiet, seed + k), told, seed + k),
-        })
-    };
-    let (noise, quiet) = rayon::join(
-        || noise().collect::<Result<Vec<_>, DiagnoseError>>(),
-        || without().collect::<Result<Vec<_>, DiagnoseError>>(),
-    );
-    let mut quiet = quiet?.into_iter();
-    let described = quiet.next().ok_or(DiagnoseError::NoDrivetrain)?;
-    let alike = quiet.map(|alike| beyond(alike, &described)).collect();
-    for (stream, clean) in session.streams.iter_mut().zip(&described.streams) {
-        let known = |r: &f64| if r.is_finite() { *r } else { 0.0 };
-        stream.clean = clean.residual.iter().map(known).collect();
-    }
-    Ok(Clean {
-        noise: noise?,
-        alike,
-    })
-}
-
-/// What `session` leaves more than `other`, stream by stream.
-fn beyond(mut session: Session, other: &Session) -> Vec<Vec<f64>> {
-    for (stream, other) in session.streams.iter_mut().zip(&other.streams) {
-        for (r, told) in stream.residual.iter_mut().zip(&other.residual) {
-            *r -= told;
+        .collect();
+    for (session, clean) in sessions.iter_mut().zip(&clean) {
+        if let Some(last) = clean.as_ref().and_then(|c| c.last()) {
+            for (stream, clean) in session.streams.iter_mut().zip(&last.streams) {
+                let known = |r: &f64| if r.is_finite() { *r } else { 0.0 };
+                stream.clean = clean.residual.iter().map(known).collect();
+            }
         }
     }
-    home(&mut session.streams, session.signals.count);
-    session.streams.into_iter().map(|s| s.residual).collect()
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    (0..DRAWS)
+        .map(|_| {
+            sessions
+                .iter()
+                .zip(&clean)
+                .map(|(session, clean)| match clean {
+                    Some(clean) => {
+                        let alike = &clean[..SIMULATIONS as usize];
+                        drawn(session, &residuals(alike), &mut rng)
+                    }
+                    None => turned(session, &mut rng),
+                })
+                .collect()
+        })
+        .collect()
+}
+
+fn residuals(clean: &[Session]) -> Vec<Vec<Vec<f64>>> {
+    let of = |s: &Session| s.streams.iter().map(|k| k.residual.clone()).collect();
+    clean.iter().map(of).collect()
 }
 
 /// Each block from one of the simulations, `clean[simulation][stream]`, beside what the model
