@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::bins::{Bins, Sample, paired};
 use super::null::Draws;
-use super::observed::{Observed, common};
+use super::observed::{Abscissa, Observed, common};
 use super::rank::gumbel;
 use super::select::Selection;
 use crate::metrics::Autocorrelation;
@@ -125,10 +125,14 @@ pub fn structures<S: Observed>(
     let draws: Vec<Residuals> = (draws.par_iter())
         .map(|draw| beside_clean(sessions, draw))
         .collect();
+    let shafts: Vec<Turning> = (0..sessions[0].shafts().len())
+        .map(|number| Turning::of(sessions, number))
+        .collect();
+    let quantities = common(sessions);
     (0..streams)
         .into_par_iter()
         .map(|k| {
-            let measures = measures(sessions, k, &before);
+            let measures = measures(sessions, k, &shafts, &quantities, &before);
             let chance = FALSE_ALARM / (streams * measures.len()) as f64;
             Structure {
                 channel: sessions[0].name(k).to_owned(),
@@ -205,35 +209,37 @@ impl<'a> Measure<'a> {
 }
 
 /// The tests of stream `k`.
-fn measures<'a, S: Observed>(sessions: &'a [S], k: usize, before: &Residuals) -> Vec<Measure<'a>> {
+fn measures<'a, S: Observed>(
+    sessions: &'a [S],
+    k: usize,
+    shafts: &'a [Turning],
+    quantities: &'a [Vec<Abscissa<'a>>],
+    before: &Residuals,
+) -> Vec<Measure<'a>> {
     let mut all = vec![
         Measure::alone(Test::Bias, "", move |r| bias(sessions, r, k)),
         Measure::alone(Test::Colour, "", move |r| colour(r, k)),
     ];
-    for (number, shaft) in sessions[0].shafts().iter().enumerate() {
-        let (orders, waves): (Vec<usize>, _) = waves(sessions, number);
+    for shaft in shafts {
+        let of = |o: &usize| format!("{o} of {}", shaft.name);
         all.push(Measure {
             test: Test::Order,
-            with: orders
-                .iter()
-                .map(|o| format!("{o} of {}", shaft.name))
-                .collect(),
+            with: shaft.orders.iter().map(of).collect(),
             of: Box::new(move |r| {
-                let parts = orders_of(&waves, r, k);
-                orders.iter().map(|o| parts[o - 1]).collect()
+                let parts = orders_of(&shaft.waves, r, k);
+                shaft.orders.iter().map(|o| parts[o - 1]).collect()
             }),
         });
     }
-    for along in common(sessions) {
-        let quantity = along[0].quantity;
+    for along in quantities {
         let samples = move |r: &Residuals| -> Vec<Sample> {
-            (sessions.iter().zip(&along).zip(r))
+            (sessions.iter().zip(along).zip(r))
                 .flat_map(|((s, along), r)| paired(&along.values, &r[k], s.block()))
                 .collect()
         };
         if let Some(bins) = Bins::of(&samples(before)) {
             let takes = move |r: &Residuals| bins.takes(&samples(r)).max(0.0);
-            all.push(Measure::alone(Test::Over, quantity, takes));
+            all.push(Measure::alone(Test::Over, along[0].quantity, takes));
         }
     }
     let others: Vec<usize> = (0..before[0].len()).filter(|j| *j != k).collect();
@@ -287,19 +293,32 @@ fn wave(angle: &[f64]) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// The orders of shaft `number` that turn often enough to be told from a drift and are slow
-/// enough for the sampling, and its waves.
-fn waves<S: Observed>(sessions: &[S], number: usize) -> (Vec<usize>, Waves) {
-    let waves: Waves = (sessions.iter())
-        .map(|session| wave(&session.shafts()[number].angle))
-        .collect();
-    let steps = || waves.iter().flatten().map(|w| w[2]).filter(|w| *w > 0.0);
-    let (turned, samples): (f64, f64) = (steps().sum(), steps().count() as f64);
-    let orders = (1..=ORDERS)
-        .filter(|o| *o as f64 * turned >= PERIODS * TAU)
-        .filter(|o| *o as f64 * turned <= 0.8 * PI * samples)
-        .collect();
-    (orders, waves)
+/// A shaft as it turned in the sessions.
+struct Turning {
+    name: String,
+    /// Orders that turn often enough to be told from a drift and are slow enough for the sampling.
+    orders: Vec<usize>,
+    waves: Waves,
+}
+
+impl Turning {
+    /// Shaft `number` of `sessions`.
+    fn of<S: Observed>(sessions: &[S], number: usize) -> Self {
+        let waves: Waves = (sessions.iter())
+            .map(|session| wave(&session.shafts()[number].angle))
+            .collect();
+        let steps = || waves.iter().flatten().map(|w| w[2]).filter(|w| *w > 0.0);
+        let (turned, samples): (f64, f64) = (steps().sum(), steps().count() as f64);
+        let orders = (1..=ORDERS)
+            .filter(|o| *o as f64 * turned >= PERIODS * TAU)
+            .filter(|o| *o as f64 * turned <= 0.8 * PI * samples)
+            .collect();
+        Self {
+            name: sessions[0].shafts()[number].name.to_owned(),
+            orders,
+            waves,
+        }
+    }
 }
 
 /// The part of stream `k` in each order, from the first; over the angle, so that a standstill
