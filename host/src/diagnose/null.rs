@@ -12,8 +12,14 @@ use super::stream::Session;
 use crate::machine::Machine;
 use crate::simulate::{Scenario, Simulation};
 
-/// Simulations of the machine as described, on what the recording did.
+/// Simulations of the machine as described, on what the recording did, with other noise.
 const SIMULATIONS: u64 = 3;
+
+/// Machines that fit the description within what such figures are known to.
+const ALIKE: u64 = 3;
+
+/// Part to which the friction that a description has is known.
+const FRICTION_TOLERANCE: f64 = 0.05;
 
 /// Draws of the residuals.
 const DRAWS: u64 = 10;
@@ -21,75 +27,100 @@ const DRAWS: u64 = 10;
 /// Residuals without effect: `[draw][session][stream]`, samples as in the session.
 pub type Draws = Vec<Vec<Vec<Vec<f64>>>>;
 
-/// Draws residuals without effect: each block from one of a few clean
-/// simulations of machines like `machine` doing what it did in each session.
+/// What simulations of one recording without any effect leave, `[simulation][stream]`.
+struct Clean {
+    /// What noise leaves, and that what was done is only read off the recording.
+    noise: Vec<Vec<Vec<f64>>>,
+    /// What machines like the one described leave more than that one, without noise.
+    alike: Vec<Vec<Vec<f64>>>,
+}
+
+/// Draws residuals without effect: of clean simulations of `machine` doing what it did in each
+/// session what noise leaves, each block from another one, and over the whole of them what a
+/// machine leaves that differs from the description as little as such figures are known.
 ///
-/// One more, of the very `machine` without noise, is taken into the streams of
+/// What a simulation of the very `machine` without noise leaves is taken into the streams of
 /// `sessions`. What that does not tell of a clean recording, because what was
-/// done is only read off it, the draws have as well: each simulation is
+/// done is only read off it, the draws have as well: each simulation with noise is
 /// simulated again from what is read off it, and the difference drawn.
 ///
 /// Where that cannot be simulated, the blocks of the residual itself with
 /// signs at random: its size and colour stay, what it has to do with any
 /// signal is lost.
 pub fn draws(machine: &Machine, sessions: &mut [Session], seed: u64) -> Draws {
-    let mut quiet = machine.clone();
-    for channel in &mut quiet.channels {
-        channel.noise_std = 0.0;
-    }
-    let clean: Vec<Option<Vec<Session>>> = sessions
-        .iter()
-        .map(|session| {
-            (0..=SIMULATIONS)
-                .into_par_iter()
-                .map(|k| {
-                    let seed = seed + k;
-                    if k == SIMULATIONS {
-                        return simulated(machine, &quiet, session, seed).ok();
-                    }
-                    let mut first =
-                        simulated(machine, &alike(machine, seed), session, seed).ok()?;
-                    let again = simulated(machine, &quiet, &first, seed + SIMULATIONS).ok()?;
-                    for (first, again) in first.streams.iter_mut().zip(&again.streams) {
-                        for (r, told) in first.residual.iter_mut().zip(&again.residual) {
-                            *r -= told;
-                        }
-                    }
-                    home(&mut first.streams, first.signals.count);
-                    Some(first)
-                })
-                .collect()
-        })
+    let clean: Vec<Option<Clean>> = sessions
+        .iter_mut()
+        .map(|session| clean(machine, session, seed).ok())
         .collect();
-    for (session, clean) in sessions.iter_mut().zip(&clean) {
-        if let Some(last) = clean.as_ref().and_then(|c| c.last()) {
-            for (stream, clean) in session.streams.iter_mut().zip(&last.streams) {
-                let known = |r: &f64| if r.is_finite() { *r } else { 0.0 };
-                stream.clean = clean.residual.iter().map(known).collect();
-            }
-        }
-    }
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     (0..DRAWS)
-        .map(|_| {
-            sessions
-                .iter()
-                .zip(&clean)
-                .map(|(session, clean)| match clean {
-                    Some(clean) => {
-                        let alike = &clean[..SIMULATIONS as usize];
-                        drawn(session, &residuals(alike), &mut rng)
+        .map(|number| {
+            let like = (number % ALIKE) as usize;
+            let of = |(session, clean): (&Session, &Option<Clean>)| match clean {
+                Some(clean) => {
+                    let mut draw = drawn(session, &clean.noise, &mut rng);
+                    for (draw, alike) in draw.iter_mut().zip(&clean.alike[like]) {
+                        for (value, more) in draw.iter_mut().zip(alike) {
+                            *value += more;
+                        }
                     }
-                    None => turned(session, &mut rng),
-                })
-                .collect()
+                    draw
+                }
+                None => turned(session, &mut rng),
+            };
+            sessions.iter().zip(&clean).map(of).collect()
         })
         .collect()
 }
 
-fn residuals(clean: &[Session]) -> Vec<Vec<Vec<f64>>> {
-    let of = |s: &Session| s.streams.iter().map(|k| k.residual.clone()).collect();
-    clean.iter().map(of).collect()
+/// Simulates `machine` doing what it did in `session`, and takes what it leaves without noise
+/// into the streams of `session`.
+fn clean(machine: &Machine, session: &mut Session, seed: u64) -> Result<Clean, DiagnoseError> {
+    let told = &*session;
+    let exact = |of: &Machine| simulated(machine, of, told, |s| s.exact(), seed);
+    let noise = || {
+        (0..SIMULATIONS).into_par_iter().map(|k| {
+            let first = simulated(machine, machine, told, |s| s, seed + k)?;
+            let again = simulated(machine, machine, &first, |s| s.exact(), seed)?;
+            Ok(beyond(first, &again))
+        })
+    };
+    let alike = || {
+        (0..ALIKE)
+            .into_par_iter()
+            .map(|k| exact(&alike(machine, seed + k)))
+    };
+    let (described, (noise, alike)) = rayon::join(
+        || exact(machine),
+        || {
+            rayon::join(
+                || noise().collect::<Result<Vec<_>, DiagnoseError>>(),
+                || alike().collect::<Result<Vec<_>, DiagnoseError>>(),
+            )
+        },
+    );
+    let described = described?;
+    let alike = alike?.into_iter();
+    let alike = alike.map(|alike| beyond(alike, &described)).collect();
+    for (stream, clean) in session.streams.iter_mut().zip(&described.streams) {
+        let known = |r: &f64| if r.is_finite() { *r } else { 0.0 };
+        stream.clean = clean.residual.iter().map(known).collect();
+    }
+    Ok(Clean {
+        noise: noise?,
+        alike,
+    })
+}
+
+/// What `session` leaves more than `other`, stream by stream.
+fn beyond(mut session: Session, other: &Session) -> Vec<Vec<f64>> {
+    for (stream, other) in session.streams.iter_mut().zip(&other.streams) {
+        for (r, told) in stream.residual.iter_mut().zip(&other.residual) {
+            *r -= told;
+        }
+    }
+    home(&mut session.streams, session.signals.count);
+    session.streams.into_iter().map(|s| s.residual).collect()
 }
 
 /// Each block from one of the simulations, `clean[simulation][stream]`, beside what the model
@@ -153,6 +184,11 @@ fn alike(machine: &Machine, seed: u64) -> Machine {
     if let Some(drivetrain) = &mut machine.drivetrain {
         for inertia in &mut drivetrain.inertias {
             about(&mut inertia.moment_kg_m2, TOLERANCE);
+            if let Some(friction) = &mut inertia.friction {
+                about(&mut friction.coulomb_nm, FRICTION_TOLERANCE);
+                about(&mut friction.stribeck_nm, FRICTION_TOLERANCE);
+                about(&mut friction.load_part, FRICTION_TOLERANCE);
+            }
         }
         for shaft in &mut drivetrain.shafts {
             about(&mut shaft.stiffness_nm_per_rad, TOLERANCE);
@@ -162,16 +198,17 @@ fn alike(machine: &Machine, seed: u64) -> Machine {
     machine
 }
 
-/// What `described` makes of a clean simulation of `machine` on what `session` did.
+/// What `described` makes of a clean simulation of `machine` on what `session` did, by `sensors`.
 fn simulated(
     described: &Machine,
     machine: &Machine,
     session: &Session,
+    sensors: impl Fn(Simulation) -> Simulation,
     seed: u64,
 ) -> Result<Session, DiagnoseError> {
     let course = session.course.clone().ok_or(DiagnoseError::NoDrivetrain)?;
     let scenario = Scenario::recorded(course);
-    let simulation = Simulation::new(machine, &scenario, seed, None, &[])?;
+    let simulation = sensors(Simulation::new(machine, &scenario, seed, None, &[])?);
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("clean.parquet");
     simulation.write(&path, |_| ())?;

@@ -23,6 +23,9 @@ use crate::machine::{Machine, MachineError};
 /// Samples a second on which effects are judged.
 const RATE_HZ: f64 = 125.0;
 
+/// Inertia of a gear that a description has in its neighbours, part of the smaller one's.
+const GEAR: f64 = 0.01;
+
 /// Reads `path` as residuals of today's `machine`, given the torque that the
 /// references tell, or where there are none the gauges together; where these are too few, as
 /// the innovations of the filter.
@@ -222,18 +225,30 @@ fn shift_of_map(stream: &Stream) -> Option<(f64, f64)> {
     (square > 0.0).then(|| (product / square, square * stream.noise_std.powi(-2)))
 }
 
-/// How each residual changes with the stiffness and the damping of the shafts, which decide for
-/// how long a vibration stays in step with the simulated one, and with what vibrates at the start.
+/// How each residual changes with what of the chain is known only roughly: the stiffness and the
+/// damping of the shafts, which decide for how long a vibration stays in step with the simulated
+/// one, gears whose inertia the description has in their neighbours, and what vibrates at the start.
 fn known_roughly(streams: &mut [Stream], signals: &Signals) {
     let Some(response) = &signals.response else {
         return;
     };
     let driven = &response.driven;
-    let tolerances = driven.tolerances(&response.carried);
-    for change in tolerances.into_iter().chain(driven.beginnings()) {
+    let vibrations = driven
+        .tolerances(&response.carried)
+        .into_iter()
+        .chain(driven.beginnings());
+    let vibrations = vibrations.map(|mut change| {
+        for torque in &mut change.torque {
+            *torque = signals.fast(torque);
+        }
+        change
+    });
+    let shafts = 0..response.stiffness.len();
+    let gears = shafts.filter_map(|s| signals.with_gear(s, GEAR));
+    for change in vibrations.chain(gears) {
         for stream in streams.iter_mut() {
             let column = match (stream.kind, stream.shaft) {
-                (Kind::Strain, Some(s)) => product(&stream.map, &signals.fast(&change.torque[s])),
+                (Kind::Strain, Some(s)) => product(&stream.map, &change.torque[s]),
                 (Kind::Angle, _) => stream.along_twists(&change.twist),
                 _ => continue,
             };

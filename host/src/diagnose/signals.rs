@@ -99,6 +99,34 @@ impl Signals {
         x.iter().zip(slow).map(|(x, slow)| x - slow).collect()
     }
 
+    /// What the shafts do more with a gear in shaft `s` that has the moment `part` of the smaller
+    /// neighbour's, the torque of `s` being that behind it; none where the loads are not all known.
+    pub fn with_gear(&self, s: usize, part: f64) -> Option<Carried> {
+        let response = self.response.as_ref()?;
+        let moment = part * response.bodies[s].0.min(response.bodies[s + 1].0);
+        let mut with = response.driven.with_gear(s, part).carried();
+        // As one shaft, whose torque is that behind the gear.
+        with.torque.remove(s);
+        let before = with.twist.remove(s);
+        for (twist, before) in with.twist[s].iter_mut().zip(before) {
+            *twist += before;
+        }
+        let mut change = with.less(&response.carried);
+        // The slow part is what the loads of one side tell without the gear.
+        let sign = if response.side[s][s + 1] == 0.0 {
+            0.5
+        } else {
+            -0.5
+        };
+        for torque in &mut change.torque {
+            *torque = self.fast(torque);
+        }
+        for (torque, a) in change.torque[s].iter_mut().zip(&self.acceleration) {
+            *torque += sign * moment * a;
+        }
+        Some(change)
+    }
+
     /// What of a slow torque `brake` [N m referred] on inertia `body` is missing in the
     /// torque of each shaft as the loads of one side tell it [N m]; empty where nothing is.
     pub fn untold_torque(&self, body: usize, brake: &[f64]) -> Option<Vec<Vec<f64>>> {

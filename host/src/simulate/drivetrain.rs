@@ -43,6 +43,8 @@ pub struct TestBench {
     plant: Plant,
     housing: Housing,
     bending: Option<BendingLoad>,
+    /// Noise of references and thermometers, as a part of the usual.
+    noise: f64,
     rng: ChaCha8Rng,
     carrier: usize,
     /// What the index pulse latched since the last sample [counts].
@@ -163,6 +165,7 @@ impl Simulation {
             housing: Housing::new(rng.random_range(2.0..6.0)),
             bending: (drivetrain.bending)
                 .map(|described| BendingLoad::new(&described, dt, draw("bending").recording)),
+            noise: 1.0,
             rng,
             carrier: drivetrain
                 .carrier
@@ -181,6 +184,21 @@ impl Simulation {
             seed,
             duration_s,
         ))
+    }
+}
+
+impl Simulation {
+    /// The same by sensors without noise, encoders that count in parts, and without what bends
+    /// the machine at random.
+    pub(crate) fn exact(mut self) -> Self {
+        let bench = &mut self.sampled;
+        bench.noise = 0.0;
+        bench.bending = None;
+        for (gauge, _) in &mut bench.gauges {
+            gauge.noise_std = 0.0;
+        }
+        bench.encoders.iter_mut().for_each(Encoder::exact);
+        self
     }
 }
 
@@ -219,11 +237,11 @@ impl Sampled for TestBench {
             put(self.latched.take().unwrap_or(f64::NAN));
         }
         for flange in &self.references {
-            let noise = REFERENCE_NOISE * self.rng.sample::<f64, _>(StandardNormal);
+            let noise = self.noise * REFERENCE_NOISE * self.rng.sample::<f64, _>(StandardNormal);
             put(flange.read(bench.load(plant, flange.load) / flange.nominal + noise));
         }
         for unit in &self.temperatures {
-            let noise = TEMPERATURE_NOISE * self.rng.sample::<f64, _>(StandardNormal);
+            let noise = self.noise * TEMPERATURE_NOISE * self.rng.sample::<f64, _>(StandardNormal);
             let kelvin = rounded(self.housing.temperature + noise, TEMPERATURE_RESOLUTION);
             put(unit.from_si(kelvin));
         }

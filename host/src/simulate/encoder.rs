@@ -26,6 +26,8 @@ pub(super) struct Encoder {
     start: f64,
     modulus: f64,
     jitter: f64,
+    /// Whether it counts in whole numbers.
+    counts: bool,
     rng: ChaCha8Rng,
 }
 
@@ -51,8 +53,15 @@ impl Encoder {
             jitter: (noise * noise - QUANTISATION * QUANTISATION)
                 .max(0.0)
                 .sqrt(),
+            counts: true,
             rng,
         }
+    }
+
+    /// Without noise, and in parts of a count.
+    pub(super) fn exact(&mut self) {
+        self.counts = false;
+        self.jitter = 0.0;
     }
 
     /// The counter when the inertia stands at `angle`, referred [rad].
@@ -66,7 +75,10 @@ impl Encoder {
         if self.jitter > 0.0 {
             count += self.jitter * self.rng.sample::<f64, _>(StandardNormal);
         }
-        count.floor().rem_euclid(self.modulus)
+        if self.counts {
+            count = count.floor();
+        }
+        count.rem_euclid(self.modulus)
     }
 }
 

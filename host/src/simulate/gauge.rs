@@ -115,7 +115,8 @@ pub(super) struct Gauge {
     pub disturbances: Vec<Box<dyn Disturbance>>,
     /// In the order in which they act.
     pub faults: Vec<Box<dyn WordFault>>,
-    noise_std: f64,
+    /// Standard deviation of the noise [unit].
+    pub noise_std: f64,
     lsb: f64,
     zero: f64,
     lowest: f64,

@@ -21,7 +21,7 @@ pub trait Sampled {
 
 /// A recording in the making: an iterator over its blocks.
 pub struct Recorder<S> {
-    sampled: S,
+    pub(super) sampled: S,
     columns: Vec<OutputColumn>,
     /// What a file says about itself.
     metadata: Vec<(&'static str, String)>,

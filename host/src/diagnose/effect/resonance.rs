@@ -47,33 +47,8 @@ impl Effect for Resonance {
             .collect()
     }
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
-        let signals = &session.signals;
-        let Some(response) = &signals.response else {
-            return Vec::new();
-        };
-        let (s, part) = (shape[0] as usize, shape[1]);
-        let moment = part * response.bodies[s].0.min(response.bodies[s + 1].0);
-        let mut with = response.driven.with_gear(s, part).carried();
-        // As one shaft, whose torque is that behind the gear.
-        with.torque.remove(s);
-        let before = with.twist.remove(s);
-        for (twist, before) in with.twist[s].iter_mut().zip(before) {
-            *twist += before;
-        }
-        let mut change = with.less(&response.carried);
-        // The slow part is what the loads of one side tell without the gear.
-        let sign = if response.side[s][s + 1] == 0.0 {
-            0.5
-        } else {
-            -0.5
-        };
-        for torque in &mut change.torque {
-            *torque = signals.fast(torque);
-        }
-        for (torque, a) in change.torque[s].iter_mut().zip(&signals.acceleration) {
-            *torque += sign * moment * a;
-        }
-        vec![Term::Chain(change)]
+        let change = session.signals.with_gear(shape[0] as usize, shape[1]);
+        change.map(Term::Chain).into_iter().collect()
     }
     /// What vibrates a little faster is soon out of step.
     fn form(&self, _: &Session) -> f64 {
