@@ -101,10 +101,16 @@ fn clean(machine: &Machine, session: &mut Session, seed: u64) -> Result<Clean, D
     );
     let described = described?;
     let alike = alike?.into_iter();
-    let alike = alike.map(|alike| beyond(alike, &described)).collect();
+    let alike = alike
+        .map(|mut alike| {
+            for stream in &mut alike.streams {
+                stream.residual = held(&stream.residual);
+            }
+            beyond(alike, &described)
+        })
+        .collect();
     for (stream, clean) in session.streams.iter_mut().zip(&described.streams) {
-        let known = |r: &f64| if r.is_finite() { *r } else { 0.0 };
-        stream.clean = clean.residual.iter().map(known).collect();
+        stream.clean = held(&clean.residual);
     }
     Ok(Clean {
         noise: noise?,
@@ -112,15 +118,28 @@ fn clean(machine: &Machine, session: &mut Session, seed: u64) -> Result<Clean, D
     })
 }
 
-/// What `session` leaves more than `other`, stream by stream.
+/// What `session` leaves more than `other`, which is without noise, stream by stream.
 fn beyond(mut session: Session, other: &Session) -> Vec<Vec<f64>> {
     for (stream, other) in session.streams.iter_mut().zip(&other.streams) {
-        for (r, told) in stream.residual.iter_mut().zip(&other.residual) {
+        for (r, told) in stream.residual.iter_mut().zip(held(&other.residual)) {
             *r -= told;
         }
     }
     home(&mut session.streams, session.signals.count);
     session.streams.into_iter().map(|s| s.residual).collect()
+}
+
+/// `residual` with the value before where there is none: without noise, what stands still repeats
+/// its word, and is taken for a sensor that is stuck.
+fn held(residual: &[f64]) -> Vec<f64> {
+    let mut last = 0.0;
+    let hold = |r: &f64| {
+        if r.is_finite() {
+            last = *r;
+        }
+        last
+    };
+    residual.iter().map(hold).collect()
 }
 
 /// Each block from one of the simulations, `clean[simulation][stream]`, beside what the model

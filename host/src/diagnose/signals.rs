@@ -160,11 +160,13 @@ impl Signals {
             carried += r.bodies[i].0 / total * brake[0] - own;
             x[1 + i] = carried / stiffness;
         }
-        for f in brake {
+        // Over each step the mean of its ends: what is held from its start comes half a step late.
+        let ends = brake.iter().zip(brake[1..].iter().chain(brake.last()));
+        for (start, end) in ends {
             for (row, torque) in r.shafts.iter().zip(&mut torques) {
                 torque.push(row.iter().zip(&x).map(|(c, x)| c * x).sum());
             }
-            let u = -f / r.bodies[body].1;
+            let u = -0.5 * (start + end) / r.bodies[body].1;
             for (i, slot) in next.iter_mut().enumerate() {
                 let mut sum = r.transition[(i, column)] * u;
                 for (j, x) in x.iter().enumerate() {
