@@ -4,7 +4,7 @@
 use std::cmp::Ordering;
 
 use super::columns::{base_columns, columns};
-use super::effect::{Coupling, Effect};
+use super::effect::Effect;
 use super::fit::Data;
 use super::forms::Forms;
 use super::null::Draws;
@@ -23,10 +23,8 @@ const SAME_BESIDE: f64 = 0.05;
 /// what a simulated clean machine leaves is not known better.
 const MATERIAL: f64 = 0.05;
 
-/// The same, given the torque by references, of an effect of gauges by themselves, without a shape
-/// to choose, with more than `SURE` times the evidence that chance reaches: vibrations, which are
-/// known least, act through the drivetrain, and a shape (an instant, a frequency) finds where a
-/// clean machine is known least.
+/// The same, given the torque by references, with more than `SURE` times the evidence that chance
+/// reaches.
 const MATERIAL_OF_SURE: f64 = 0.01;
 const SURE: f64 = 3.0;
 
@@ -222,17 +220,15 @@ fn refit_newest<S: Observed>(sessions: &[S], found: &mut [Found<S>]) {
 
 /// Whether a candidate explains a part of some residual that is worth a name.
 fn is_material<S: Observed>(data: &Data, sessions: &[S], candidate: &Ranked<S>) -> bool {
-    let (effect, evidence) = (candidate.effect, candidate.trial.score);
-    let by_itself = effect.coupling() == Coupling::Own && effect.shape().is_empty();
-    let referred = sessions.iter().all(Observed::is_referred);
-    let least = if is_latent(sessions, effect) {
+    let trial = &candidate.trial;
+    let sure = trial.score > SURE * candidate.threshold;
+    let least = if is_latent(sessions, candidate.effect) {
         MATERIAL_OF_LATENT
-    } else if by_itself && referred && evidence > SURE * candidate.threshold {
+    } else if sure && sessions.iter().all(Observed::is_referred) {
         MATERIAL_OF_SURE
     } else {
         MATERIAL
     };
-    let trial = &candidate.trial;
     let gains = trial.streams.iter().zip(&trial.overdispersion);
     gains
         .enumerate()
@@ -277,10 +273,19 @@ fn says_the_same<S: Observed>(
     };
     let part = if found.is_empty() { SAME } else { SAME_BESIDE };
     match other.count().cmp(&best.count()) {
+        Ordering::Less if is_silent(data, best, other) => false,
         Ordering::Less => gap < LEAST || explained(best) < (1.0 + part) * explained(other),
         Ordering::Equal => gap < same(best.trial.score),
         Ordering::Greater => false,
     }
+}
+
+/// Whether `other` explains nothing of a residual of which `best` explains more than it leaves.
+fn is_silent<S: Observed>(data: &Data, best: &Ranked<S>, other: &Ranked<S>) -> bool {
+    let gains = best.trial.streams.iter().zip(&other.trial.streams);
+    gains.enumerate().any(|(k, (of_best, of_other))| {
+        *of_other <= 0.0 && *of_best > LEAST && data.squares(k, *of_best) > data.independent(k)
+    })
 }
 
 /// Whether all that tells the two apart did not happen in the recordings: friction that builds

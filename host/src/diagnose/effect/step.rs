@@ -6,14 +6,18 @@ use crate::diagnose::stream::{Session, Term};
 /// Moments that are tried first.
 const MOMENTS: usize = 60;
 
+/// Part of the squares of the torque that there must be before and after a moment for a gain: at
+/// rest a reading is what the references' noise makes of it, and its gain that of noise.
+const LOADED: f64 = 0.01;
+
 /// A change of a channel that stays from a moment on.
 pub struct Sudden {
     name: &'static str,
     about: &'static str,
     experiment: &'static str,
     size: &'static [Linear],
-    /// What changes by 0 before the moment and by 1 after it.
-    term: fn(Vec<f64>) -> Term,
+    /// What changes after the moment.
+    term: fn(&Session, f64) -> Term,
     /// Takes its size into a gauge, as it is since then.
     mend: fn(&mut GaugeModel, f64),
 }
@@ -27,7 +31,7 @@ pub const STEP: Sudden = Sudden {
         name: "part of full scale",
         prior_std: 0.3,
     }],
-    term: Term::Zero,
+    term: |session, moment| Term::Zero(after(session, moment)),
     mend: |gauge, size| gauge.offset += size * gauge.full_scale,
 };
 
@@ -40,7 +44,7 @@ pub const DEBONDING: Sudden = Sudden {
         name: "part of the reading",
         prior_std: 0.3,
     }],
-    term: Term::Gain,
+    term: |session, moment| Term::Gain(after_under_load(session, moment)),
     mend: |gauge, size| gauge.map.iter_mut().for_each(|m| *m *= 1.0 + size),
 };
 
@@ -71,7 +75,7 @@ impl Effect for Sudden {
         false
     }
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
-        vec![(self.term)(after(session, shape[0]))]
+        vec![(self.term)(session, shape[0])]
     }
     fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
         (self.mend)(gauge, parameters[0]);
@@ -93,6 +97,21 @@ fn moments(session: &Session) -> Vec<Vec<f64>> {
     each(&values)
 }
 
+/// 0 before the moment, 1 after it; 0 all through where one side is without load.
+fn after_under_load(session: &Session, moment: f64) -> Vec<f64> {
+    let mut after = after(session, moment);
+    let squares = |weights: &dyn Fn(&f64) -> f64| -> f64 {
+        let level = session.signals.level.iter();
+        level.zip(&after).map(|(l, a)| weights(a) * l * l).sum()
+    };
+    let (before, behind) = (squares(&|a| 1.0 - a), squares(&|a| *a));
+    if before.min(behind) < LOADED * (before + behind) {
+        after.fill(0.0);
+    }
+    after
+}
+
+/// 0 before the moment, 1 after it.
 fn after(session: &Session, moment: f64) -> Vec<f64> {
     let t = &session.signals.t;
     t.iter()
