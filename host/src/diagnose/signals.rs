@@ -221,6 +221,11 @@ pub fn moving_mean(x: &[f64], width: usize) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::chain::shaft_rows;
+    use crate::gearbox::Torsion;
+    use crate::machine::{Inertia, Machine};
+    use std::f64::consts::TAU;
+    use std::path::Path;
 
     #[test]
     fn a_line_stays_a_line_under_smoothing() {
@@ -229,5 +234,69 @@ mod tests {
         for i in 10..90 {
             assert!((smoothed[i] - line[i]).abs() < 1e-9);
         }
+    }
+
+    /// By hand, two masses: a torque `f` on the second twists the shaft by
+    /// `f / J2 / ((k + j w c) (1 / J1 + 1 / J2) - w^2)`. In step with that, as held samples are not.
+    #[test]
+    fn a_vibrating_torque_twists_the_shaft_in_step() {
+        const PERIOD: usize = 25;
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/gearbox/machine.toml");
+        let drivetrain = Machine::load(&path).unwrap().drivetrain.unwrap();
+        let torsion = Torsion::new(&drivetrain);
+        let dt_s = 0.008;
+        let inertias = &drivetrain.inertias;
+        let moment: Vec<f64> = inertias.iter().map(Inertia::referred_moment).collect();
+        let signals = Signals {
+            smoothing: PERIOD,
+            response: Some(Response {
+                driven: Driven {
+                    drivetrain: drivetrain.clone(),
+                    outside: Vec::new(),
+                    speed: Vec::new(),
+                    dt_s,
+                    play: Vec::new(),
+                    encoders: Vec::new(),
+                },
+                carried: Carried::default(),
+                transition: torsion.discretised(dt_s),
+                first_drive: torsion.states() + drivetrain.loads.len(),
+                shafts: shaft_rows(&torsion, &drivetrain),
+                stiffness: torsion.referred_stiffness().collect(),
+                bodies: inertias
+                    .iter()
+                    .map(|i| (i.referred_moment(), i.speed_ratio))
+                    .collect(),
+                side: vec![vec![0.0; 2]],
+            }),
+            ..Signals::default()
+        };
+        let phase = |i: usize| TAU * i as f64 / PERIOD as f64;
+        let brake: Vec<f64> = (0..80 * PERIOD).map(|i| phase(i).cos()).collect();
+        let torque = &signals.unexplained_torque(1, &brake).unwrap()[0];
+        let settled = 70 * PERIOD..75 * PERIOD;
+        let along = |wave: fn(f64) -> f64| -> f64 {
+            let of = |i: usize| torque[i] * wave(phase(i));
+            2.0 / (5 * PERIOD) as f64 * settled.clone().map(of).sum::<f64>()
+        };
+        let (real, imaginary) = (along(f64::cos), -along(f64::sin));
+
+        let w = TAU / (PERIOD as f64 * dt_s);
+        let (k, c) = (torsion.referred_stiffness().next().unwrap(), {
+            let shaft = &drivetrain.shafts[0];
+            shaft.damping_nm_s_per_rad * shaft.speed_ratio.powi(2)
+        });
+        let lighter = 1.0 / moment[0] + 1.0 / moment[1];
+        let elastic = (k, w * c);
+        let below = (k * lighter - w * w, w * c * lighter);
+        let square = below.0 * below.0 + below.1 * below.1;
+        let expected = (
+            (elastic.0 * below.0 + elastic.1 * below.1) / square / moment[1],
+            (elastic.1 * below.0 - elastic.0 * below.1) / square / moment[1],
+        );
+        let turned = imaginary.atan2(real) - expected.1.atan2(expected.0);
+        assert!(turned.abs() < 0.01, "{turned} rad");
+        let larger = real.hypot(imaginary) / expected.0.hypot(expected.1);
+        assert!((larger - 1.0).abs() < 0.02, "{larger}");
     }
 }
