@@ -77,21 +77,20 @@ pub fn draws(machine: &Machine, sessions: &mut [Session], seed: u64) -> Draws {
 /// into the streams of `session`.
 fn clean(machine: &Machine, session: &mut Session, seed: u64) -> Result<Clean, DiagnoseError> {
     let told = &*session;
-    let exact = |of: &Machine| simulated(machine, of, told, |s| s.exact(), seed);
     let noise = || {
         (0..SIMULATIONS).into_par_iter().map(|k| {
             let first = simulated(machine, machine, told, |s| s, seed + k)?;
-            let again = simulated(machine, machine, &first, |s| s.exact(), seed)?;
+            let again = exact(machine, machine, &first, seed)?;
             Ok(beyond(first, &again))
         })
     };
     let alike = || {
         (0..ALIKE)
             .into_par_iter()
-            .map(|k| exact(&alike(machine, seed + k)))
+            .map(|k| exact(machine, &alike(machine, seed + k), told, seed))
     };
     let (described, (noise, alike)) = rayon::join(
-        || exact(machine),
+        || exact(machine, machine, told, seed),
         || {
             rayon::join(
                 || noise().collect::<Result<Vec<_>, DiagnoseError>>(),
@@ -101,16 +100,9 @@ fn clean(machine: &Machine, session: &mut Session, seed: u64) -> Result<Clean, D
     );
     let described = described?;
     let alike = alike?.into_iter();
-    let alike = alike
-        .map(|mut alike| {
-            for stream in &mut alike.streams {
-                stream.residual = held(&stream.residual);
-            }
-            beyond(alike, &described)
-        })
-        .collect();
-    for (stream, clean) in session.streams.iter_mut().zip(&described.streams) {
-        stream.clean = held(&clean.residual);
+    let alike = alike.map(|alike| beyond(alike, &described)).collect();
+    for (stream, clean) in session.streams.iter_mut().zip(described.streams) {
+        stream.clean = clean.residual;
     }
     Ok(Clean {
         noise: noise?,
@@ -118,28 +110,15 @@ fn clean(machine: &Machine, session: &mut Session, seed: u64) -> Result<Clean, D
     })
 }
 
-/// What `session` leaves more than `other`, which is without noise, stream by stream.
+/// What `session` leaves more than `other`, stream by stream.
 fn beyond(mut session: Session, other: &Session) -> Vec<Vec<f64>> {
     for (stream, other) in session.streams.iter_mut().zip(&other.streams) {
-        for (r, told) in stream.residual.iter_mut().zip(held(&other.residual)) {
+        for (r, told) in stream.residual.iter_mut().zip(&other.residual) {
             *r -= told;
         }
     }
     home(&mut session.streams, session.signals.count);
     session.streams.into_iter().map(|s| s.residual).collect()
-}
-
-/// `residual` with the value before where there is none: without noise, what stands still repeats
-/// its word, and is taken for a sensor that is stuck.
-fn held(residual: &[f64]) -> Vec<f64> {
-    let mut last = 0.0;
-    let hold = |r: &f64| {
-        if r.is_finite() {
-            last = *r;
-        }
-        last
-    };
-    residual.iter().map(hold).collect()
 }
 
 /// Each block from one of the simulations, `clean[simulation][stream]`, beside what the model
@@ -215,6 +194,27 @@ fn alike(machine: &Machine, seed: u64) -> Machine {
         }
     }
     machine
+}
+
+/// As [`simulated`] by sensors without noise: what stands still repeats its word then and is taken
+/// for stuck, but reads what it read before.
+fn exact(
+    described: &Machine,
+    machine: &Machine,
+    session: &Session,
+    seed: u64,
+) -> Result<Session, DiagnoseError> {
+    let mut clean = simulated(described, machine, session, Simulation::exact, seed)?;
+    for stream in &mut clean.streams {
+        let mut last = 0.0;
+        for r in &mut stream.residual {
+            if r.is_finite() {
+                last = *r;
+            }
+            *r = last;
+        }
+    }
+    Ok(clean)
 }
 
 /// What `described` makes of a clean simulation of `machine` on what `session` did, by `sensors`.

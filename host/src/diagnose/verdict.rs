@@ -10,6 +10,7 @@ use super::innovations::Innovations;
 use super::null::Draws;
 use super::observed::Observed;
 use super::oddity::Oddity;
+use super::rank::mean_and_spread;
 use super::select::{Found, Selection};
 use super::spread::spreads;
 use super::structure::{Structure, Test, Tested};
@@ -98,19 +99,20 @@ fn unexplained<S: Observed>(sessions: &[S], oddities: &[Oddity], draws: &Draws) 
     let samples: f64 = sessions.iter().map(|s| s.speed().len() as f64).sum();
     let weight = |k: usize| {
         let n = samples / sessions[0].inflation(k);
-        // What a mean square differs by from draw to draw, at least that of white noise.
-        let values: Vec<f64> = draws
-            .iter()
-            .map(|draw| {
-                let all: Vec<f64> = draw.iter().flat_map(|s| s[k].iter().copied()).collect();
-                let known = all.iter().filter(|v| v.is_finite());
-                known.clone().map(|v| v * v).sum::<f64>() / known.count().max(1) as f64
-            })
-            .collect();
-        let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
-        let spread = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>()
-            / values.len().saturating_sub(1).max(1) as f64;
-        (spread.sqrt() / mean.max(1e-300))
+        // What a mean square differs by from draw to draw, and, as draws share blocks, from block to
+        // block of a draw; at least that of white noise.
+        let (mut of_draws, mut of_blocks) = (Vec::new(), Vec::new());
+        for draw in draws {
+            let blocks: Vec<f64> = (sessions.iter().zip(draw))
+                .flat_map(|(session, d)| d[k].chunks(session.block()))
+                .filter_map(mean_square)
+                .collect();
+            let (mean, spread) = mean_and_spread(&blocks);
+            of_draws.push(mean);
+            of_blocks.push(spread / (blocks.len().max(1) as f64).sqrt());
+        }
+        let (mean, spread) = mean_and_spread(&of_draws);
+        (spread.max(mean_and_spread(&of_blocks).0) / mean.max(1e-300))
             .max((2.0 / n).sqrt())
             .max(ROUGHLY)
     };
@@ -121,6 +123,13 @@ fn unexplained<S: Observed>(sessions: &[S], oddities: &[Oddity], draws: &Draws) 
         largest = largest.max((oddity.after - 1.0) / weight(k));
     }
     largest > EXCESS && after > (1.0 - EXPLAINED) * before
+}
+
+/// Mean square of what is known; none where nothing is.
+fn mean_square(x: &[f64]) -> Option<f64> {
+    let known = x.iter().filter(|v| v.is_finite());
+    let count = known.clone().count();
+    (count > 0).then(|| known.map(|v| v * v).sum::<f64>() / count as f64)
 }
 
 /// Whether some residual goes with an order or a quantity, by more than how well a clean machine

@@ -97,18 +97,23 @@ fn moments(session: &Session) -> Vec<Vec<f64>> {
     each(&values)
 }
 
-/// 0 before the moment, 1 after it; 0 all through where one side is without load.
+/// As [`after`], but 0 all through where one side of the moment is without load.
 fn after_under_load(session: &Session, moment: f64) -> Vec<f64> {
     let mut after = after(session, moment);
-    let squares = |weights: &dyn Fn(&f64) -> f64| -> f64 {
-        let level = session.signals.level.iter();
-        level.zip(&after).map(|(l, a)| weights(a) * l * l).sum()
-    };
-    let (before, behind) = (squares(&|a| 1.0 - a), squares(&|a| *a));
-    if before.min(behind) < LOADED * (before + behind) {
+    if !is_loaded(&session.signals.level, &after) {
         after.fill(0.0);
     }
     after
+}
+
+/// Whether there is a torque both where `after` is 0 and where it is 1.
+fn is_loaded(level: &[f64], after: &[f64]) -> bool {
+    let squares = |weight: fn(f64) -> f64| -> f64 {
+        let pairs = level.iter().zip(after);
+        pairs.map(|(l, a)| weight(*a) * l * l).sum()
+    };
+    let (before, behind) = (squares(|a| 1.0 - a), squares(|a| a));
+    before.min(behind) >= LOADED * (before + behind)
 }
 
 /// 0 before the moment, 1 after it.
@@ -117,4 +122,22 @@ fn after(session: &Session, moment: f64) -> Vec<f64> {
     t.iter()
         .map(|t| f64::from(u8::from(*t >= moment)))
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gain_wants_load_before_and_after_its_moment() {
+        // Half a run under load, then rest, where noise is all there is.
+        let level: Vec<f64> = (0..100).map(|i| if i < 50 { 1.0 } else { 0.001 }).collect();
+        let from = |moment: usize| -> Vec<f64> {
+            let part = |i: usize| f64::from(u8::from(i >= moment));
+            (0..100).map(part).collect()
+        };
+        assert!(is_loaded(&level, &from(25)));
+        assert!(!is_loaded(&level, &from(60)));
+        assert!(!is_loaded(&level, &from(0)));
+    }
 }
