@@ -162,19 +162,22 @@ impl Session {
         }
     }
 
-    /// Takes out of each strain what stands where its map is so steep that the
-    /// count of the encoder decides on the reading, and so slow that it does not
-    /// change: there it errs alike for as long as the machine rests.
+    /// Takes out what stands where the machine rests, of a strain whose map is so steep that the
+    /// count of the encoder decides on the reading, and of an angle, where it moves at all: there
+    /// both err alike for as long as the machine rests.
     pub(super) fn forget_coarse_angles(&mut self) {
         let signals = &self.signals;
-        for stream in self.streams.iter_mut().filter(|s| s.over_angle()) {
-            let Stream {
-                residual, slope, ..
-            } = stream;
-            for ((r, slope), w) in residual.iter_mut().zip(slope).zip(&signals.speed) {
-                let rests = w.abs() * signals.dt_s < signals.count;
-                if rests && slope.abs() * signals.count > stream.noise_std {
-                    *r = f64::NAN;
+        let rests = |w: &f64| w.abs() * signals.dt_s < signals.count;
+        let moves = !signals.speed.iter().all(rests);
+        for stream in &mut self.streams {
+            let steep = stream.over_angle();
+            let is_coarse = |i: usize| match stream.kind {
+                Kind::Angle => moves,
+                _ => steep && stream.slope[i].abs() * signals.count > stream.noise_std,
+            };
+            for (i, w) in signals.speed.iter().enumerate() {
+                if rests(w) && is_coarse(i) {
+                    stream.residual[i] = f64::NAN;
                 }
             }
         }
