@@ -1,6 +1,7 @@
 //! Recordings that say too little, or contradict themselves.
 
 use super::signals::Signals;
+use super::statistics::mean_square;
 use super::stream::{Kind, Session, Stream};
 
 /// Shortest recording that is judged [s].
@@ -45,7 +46,7 @@ fn apart(session: &Session) -> Option<String> {
 fn unbalanced(session: &Session) -> Option<String> {
     let nominal = session.signals.nominal_torque;
     let balance = session.streams.iter().find(|s| s.kind == Kind::Balance)?;
-    let left = mean_square(balance).sqrt() / nominal;
+    let left = mean_square(&balance.residual)?.sqrt() / nominal;
     (left > UNBALANCED).then(|| {
         format!(
             "the loads leave {:.0} % of nominal torque that neither inertias nor drag take; sign, direction or scale of a reference load contradict the description",
@@ -84,9 +85,4 @@ fn reads_opposite(stream: &Stream) -> bool {
     }
     // Ten standard deviations of `a`.
     -product > 10.0 * stream.noise_std * square.sqrt()
-}
-
-fn mean_square(stream: &Stream) -> f64 {
-    let known = stream.residual.iter().filter(|r| r.is_finite());
-    known.clone().map(|r| r * r).sum::<f64>() / known.count().max(1) as f64
 }

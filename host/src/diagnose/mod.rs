@@ -40,6 +40,7 @@ mod shape;
 mod shared;
 mod signals;
 mod spread;
+mod statistics;
 mod stream;
 mod structure;
 mod sums;

@@ -8,6 +8,7 @@ use super::DiagnoseError;
 use super::chain::{DAMPING_TOLERANCE, TOLERANCE};
 use super::observe::{home, observe_given};
 use super::observed::Observed;
+use super::statistics::mean;
 use super::stream::Session;
 use crate::machine::Machine;
 use crate::simulate::{Scenario, Simulation};
@@ -153,7 +154,7 @@ fn turned(session: &Session, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
     let choice: Vec<bool> = (0..n.div_ceil(block)).map(|_| rng.random()).collect();
     (session.streams.iter())
         .map(|stream| {
-            let mean = mean(&stream.residual);
+            let mean = mean(stream.residual.iter().copied());
             let about = |(i, r): (usize, &f64)| {
                 if choice[i / block] {
                     r - mean
@@ -164,14 +165,6 @@ fn turned(session: &Session, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
             stream.residual.iter().enumerate().map(about).collect()
         })
         .collect()
-}
-
-fn mean(x: &[f64]) -> f64 {
-    let (sum, n) = x
-        .iter()
-        .filter(|v| v.is_finite())
-        .fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
-    if n > 0.0 { sum / n } else { 0.0 }
 }
 
 /// A machine that fits the description within what such figures are known to.
@@ -234,7 +227,7 @@ fn simulated(
     let mut clean = observe_given(described, &path, session.told)?;
     // Zeros differ from recording to recording; a block is not to tell from which it is.
     for stream in &mut clean.streams {
-        let mean = mean(&stream.residual);
+        let mean = mean(stream.residual.iter().copied());
         stream.residual.iter_mut().for_each(|r| *r -= mean);
     }
     Ok(clean)

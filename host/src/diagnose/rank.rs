@@ -7,6 +7,7 @@ use super::effect::Effect;
 use super::fit::{Base, Data, Trial};
 use super::observed::Observed;
 use super::shape::best_shape;
+use super::statistics::gumbel;
 use super::stream::{Columns, Session};
 
 /// Chance of an effect being named where there is none, over all candidates.
@@ -187,25 +188,6 @@ fn charge<S: Observed>(effect: &dyn Effect<S>, sessions: &[S], trial: &mut Trial
         trial.score = 0.5 * (trial.score - cost);
         trial.tempered = 0.5 * (trial.tempered - cost);
     }
-}
-
-/// The value that an extreme-value distribution with the draws' mean and
-/// standard deviation exceeds with `probability`.
-pub(super) fn gumbel(draws: &[f64], probability: f64) -> f64 {
-    if draws.len() < 2 {
-        return 0.0;
-    }
-    let (mean, spread) = mean_and_spread(draws);
-    let width = spread * 6.0_f64.sqrt() / std::f64::consts::PI;
-    mean - 0.577_2 * width - width * (-(1.0 - probability).ln()).ln()
-}
-
-/// Mean and standard deviation.
-pub(super) fn mean_and_spread(x: &[f64]) -> (f64, f64) {
-    let n = x.len();
-    let mean = x.iter().sum::<f64>() / n.max(1) as f64;
-    let squares = x.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
-    (mean, (squares / n.saturating_sub(1).max(1) as f64).sqrt())
 }
 
 /// Refines the shapes of the best candidates by a pattern search; draws without

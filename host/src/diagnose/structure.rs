@@ -9,8 +9,8 @@ use serde::Serialize;
 use super::bins::{Bins, Sample, paired};
 use super::null::Draws;
 use super::observed::{Abscissa, Observed, common};
-use super::rank::gumbel;
 use super::select::Selection;
+use super::statistics::{gumbel, mean};
 use crate::metrics::Autocorrelation;
 
 /// Chance that any test of any residual of a clean machine stands out.
@@ -252,14 +252,6 @@ fn measures<'a, S: Observed>(
         of: Box::new(move |r| others.iter().map(|j| correlation(r, k, *j)).collect()),
     });
     all
-}
-
-/// Mean of what is finite.
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, n) = values
-        .filter(|v| v.is_finite())
-        .fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
-    sum / n
 }
 
 fn bias<S: Observed>(sessions: &[S], residuals: &Residuals, k: usize) -> f64 {

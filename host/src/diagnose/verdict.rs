@@ -10,9 +10,9 @@ use super::innovations::Innovations;
 use super::null::Draws;
 use super::observed::Observed;
 use super::oddity::Oddity;
-use super::rank::mean_and_spread;
 use super::select::{Found, Selection};
 use super::spread::spreads;
+use super::statistics::{mean_and_spread, mean_square};
 use super::structure::{Structure, Test, Tested};
 use crate::machine::Machine;
 use crate::replay::ReplayError;
@@ -123,13 +123,6 @@ fn unexplained<S: Observed>(sessions: &[S], oddities: &[Oddity], draws: &Draws) 
         largest = largest.max((oddity.after - 1.0) / weight(k));
     }
     largest > EXCESS && after > (1.0 - EXPLAINED) * before
-}
-
-/// Mean square of what is known; none where nothing is.
-fn mean_square(x: &[f64]) -> Option<f64> {
-    let known = x.iter().filter(|v| v.is_finite());
-    let count = known.clone().count();
-    (count > 0).then(|| known.map(|v| v * v).sum::<f64>() / count as f64)
 }
 
 /// Whether some residual goes with an order or a quantity, by more than how well a clean machine

@@ -185,9 +185,7 @@ impl Simulation {
             duration_s,
         ))
     }
-}
 
-impl Simulation {
     /// The same by sensors without noise, encoders that count in parts, and without what bends
     /// the machine at random.
     pub(crate) fn exact(mut self) -> Self {
