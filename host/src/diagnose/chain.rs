@@ -173,6 +173,16 @@ impl Driven {
 }
 
 impl Carried {
+    /// The two halves of shaft `s` before and behind a gear as one shaft, whose torque is that behind.
+    pub(super) fn behind_the_gear(mut self, s: usize) -> Self {
+        self.torque.remove(s);
+        let before = self.twist.remove(s);
+        for (twist, before) in self.twist[s].iter_mut().zip(before) {
+            *twist += before;
+        }
+        self
+    }
+
     /// The difference of the two.
     pub fn less(&self, other: &Self) -> Self {
         let difference = |a: &[Vec<f64>], b: &[Vec<f64>]| {

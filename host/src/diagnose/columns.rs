@@ -10,9 +10,9 @@ pub(super) fn joined<S>(sessions: &[S], of: impl Fn(&S) -> Vec<f64>) -> Vec<f64>
     sessions.iter().flat_map(of).collect()
 }
 
-/// Nuisances, and each effect found with parameters free in each stream.
-pub(super) fn base_columns<S: Observed>(sessions: &[S], found: &[Found<S>]) -> Vec<Vec<Prior>> {
-    let mut base: Vec<Vec<Prior>> = (0..sessions[0].streams().len())
+/// Nuisances of each stream, after them those that go with each effect found.
+pub(super) fn nuisances<S: Observed>(sessions: &[S], found: &[Found<S>]) -> Vec<Vec<Prior>> {
+    let mut nuisances: Vec<Vec<Prior>> = (0..sessions[0].streams().len())
         .map(|k| {
             let per_session: Vec<Vec<Prior>> = sessions.iter().map(|s| s.nuisances(k)).collect();
             (0..per_session[0].len())
@@ -26,6 +26,38 @@ pub(super) fn base_columns<S: Observed>(sessions: &[S], found: &[Found<S>]) -> V
                 .collect()
         })
         .collect();
+    for f in found {
+        let of_effect = nuisances_of(sessions, f.effect, &f.shape);
+        for (own, of_effect) in nuisances.iter_mut().zip(of_effect) {
+            own.extend(of_effect);
+        }
+    }
+    nuisances
+}
+
+/// Nuisances of each stream that go with `effect`.
+pub(super) fn nuisances_of<S: Observed>(
+    sessions: &[S],
+    effect: &dyn Effect<S>,
+    shape: &[f64],
+) -> Vec<Vec<Prior>> {
+    let per_session: Vec<Vec<Columns>> = (sessions.iter())
+        .map(|session| session.nuisances_of(effect, shape))
+        .collect();
+    (0..sessions[0].streams().len())
+        .map(|k| {
+            (0..per_session[0].len())
+                .map(|j| per_session.iter().flat_map(|s| s[j][k].clone()).collect())
+                .filter(|column: &Vec<f64>| !column.is_empty())
+                .map(|column| Prior { column, std: 1.0 })
+                .collect()
+        })
+        .collect()
+}
+
+/// Nuisances, and each effect found with parameters free in each stream.
+pub(super) fn base_columns<S: Observed>(sessions: &[S], found: &[Found<S>]) -> Vec<Vec<Prior>> {
+    let mut base = nuisances(sessions, found);
     for f in found {
         let columns = columns(sessions, f.effect, &f.shape, &f.parameters);
         for (linear, columns) in f.effect.linear().iter().zip(columns) {

@@ -91,9 +91,14 @@ impl<S: Observed> Lasting<S> {
 fn left_by<S: Observed>(found: &[Found<S>], session: &S) -> (Vec<f64>, Vec<Vec<f64>>) {
     let none = vec![Vec::new(); session.streams().len()];
     let one = without(std::slice::from_ref(session), found, &none);
-    let nuisance = refit(&one, &mut [], None);
+    // Taken off already: of these only what goes with them.
+    let mut taken_off = found.to_vec();
+    for f in &mut taken_off {
+        f.parameters = none.clone();
+    }
+    let nuisance = refit(&one, &mut taken_off, None);
     let zeros = nuisance.iter().map(|n| n.first().copied().unwrap_or(0.0));
-    (zeros.collect(), rest(&one, &[], &nuisance).remove(0))
+    (zeros.collect(), rest(&one, &taken_off, &nuisance).remove(0))
 }
 
 /// Mean square, about the mean, of what is known.

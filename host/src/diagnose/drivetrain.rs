@@ -190,19 +190,12 @@ impl Observed for Session {
     }
 
     fn columns(&self, effect: &dyn Effect, shape: &[f64], parameters: &[Vec<f64>]) -> Vec<Columns> {
-        effect
-            .terms_about(self, shape, parameters)
-            .iter()
-            .map(|term| {
-                let mut columns = self.columns_of(term);
-                for (stream, column) in self.streams.iter().zip(&mut columns) {
-                    if !effect.acts_on(stream) {
-                        column.clear();
-                    }
-                }
-                columns
-            })
-            .collect()
+        let terms = effect.terms_about(self, shape, parameters);
+        self.columns_where_it_acts(effect, &terms)
+    }
+
+    fn nuisances_of(&self, effect: &dyn Effect, shape: &[f64]) -> Vec<Columns> {
+        self.columns_where_it_acts(effect, &effect.nuisances(self, shape))
     }
 
     fn abscissae(&self) -> Vec<Abscissa<'_>> {
@@ -265,6 +258,22 @@ impl Observed for Session {
                  what the estimated load takes up is not seen, and no effect can be named",
             )),
         }
+    }
+}
+
+impl Session {
+    /// The column of each of `terms` in each stream that `effect` acts on.
+    fn columns_where_it_acts(&self, effect: &dyn Effect, terms: &[Term]) -> Vec<Columns> {
+        let columns = |term: &Term| {
+            let mut columns = self.columns_of(term);
+            for (stream, column) in self.streams.iter().zip(&mut columns) {
+                if !effect.acts_on(stream) {
+                    column.clear();
+                }
+            }
+            columns
+        };
+        terms.iter().map(columns).collect()
     }
 }
 

@@ -45,11 +45,14 @@ pub(super) struct StreamData {
 }
 
 /// What is in the model already: nuisances and accepted effects.
+#[derive(Clone)]
 pub struct Base {
     pub(super) columns: Vec<Vec<Prior>>,
     sums: Vec<Sums>,
     /// How well it does in each stream.
     pub(super) fitted: Vec<Fitted>,
+    /// The same without the nuisances that go with a candidate.
+    before: Vec<Fitted>,
 }
 
 /// How well a candidate did.
@@ -157,16 +160,40 @@ impl Data {
                 self.sums(k, &[], &columns, self.sides())
             })
             .collect();
-        let fitted = (0..self.streams.len())
-            .map(|k| {
-                let ridge = self.ridge(k, &columns[k]);
-                left_out(&sums[k], &ridge)
-            })
-            .collect();
+        let fitted = self.fitted(&columns, &sums);
         Base {
             columns,
             sums,
+            before: fitted.clone(),
             fitted,
+        }
+    }
+
+    /// How well `columns` do in each stream.
+    fn fitted(&self, columns: &[Vec<Prior>], sums: &[Sums]) -> Vec<Fitted> {
+        let streams = columns.iter().zip(sums).enumerate();
+        streams
+            .map(|(k, (columns, sums))| left_out(sums, &self.ridge(k, columns)))
+            .collect()
+    }
+
+    /// `base` with the nuisances that go with a candidate: what they explain counts as evidence for
+    /// it, not as what chance does not reach.
+    pub(super) fn beside(&self, base: &Base, mut columns: Vec<Vec<Prior>>) -> Base {
+        let sums: Vec<Sums> = (columns.iter().enumerate())
+            .map(|(k, further)| {
+                let further: Vec<&[f64]> = further.iter().map(|p| p.column.as_slice()).collect();
+                self.joined(base, k, &further, self.sides())
+            })
+            .collect();
+        for (further, known) in columns.iter_mut().zip(&base.columns) {
+            further.splice(..0, known.iter().cloned());
+        }
+        Base {
+            fitted: self.fitted(&columns, &sums),
+            columns,
+            sums,
+            before: base.before.clone(),
         }
     }
 
@@ -280,18 +307,18 @@ impl Data {
                 (fitted, strained, overdispersion)
             }
         };
-        let gain = |k: usize, r: usize, overdispersion: f64| match &fitted[k] {
+        let gain = |without: &[Fitted], k: usize, r: usize, overdispersion: f64| match &fitted[k] {
             Some(fitted) => {
-                let without = &base.fitted[k];
+                let without = &without[k];
                 let relieved = (without.strained[r] - fitted.strained[r]) / self.tempered(k);
                 let ratio = without.errors[r] / fitted.errors[r].max(1e-300);
                 0.5 * (self.independent(k) / overdispersion * ratio.ln() + relieved)
             }
             None => 0.0,
         };
-        let sum = |r: usize, overdispersion: &dyn Fn(usize) -> f64| -> f64 {
+        let sum = |without: &[Fitted], r: usize, overdispersion: &dyn Fn(usize) -> f64| -> f64 {
             let gains = (0..self.streams.len()).map(|k| {
-                let gain = gain(k, r, overdispersion(k));
+                let gain = gain(without, k, r, overdispersion(k));
                 match effect.coupling() {
                     // A channel that the effect does not act on has none of it.
                     Coupling::Own => gain.max(0.0),
@@ -305,11 +332,13 @@ impl Data {
             shape: shape.to_vec(),
             about: Vec::new(),
             // Candidates are compared by the same noise.
-            score: sum(0, &|_| 1.0),
-            tempered: sum(0, &own),
-            null: (1..sides).map(|r| sum(r, &own)).collect(),
-            streams: (0..self.streams.len()).map(|k| gain(k, 0, 1.0)).collect(),
-            excess: base.fitted.iter().map(excess).collect(),
+            score: sum(&base.before, 0, &|_| 1.0),
+            tempered: sum(&base.fitted, 0, &own),
+            null: (1..sides).map(|r| sum(&base.fitted, r, &own)).collect(),
+            streams: (0..self.streams.len())
+                .map(|k| gain(&base.before, k, 0, 1.0))
+                .collect(),
+            excess: base.before.iter().map(excess).collect(),
             overdispersion,
         }
     }

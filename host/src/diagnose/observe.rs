@@ -237,12 +237,7 @@ fn known_roughly(streams: &mut [Stream], signals: &Signals) {
         .tolerances(&response.carried)
         .into_iter()
         .chain(driven.beginnings());
-    let vibrations = vibrations.map(|mut change| {
-        for torque in &mut change.torque {
-            *torque = signals.fast(torque);
-        }
-        change
-    });
+    let vibrations = vibrations.map(|change| signals.fast_alone(change));
     let shafts = 0..response.stiffness.len();
     let gears = shafts.filter_map(|s| signals.with_gear(s, GEAR));
     for change in vibrations.chain(gears) {

@@ -153,6 +153,11 @@ pub trait Observed: Clone + Send + Sync + 'static {
         parameters: &[Vec<f64>],
     ) -> Vec<Columns>;
 
+    /// What may be beside `effect` in each stream by itself.
+    fn nuisances_of(&self, _effect: &dyn Effect<Self>, _shape: &[f64]) -> Vec<Columns> {
+        Vec::new()
+    }
+
     /// What residuals are drawn over, time first.
     fn abscissae(&self) -> Vec<Abscissa<'_>>;
 

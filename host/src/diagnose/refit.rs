@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use super::columns::{base_columns, columns, joined};
+use super::columns::{columns, joined, nuisances};
 use super::effect::Coupling;
 use super::fit::Prior;
 use super::observed::Observed;
@@ -23,7 +23,7 @@ pub(super) fn refit<S: Observed>(
     newest: Option<&[f64]>,
 ) -> Vec<Vec<f64>> {
     let streams = sessions[0].streams().len();
-    let base = base_columns(sessions, &[]);
+    let base = nuisances(sessions, found);
     let residuals: Vec<Vec<f64>> = (0..streams)
         .map(|k| joined(sessions, |s| s.residual(k).to_vec()))
         .collect();
@@ -192,7 +192,7 @@ pub(super) fn rest<S: Observed>(
         .iter()
         .map(|session| {
             let one = std::slice::from_ref(session);
-            let base = base_columns(one, &[]);
+            let base = nuisances(one, found);
             let all: Vec<Vec<Columns>> = found
                 .iter()
                 .map(|f| columns(one, f.effect, &f.shape, &f.parameters))

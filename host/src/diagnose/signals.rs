@@ -104,27 +104,38 @@ impl Signals {
     pub fn with_gear(&self, s: usize, part: f64) -> Option<Carried> {
         let response = self.response.as_ref()?;
         let moment = part * response.bodies[s].0.min(response.bodies[s + 1].0);
-        let mut with = response.driven.with_gear(s, part).carried();
-        // As one shaft, whose torque is that behind the gear.
-        with.torque.remove(s);
-        let before = with.twist.remove(s);
-        for (twist, before) in with.twist[s].iter_mut().zip(before) {
-            *twist += before;
-        }
-        let mut change = with.less(&response.carried);
+        let with = response.driven.with_gear(s, part).carried();
+        let with = with.behind_the_gear(s);
+        let mut change = self.fast_alone(with.less(&response.carried));
         // The slow part is what the loads of one side tell without the gear.
         let sign = if response.side[s][s + 1] == 0.0 {
             0.5
         } else {
             -0.5
         };
-        for torque in &mut change.torque {
-            *torque = self.fast(torque);
-        }
         for (torque, a) in change.torque[s].iter_mut().zip(&self.acceleration) {
             *torque += sign * moment * a;
         }
         Some(change)
+    }
+
+    /// Vibrations that a recording may begin with where shaft `s` has that gear.
+    pub fn beginnings_with_gear(&self, s: usize, part: f64) -> Vec<Carried> {
+        let Some(response) = &self.response else {
+            return Vec::new();
+        };
+        let vibrations = response.driven.with_gear(s, part).beginnings();
+        (vibrations.into_iter())
+            .map(|vibration| self.fast_alone(vibration.behind_the_gear(s)))
+            .collect()
+    }
+
+    /// `carried` with what is fast of its torques alone.
+    pub fn fast_alone(&self, mut carried: Carried) -> Carried {
+        for torque in &mut carried.torque {
+            *torque = self.fast(torque);
+        }
+        carried
     }
 
     /// What of a slow torque `brake` [N m referred] on inertia `body` is missing in the

@@ -95,6 +95,12 @@ pub trait Effect<S: Observed = Session>: Sync {
         self.terms(session, shape)
     }
 
+    /// What may be beside it in each stream by itself and in each recording anew, one standard
+    /// deviation of each: a changed chain begins with other vibrations.
+    fn nuisances(&self, _: &S, _shape: &[f64]) -> Vec<S::Term> {
+        Vec::new()
+    }
+
     /// Part, in amplitude, of what it explains by which its form may be off: what it leaves so
     /// is no further effect.
     fn form(&self, _: &S) -> f64 {

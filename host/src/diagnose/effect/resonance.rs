@@ -50,6 +50,11 @@ impl Effect for Resonance {
         let change = session.signals.with_gear(shape[0] as usize, shape[1]);
         change.map(Term::Chain).into_iter().collect()
     }
+    /// How the recording's first vibrations go on with the gear.
+    fn nuisances(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
+        let vibrations = (session.signals).beginnings_with_gear(shape[0] as usize, shape[1]);
+        vibrations.into_iter().map(Term::Chain).collect()
+    }
     /// What vibrates a little faster is soon out of step.
     fn form(&self, _: &Session) -> f64 {
         0.4
