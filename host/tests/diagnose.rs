@@ -383,6 +383,23 @@ fn beside_another_an_effect_says_what_it_cannot_be_told_from() {
     assert!(said["next_experiment"].is_string(), "{said}");
 }
 
+/// What a recording begins with vibrates at another frequency with the gear; no ripple is needed
+/// to explain it.
+#[test]
+fn a_gear_with_inertia_is_named_alone_with_its_inertia() {
+    let folder = tempfile::tempdir().unwrap();
+    let effect = ["torsional-resonance=1"];
+    let recording = recorded(folder.path(), "gear.parquet", "reversals", "60", &effect);
+    let said = diagnosed(&recording, &[]);
+    assert_eq!(said["verdict"], "effect", "{said}");
+    let found = &said["effects"][0];
+    assert_eq!(found["name"], "torsional-resonance");
+    // 20 %, and the 1 % that every simulated machine has.
+    let inertia = &found["parameters"]["inertia [part of the smaller neighbour's]"];
+    let inertia = inertia.as_f64().unwrap();
+    assert!((inertia - 0.21).abs() < 5e-3, "{inertia}");
+}
+
 #[test]
 fn what_no_candidate_explains_is_unknown() {
     let folder = tempfile::tempdir().unwrap();

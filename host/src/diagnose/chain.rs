@@ -246,6 +246,20 @@ mod tests {
         }
     }
 
+    /// By hand: both halves twisted, each by half, are the shaft twisted.
+    #[test]
+    fn before_and_behind_a_gear_of_next_to_no_inertia_it_vibrates_as_one_shaft() {
+        let plain = swinging();
+        let with = plain.with_gear(0, 1e-6).beginnings();
+        let halves = [&with[0], &with[2]].map(|half| half.clone().behind_the_gear(0));
+        let whole = &plain.beginnings()[0].twist[0];
+        let most = whole.iter().fold(0.0_f64, |m, t| m.max(t.abs()));
+        for (i, twist) in whole.iter().enumerate() {
+            let sum = halves[0].twist[0][i] + halves[1].twist[0][i];
+            assert!((sum - twist).abs() < 1e-3 * most, "{i}: {sum} {twist}");
+        }
+    }
+
     /// By hand: slowly, the shaft carries the torque whatever its play, and its
     /// twist is `tau / k`, and half the play more.
     #[test]
