@@ -94,7 +94,7 @@ fn left_by<S: Observed>(found: &[Found<S>], session: &S) -> (Vec<f64>, Vec<Vec<f
     // Taken off already: of these only what goes with them.
     let mut taken_off = found.to_vec();
     for f in &mut taken_off {
-        f.parameters = none.clone();
+        f.parameters.clone_from(&none);
     }
     let nuisance = refit(&one, &mut taken_off, None);
     let zeros = nuisance.iter().map(|n| n.first().copied().unwrap_or(0.0));
