@@ -5,8 +5,11 @@
 //! fold out is a subtraction, and draws of the null hypothesis are further
 //! right-hand sides of the same sums.
 
+use std::borrow::Cow;
+
 use faer::Mat;
 
+use super::columns::nuisances_of;
 use super::effect::{Coupling, Effect};
 use super::observed::Observed;
 use super::stream::Columns;
@@ -177,9 +180,19 @@ impl Data {
             .collect()
     }
 
-    /// `base` with the nuisances that go with a candidate: what they explain counts as evidence for
+    /// `base` with the nuisances that go with `effect`: what they explain counts as evidence for
     /// it, not as what chance does not reach.
-    pub(super) fn beside(&self, base: &Base, mut columns: Vec<Vec<Prior>>) -> Base {
+    pub(super) fn with_nuisances<'a, S: Observed>(
+        &self,
+        base: &'a Base,
+        sessions: &[S],
+        effect: &dyn Effect<S>,
+        shape: &[f64],
+    ) -> Cow<'a, Base> {
+        let mut columns = nuisances_of(sessions, effect, shape);
+        if columns.iter().all(Vec::is_empty) {
+            return Cow::Borrowed(base);
+        }
         let sums: Vec<Sums> = (columns.iter().enumerate())
             .map(|(k, further)| {
                 let further: Vec<&[f64]> = further.iter().map(|p| p.column.as_slice()).collect();
@@ -189,12 +202,12 @@ impl Data {
         for (further, known) in columns.iter_mut().zip(&base.columns) {
             further.splice(..0, known.iter().cloned());
         }
-        Base {
+        Cow::Owned(Base {
             fitted: self.fitted(&columns, &sums),
             columns,
             sums,
             before: base.before.clone(),
-        }
+        })
     }
 
     /// Squared deviations of samples of stream `k` that tell as much as one squared

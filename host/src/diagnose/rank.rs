@@ -1,10 +1,8 @@
 //! Candidates with their evidence: on the grid of their shapes, then refined.
 
-use std::borrow::Cow;
-
 use rayon::prelude::*;
 
-use super::columns::{columns, nuisances_of};
+use super::columns::columns;
 use super::effect::Effect;
 use super::fit::{Base, Data, Trial};
 use super::observed::Observed;
@@ -84,7 +82,7 @@ pub(super) fn rank<S: Observed>(
             if linear.iter().flatten().all(Vec::is_empty) {
                 return None;
             }
-            let base = &beside(data, base, sessions, effect, shape);
+            let base = &data.with_nuisances(base, sessions, effect, shape);
             let mut trial = data.trial(base, effect, shape, &linear, None);
             if !effect.is_linear() {
                 let bent = relinearised(data, base, sessions, effect, &trial, linear);
@@ -120,22 +118,6 @@ pub(super) fn rank<S: Observed>(
     }
     ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
     ranked
-}
-
-/// `base` with the nuisances that go with `effect`.
-pub(super) fn beside<'a, S: Observed>(
-    data: &Data,
-    base: &'a Base,
-    sessions: &[S],
-    effect: &dyn Effect<S>,
-    shape: &[f64],
-) -> Cow<'a, Base> {
-    let own = nuisances_of(sessions, effect, shape);
-    if own.iter().all(Vec::is_empty) {
-        Cow::Borrowed(base)
-    } else {
-        Cow::Owned(data.beside(base, own))
-    }
 }
 
 /// Shapes of which each is a place of its own, and that explain what `best` explains.
@@ -231,7 +213,7 @@ pub(super) fn refine<S: Observed>(
                 return;
             }
             let columns = columns(sessions, effect, &shape, &[]);
-            let base = &beside(data, base, sessions, effect, &shape);
+            let base = &data.with_nuisances(base, sessions, effect, &shape);
             candidate.trial = data.trial(base, effect, &shape, &columns, None);
             charge(effect, sessions, &mut candidate.trial);
             for (most, here) in candidate.null.iter_mut().zip(&candidate.trial.null) {
@@ -241,7 +223,7 @@ pub(super) fn refine<S: Observed>(
         });
     for r in ranked.iter_mut().filter(|r| r.margin() > 0.0) {
         let columns = columns(sessions, r.effect, &r.trial.shape, &r.trial.about);
-        let base = &beside(data, base, sessions, r.effect, &r.trial.shape);
+        let base = &data.with_nuisances(base, sessions, r.effect, &r.trial.shape);
         r.parameters = data.parameters(base, r.effect, &columns, &r.trial.overdispersion);
     }
     ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));

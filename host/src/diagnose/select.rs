@@ -9,7 +9,7 @@ use super::fit::Data;
 use super::forms::Forms;
 use super::null::Draws;
 use super::observed::Observed;
-use super::rank::{self, LEAST, Ranked, rank, refine, same};
+use super::rank::{LEAST, Ranked, rank, refine, same};
 use super::refit::{refit, rest, without};
 use super::shape::best_shape;
 use super::stream::Session;
@@ -315,7 +315,7 @@ fn settle<S: Observed>(data: &Data, sessions: &[S], found: &mut Vec<Found<S>>) {
         let base = data.base(base_columns(sessions, &others));
         let f = &mut found[i];
         let columns = columns(sessions, f.effect, &f.shape, &f.parameters);
-        let own = rank::beside(data, &base, sessions, f.effect, &f.shape);
+        let own = data.with_nuisances(&base, sessions, f.effect, &f.shape);
         let trial = data.trial(&own, f.effect, &f.shape, &columns, Some(&f.overdispersion));
         if trial.score < f.threshold {
             found.remove(i);

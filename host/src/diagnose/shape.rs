@@ -4,7 +4,6 @@ use super::columns::columns;
 use super::effect::Effect;
 use super::fit::{Base, Data, Trial};
 use super::observed::Observed;
-use super::rank::beside;
 
 /// The shape that explains most beside `base`, by a pattern search from that of `best`.
 pub(super) fn best_shape<S: Observed>(
@@ -19,7 +18,7 @@ pub(super) fn best_shape<S: Observed>(
     let overdispersion = best.overdispersion.clone();
     let evaluate = |shape: &[f64]| {
         let columns = columns(sessions, effect, shape, &[]);
-        let base = &beside(data, base, sessions, effect, shape);
+        let base = &data.with_nuisances(base, sessions, effect, shape);
         data.trial(base, effect, shape, &columns, Some(&overdispersion))
     };
     for (j, parameter) in effect.shape().iter().enumerate() {

@@ -95,8 +95,8 @@ pub trait Effect<S: Observed = Session>: Sync {
         self.terms(session, shape)
     }
 
-    /// What may be beside it in each stream by itself and in each recording anew, one standard
-    /// deviation of each: a changed chain begins with other vibrations.
+    /// What may be beside it in each stream by itself, one standard deviation of each: a changed
+    /// chain begins with other vibrations.
     fn nuisances(&self, _: &S, _shape: &[f64]) -> Vec<S::Term> {
         Vec::new()
     }
