@@ -53,6 +53,8 @@ impl Bench {
         let message = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(1), "{message}");
         assert_eq!(message.trim_end().lines().count(), 1, "{message}");
+        let reason = message.trim_end().rsplit(": ").next().unwrap();
+        assert_eq!(message.matches(reason).count(), 1, "said twice: {message}");
         for part in expected {
             assert!(message.contains(part), "no {part:?} in: {message}");
         }
@@ -195,6 +197,7 @@ fn a_recording_that_is_wrong_is_refused_with_its_place() {
         &["bad.csv", "1003", "gap"],
     );
     bench.refused_recording("", &["bad.csv", "empty"]);
+    bench.refused("machine.toml", "no.csv", &["no.csv", "No such file"]);
     bench.refused_recording(&good[..good.len() - 20], &["bad.csv", "3001"]);
 }
 

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
-use toml_edit::{Array, DocumentMut, InlineTable, Item, TableLike, Value};
+use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
 use crate::atomic_file::AtomicFile;
 use crate::machine::{Channel, six_digits, write_columns};
@@ -118,10 +118,42 @@ impl Description {
         let (parent, name) = path.rsplit_once('.').unwrap_or(("", path));
         if let Some(table) = self.item(parent).and_then(Item::as_table_like_mut)
             && let Some(table) = (table.entry(name))
-                .or_insert_with(|| Item::Table(toml_edit::Table::new()))
+                .or_insert_with(|| Item::Table(Table::new()))
                 .as_table_like_mut()
         {
             put(table, key, value.into());
+        }
+    }
+
+    /// Puts an entry called `name` with `numbers` of six digits into the list of tables `list`,
+    /// before that called `next`; nothing where there is no such entry.
+    pub fn insert_before(&mut self, list: &str, next: &str, name: &str, numbers: &[(&str, f64)]) {
+        let numbers = numbers
+            .iter()
+            .map(|(key, value)| (*key, Value::from(six_digits(*value))));
+        let fields: InlineTable = [("name", Value::from(name))]
+            .into_iter()
+            .chain(numbers)
+            .collect();
+        match self.item(list) {
+            Some(Item::ArrayOfTables(tables)) => {
+                let mut all: Vec<Table> = std::mem::take(tables).into_iter().collect();
+                if let Some(place) = all.iter().position(|table| is_named(table, next)) {
+                    all.insert(place, fields.into_table());
+                }
+                *tables = all.into_iter().collect();
+            }
+            Some(Item::Value(Value::Array(values))) => {
+                let is_next = |value: &Value| {
+                    let table = value.as_inline_table();
+                    table.is_some_and(|table| is_named(table, next))
+                };
+                let place = values.iter().position(is_next);
+                if let Some(place) = place {
+                    values.insert(place, fields);
+                }
+            }
+            _ => {}
         }
     }
 
@@ -143,18 +175,16 @@ impl Description {
 
     /// The entry called `name` in `list`, in either way of writing a list of tables.
     fn entry(&mut self, list: &str, name: &str) -> Option<&mut dyn TableLike> {
-        let item = self.item(list)?;
-        let named = |table: &dyn TableLike| table.get("name").and_then(Item::as_str) == Some(name);
-        match item {
+        match self.item(list)? {
             Item::ArrayOfTables(tables) => tables
                 .iter_mut()
                 .map(|table| table as &mut dyn TableLike)
-                .find(|table| named(*table)),
+                .find(|table| is_named(*table, name)),
             Item::Value(Value::Array(values)) => values
                 .iter_mut()
                 .filter_map(Value::as_inline_table_mut)
                 .map(|table| table as &mut dyn TableLike)
-                .find(|table| named(*table)),
+                .find(|table| is_named(*table, name)),
             _ => None,
         }
     }
@@ -195,6 +225,11 @@ impl std::fmt::Display for Description {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         self.document.fmt(f)
     }
+}
+
+/// Whether `table` is the entry called `name`.
+fn is_named(table: &dyn TableLike, name: &str) -> bool {
+    table.get("name").and_then(Item::as_str) == Some(name)
 }
 
 /// Rows of numbers of six digits.

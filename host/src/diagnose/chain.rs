@@ -2,7 +2,7 @@
 
 use super::motion::Motion;
 use crate::gearbox::Torsion;
-use crate::machine::{Drivetrain, Inertia, Senses, Shaft};
+use crate::machine::{Drivetrain, Senses};
 
 /// Part to which inertias and stiffnesses are known: how long a vibration
 /// stays in step with the simulated one.
@@ -125,31 +125,10 @@ impl Driven {
         driven
     }
 
-    /// The same chain with a gear in shaft `s`, between two equal halves of it,
-    /// with the moment `part` of the smaller neighbour's, half taken from each.
+    /// The same with [`Drivetrain::with_gear`].
     pub fn with_gear(&self, s: usize, part: f64) -> Self {
         let mut driven = self.clone();
-        let d = &mut driven.drivetrain;
-        let neighbours = [s, s + 1].map(|i| d.inertias[i].referred_moment());
-        let moment = part * neighbours[0].min(neighbours[1]);
-        for neighbour in &mut d.inertias[s..=s + 1] {
-            neighbour.moment_kg_m2 -= 0.5 * moment / neighbour.speed_ratio.powi(2);
-        }
-        let gear = Inertia {
-            name: "gear".into(),
-            moment_kg_m2: moment,
-            speed_ratio: 1.0,
-            drag_nm_s_per_rad: 0.0,
-            friction: None,
-        };
-        d.inertias.insert(s + 1, gear);
-        d.shafts[s].stiffness_nm_per_rad *= 2.0;
-        d.shafts[s].damping_nm_s_per_rad *= 2.0;
-        let behind = Shaft {
-            name: "behind the gear".into(),
-            ..d.shafts[s].clone()
-        };
-        d.shafts.insert(s + 1, behind);
+        driven.drivetrain = self.drivetrain.with_gear(s, part);
         driven.outside.insert(s + 1, vec![0.0; driven.speed.len()]);
         for seen in &mut driven.encoders {
             seen.signs.insert(s + 1, seen.signs[s]);

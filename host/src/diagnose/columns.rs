@@ -2,7 +2,7 @@
 
 use super::effect::Effect;
 use super::fit::Prior;
-use super::observed::Observed;
+use super::observed::{Nuisance, Observed};
 use super::select::Found;
 use super::stream::Columns;
 
@@ -14,16 +14,15 @@ pub(super) fn joined<S>(sessions: &[S], of: impl Fn(&S) -> Vec<f64>) -> Vec<f64>
 pub(super) fn nuisances<S: Observed>(sessions: &[S], found: &[Found<S>]) -> Vec<Vec<Prior>> {
     let mut nuisances: Vec<Vec<Prior>> = (0..sessions[0].streams().len())
         .map(|k| {
-            let per_session: Vec<Vec<Prior>> = sessions.iter().map(|s| s.nuisances(k)).collect();
-            (0..per_session[0].len())
-                .map(|j| Prior {
-                    column: per_session
-                        .iter()
-                        .flat_map(|p| p[j].column.clone())
-                        .collect(),
-                    std: per_session[0][j].std,
-                })
-                .collect()
+            let per_session: Vec<Vec<Nuisance>> = sessions.iter().map(|s| s.nuisances(k)).collect();
+            let joined = per_session[0]
+                .iter()
+                .enumerate()
+                .map(|(j, first)| Nuisance {
+                    column: in_stream(sessions, |s| &per_session[s][j].column),
+                    ..*first
+                });
+            over_all(sessions, joined)
         })
         .collect();
     for f in found {
@@ -44,15 +43,61 @@ pub(super) fn nuisances_of<S: Observed>(
     let per_session: Vec<Vec<Columns>> = (sessions.iter())
         .map(|session| session.nuisances_of(effect, shape))
         .collect();
-    (0..sessions[0].streams().len())
-        .map(|k| {
-            (0..per_session[0].len())
-                .map(|j| per_session.iter().flat_map(|s| s[j][k].clone()).collect())
-                .filter(|column: &Vec<f64>| !column.is_empty())
-                .map(|column| Prior { column, std: 1.0 })
-                .collect()
-        })
-        .collect()
+    let of_stream = |k: usize| {
+        let own = |j: usize| Nuisance {
+            column: in_stream(sessions, |s| &per_session[s][j][k]),
+            std: 1.0,
+            spread: 1.0,
+        };
+        let all = (0..per_session[0].len()).map(own);
+        over_all(sessions, all.filter(|n| !n.column.is_empty()))
+    };
+    (0..sessions[0].streams().len()).map(of_stream).collect()
+}
+
+/// Nuisances of one stream over all sessions: what these have in common, and, where there are
+/// several, how each differs from that.
+fn over_all<S: Observed>(sessions: &[S], joined: impl Iterator<Item = Nuisance>) -> Vec<Prior> {
+    let (mut common, mut differing) = (Vec::new(), Vec::new());
+    for Nuisance {
+        column,
+        std,
+        spread,
+    } in joined
+    {
+        let mut from = 0;
+        for session in sessions
+            .iter()
+            .filter(|_| sessions.len() > 1 && spread > 0.0)
+        {
+            let own = from..from + session.speed().len();
+            let mut alone = vec![0.0; column.len()];
+            alone[own.clone()].copy_from_slice(&column[own.clone()]);
+            differing.push(Prior {
+                column: alone,
+                std: spread,
+            });
+            from = own.end;
+        }
+        common.push(Prior { column, std });
+    }
+    common.extend(differing);
+    common
+}
+
+/// A column of one stream over all sessions, of which it is `part`; empty where it is in each.
+fn in_stream<'a, S: Observed>(sessions: &[S], part: impl Fn(usize) -> &'a Vec<f64>) -> Vec<f64> {
+    if (0..sessions.len()).all(|s| part(s).is_empty()) {
+        return Vec::new();
+    }
+    let mut column = Vec::new();
+    let mut end = 0;
+    for (s, session) in sessions.iter().enumerate() {
+        end += session.speed().len();
+        column.extend(part(s));
+        column.resize(end, 0.0);
+    }
+    column
 }
 
 /// Nuisances, and each effect found with parameters free in each stream.
@@ -89,7 +134,7 @@ pub(super) fn columns<S: Observed>(
     (0..effect.linear().len())
         .map(|j| {
             (0..sessions[0].streams().len())
-                .map(|k| per_session.iter().flat_map(|s| s[j][k].clone()).collect())
+                .map(|k| in_stream(sessions, |s| &per_session[s][j][k]))
                 .collect()
         })
         .collect()

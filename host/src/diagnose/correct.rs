@@ -1,5 +1,5 @@
 //! The machine description with what was found, as far as the line has a
-//! place for it: zeros, maps, response, creep, warmth, friction.
+//! place for it: zeros, maps, response, creep, warmth, friction, gears.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use super::effect::{Coupling, GaugeModel, bending};
 use super::stream::Kind;
 use crate::calibrate::{CalibrateError, Description, map_file};
 use crate::machine::{
-    Creep, Drift, Hysteresis, MAP_ENTRIES, Machine, Thermal, resampled, six_digits,
+    Creep, Drift, Hysteresis, Inertia, MAP_ENTRIES, Machine, Shaft, Thermal, resampled, six_digits,
 };
 
 /// Writes `machine` with the effects found to `path`, maps beside it; gives
@@ -25,29 +25,8 @@ pub fn write(
     let mut description = Description::read(&machine.path).map_err(CalibrateError::from)?;
     let (changed, absent, _folder) = corrected(machine, diagnosis)?;
     if let (Some(was), Some(is)) = (&machine.drivetrain, &changed.drivetrain) {
-        for (was, is) in was.inertias.iter().zip(&is.inertias) {
-            if was.drag_nm_s_per_rad != is.drag_nm_s_per_rad {
-                description.set_number(
-                    "drivetrain.inertia",
-                    &is.name,
-                    "drag_nm_s_per_rad",
-                    is.drag_nm_s_per_rad,
-                );
-            }
-            if was.friction != is.friction
-                && let Some(friction) = &is.friction
-            {
-                let numbers = [
-                    ("coulomb_nm", friction.coulomb_nm),
-                    ("load_part", friction.load_part),
-                    ("stribeck_nm", friction.stribeck_nm),
-                    ("stribeck_rad_s", friction.stribeck_rad_s.unwrap_or(0.0)),
-                    ("presliding_rad", friction.presliding_rad),
-                ];
-                let given = numbers.into_iter().filter(|(_, value)| *value > 0.0);
-                description.set_numbers("drivetrain.inertia", &is.name, "friction", given);
-            }
-        }
+        write_inertias(&mut description, &was.inertias, &is.inertias);
+        write_shafts(&mut description, &was.shafts, &is.shafts);
     }
     let bending = |m: &Machine| m.drivetrain.as_ref().and_then(|d| d.bending);
     if let Some(Drift { std, time_s }) = bending(&changed).filter(|_| bending(machine).is_none()) {
@@ -56,6 +35,65 @@ pub fn write(
     }
     description.write_with_gauges(machine, &changed, path)?;
     Ok(absent)
+}
+
+/// What changed of the inertias; a new one before its neighbour.
+fn write_inertias(description: &mut Description, was: &[Inertia], is: &[Inertia]) {
+    const LIST: &str = "drivetrain.inertia";
+    for (i, inertia) in is.iter().enumerate() {
+        let name = &inertia.name;
+        let Some(was) = was.iter().find(|was| was.name == *name) else {
+            let next = is.get(i + 1).map_or("", |next| &next.name);
+            let numbers = [
+                ("moment_kg_m2", inertia.moment_kg_m2),
+                ("speed_ratio", inertia.speed_ratio),
+            ];
+            description.insert_before(LIST, next, name, &numbers);
+            continue;
+        };
+        if was.moment_kg_m2 != inertia.moment_kg_m2 {
+            description.set_number(LIST, name, "moment_kg_m2", inertia.moment_kg_m2);
+        }
+        if was.drag_nm_s_per_rad != inertia.drag_nm_s_per_rad {
+            let drag = inertia.drag_nm_s_per_rad;
+            description.set_number(LIST, name, "drag_nm_s_per_rad", drag);
+        }
+        if was.friction != inertia.friction
+            && let Some(friction) = &inertia.friction
+        {
+            let numbers = [
+                ("coulomb_nm", friction.coulomb_nm),
+                ("load_part", friction.load_part),
+                ("stribeck_nm", friction.stribeck_nm),
+                ("stribeck_rad_s", friction.stribeck_rad_s.unwrap_or(0.0)),
+                ("presliding_rad", friction.presliding_rad),
+            ];
+            let given = numbers.into_iter().filter(|(_, value)| *value > 0.0);
+            description.set_numbers(LIST, name, "friction", given);
+        }
+    }
+}
+
+/// What changed of the shafts; a new one before its neighbour.
+fn write_shafts(description: &mut Description, was: &[Shaft], is: &[Shaft]) {
+    const LIST: &str = "drivetrain.shaft";
+    for (i, shaft) in is.iter().enumerate() {
+        let numbers = [
+            ("stiffness_nm_per_rad", shaft.stiffness_nm_per_rad),
+            ("damping_nm_s_per_rad", shaft.damping_nm_s_per_rad),
+            ("speed_ratio", shaft.speed_ratio),
+        ];
+        let Some(was) = was.iter().find(|was| was.name == shaft.name) else {
+            let next = is.get(i + 1).map_or("", |next| &next.name);
+            description.insert_before(LIST, next, &shaft.name, &numbers);
+            continue;
+        };
+        if was.stiffness_nm_per_rad != shaft.stiffness_nm_per_rad {
+            for (key, value) in &numbers[..2] {
+                description.set_number(LIST, &shaft.name, key, *value);
+            }
+        }
+    }
 }
 
 /// The machine with the effects found, those that have no place, and the

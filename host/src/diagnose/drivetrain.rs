@@ -7,8 +7,7 @@ use serde_json::{Map, Value, json};
 use super::consensus::FEWEST;
 use super::effect::{Effect, GaugeModel, LIBRARY};
 use super::error::{LoadErrors, load_errors};
-use super::fit::Prior;
-use super::observed::{Abscissa, Observed, Shaft};
+use super::observed::{Abscissa, Nuisance, Observed, Shaft};
 use super::select::Found;
 use super::stream::{Columns, Kind, Session, Stream, Term, Told};
 use super::{DiagnoseError, Diagnosis, Residuals, SEED, correct, null, observe};
@@ -16,6 +15,9 @@ use crate::machine::Machine;
 
 /// Blocks are this long [s].
 const BLOCK_S: f64 = 1.5;
+
+/// Part of full scale by which the zero of a gauge differs from recording to recording.
+const ZERO_BETWEEN: f64 = 0.02;
 
 impl Observed for Session {
     type Stream = Stream;
@@ -139,53 +141,48 @@ impl Observed for Session {
 
     /// A zero for each strain and angle, a count by which the carrier's zero may be off, the
     /// reference's zero and an error of the inertia in the balance, an error of the stiffness in an
-    /// angle; what is only known roughly; and what a clean machine leaves when it does the same.
-    fn nuisances(&self, k: usize) -> Vec<Prior> {
+    /// angle; what is only known roughly; what vibrates at first; and what a clean machine leaves
+    /// when it does the same. Zeros, counts and first vibrations differ from recording to recording.
+    fn nuisances(&self, k: usize) -> Vec<Nuisance> {
         let (stream, signals) = (&self.streams[k], &self.signals);
         let n = signals.len();
-        let zero = Prior {
-            column: vec![1.0; n],
-            std: self.zero_std(k),
+        let of_machine = |column: Vec<f64>, std: f64| Nuisance {
+            column,
+            std,
+            spread: 0.0,
         };
+        let of_recording = |column: Vec<f64>, std: f64, spread: f64| Nuisance {
+            column,
+            std,
+            spread,
+        };
+        let std = self.zero_std(k);
+        let zero = |part: f64| of_recording(vec![1.0; n], std, part * std);
         let mut own = match stream.kind {
-            Kind::Strain | Kind::Innovation => vec![zero],
+            Kind::Strain | Kind::Innovation => vec![zero(ZERO_BETWEEN)],
             Kind::Balance => {
-                let moment: f64 = signals
-                    .response
-                    .as_ref()
-                    .map_or(0.0, |r| r.bodies.iter().map(|b| b.0).sum());
-                vec![
-                    zero,
-                    Prior {
-                        column: signals.acceleration.iter().map(|a| a * moment).collect(),
-                        std: 0.02,
-                    },
-                ]
+                let bodies = signals.response.iter().flat_map(|r| &r.bodies);
+                let moment: f64 = bodies.map(|b| b.0).sum();
+                let inertia = signals.acceleration.iter().map(|a| a * moment);
+                vec![zero(1.0), of_machine(inertia.collect(), 0.02)]
             }
-            Kind::Angle => vec![
-                zero,
-                Prior {
-                    column: signals.level.iter().map(|l| l * stream.scale).collect(),
-                    std: 0.1,
-                },
-            ],
+            Kind::Angle => {
+                let twist = signals.level.iter().map(|l| l * stream.scale);
+                vec![zero(1.0), of_machine(twist.collect(), 0.1)]
+            }
         };
         if stream.over_angle() && signals.count > 0.0 {
-            own.push(Prior {
-                column: stream.slope.clone(),
-                std: signals.count,
-            });
+            own.push(of_recording(
+                stream.slope.clone(),
+                signals.count,
+                signals.count,
+            ));
         }
-        own.extend(stream.roughly.iter().map(|column| Prior {
-            column: column.clone(),
-            std: 1.0,
-        }));
+        own.extend((stream.roughly.iter()).map(|column| of_machine(column.clone(), 1.0)));
+        own.extend((stream.beginnings.iter()).map(|column| of_recording(column.clone(), 1.0, 1.0)));
         let mut clean = stream.clean.clone();
         clean.resize(n, 0.0);
-        own.push(Prior {
-            column: clean,
-            std: 1.0,
-        });
+        own.push(of_machine(clean, 1.0));
         own
     }
 
@@ -285,9 +282,42 @@ fn read(machine: &Machine, paths: &[PathBuf]) -> Result<Vec<Session>, DiagnoseEr
             .map(|path| observe::observe_given(machine, path, told))
             .collect::<Result<Vec<_>, _>>()
     };
-    let sessions = by(Told::References)?;
-    if sessions.iter().all(|s| s.told == sessions[0].told) {
-        return Ok(sessions);
+    let mut sessions = by(Told::References)?;
+    if sessions.iter().any(|s| s.told != sessions[0].told) {
+        sessions = by(Told::Gauges)?;
     }
-    by(Told::Gauges)
+    for (path, session) in paths.iter().zip(&sessions) {
+        let first = (&paths[0], &sessions[0]);
+        if let Some((has, lacks, what)) = differing(first, (path, session)) {
+            let reason = format!(
+                "has no {what}, as {} has; recordings that are judged together need the same columns",
+                has.display()
+            );
+            return Err(DiagnoseError::TooLittle {
+                recording: lacks.clone(),
+                reason,
+            });
+        }
+    }
+    Ok(sessions)
+}
+
+/// Which of two recordings has what the other one has not.
+fn differing<'a>(
+    (a, of_a): (&'a PathBuf, &Session),
+    (b, of_b): (&'a PathBuf, &Session),
+) -> Option<(&'a PathBuf, &'a PathBuf, String)> {
+    let beyond = |one: &Session, other: &Session| {
+        let missing = |s: &&Stream| !other.streams.iter().any(|o| o.name == s.name);
+        let (own, others) = (&one.signals, &other.signals);
+        if let Some(stream) = one.streams.iter().find(missing) {
+            Some(stream.name.clone())
+        } else if own.response.is_some() && others.response.is_none() {
+            Some("reference for each load".to_owned())
+        } else {
+            (own.warming.is_some() && others.warming.is_none()).then(|| "temperature".to_owned())
+        }
+    };
+    (beyond(of_a, of_b).map(|what| (a, b, what)))
+        .or_else(|| beyond(of_b, of_a).map(|what| (b, a, what)))
 }

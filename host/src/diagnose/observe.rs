@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use super::DiagnoseError;
+use super::chain::Carried;
 use super::consensus;
 use super::doubt::{SHORTEST_S, doubt};
 use super::effect::bending::take_out;
@@ -227,27 +228,28 @@ fn shift_of_map(stream: &Stream) -> Option<(f64, f64)> {
 
 /// How each residual changes with what of the chain is known only roughly: the stiffness and the
 /// damping of the shafts, which decide for how long a vibration stays in step with the simulated
-/// one, gears whose inertia the description has in their neighbours, and what vibrates at the start.
+/// one, and gears whose inertia the description has in their neighbours; and what vibrates at the start.
 fn known_roughly(streams: &mut [Stream], signals: &Signals) {
     let Some(response) = &signals.response else {
         return;
     };
     let driven = &response.driven;
-    let vibrations = driven
-        .tolerances(&response.carried)
-        .into_iter()
-        .chain(driven.beginnings());
-    let vibrations = vibrations.map(|change| signals.fast_alone(change));
+    let fast = |changes: Vec<Carried>| changes.into_iter().map(|c| signals.fast_alone(c));
     let shafts = 0..response.stiffness.len();
     let gears = shafts.filter_map(|s| signals.with_gear(s, GEAR));
-    for change in vibrations.chain(gears) {
-        for stream in streams.iter_mut() {
-            let column = match (stream.kind, stream.shaft) {
-                (Kind::Strain, Some(s)) => product(&stream.map, &change.torque[s]),
-                (Kind::Angle, _) => stream.along_twists(&change.twist),
-                _ => continue,
-            };
-            stream.roughly.push(column);
-        }
+    let roughly: Vec<Carried> = fast(driven.tolerances(&response.carried))
+        .chain(gears)
+        .collect();
+    let beginnings: Vec<Carried> = fast(driven.beginnings()).collect();
+    for stream in streams {
+        let column = |change: &Carried| match (stream.kind, stream.shaft) {
+            (Kind::Strain, Some(s)) => Some(product(&stream.map, &change.torque[s])),
+            (Kind::Angle, _) => Some(stream.along_twists(&change.twist)),
+            _ => None,
+        };
+        (stream.roughly, stream.beginnings) = (
+            roughly.iter().filter_map(column).collect(),
+            beginnings.iter().filter_map(column).collect(),
+        );
     }
 }

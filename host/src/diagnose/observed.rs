@@ -7,7 +7,6 @@ use serde_json::{Map, Value};
 
 use super::effect::Effect;
 use super::error::LoadErrors;
-use super::fit::Prior;
 use super::select::Found;
 use super::stream::Columns;
 use super::{DiagnoseError, Diagnosis, Residuals};
@@ -36,6 +35,17 @@ impl<'a> Abscissa<'a> {
             values: values.into(),
         }
     }
+}
+
+/// A column that is in the model anyway.
+pub struct Nuisance {
+    /// The column.
+    pub column: Vec<f64>,
+    /// Standard deviation of its coefficient.
+    pub std: f64,
+    /// Standard deviation by which the coefficient differs from recording to recording; 0 of what
+    /// is the machine's.
+    pub spread: f64,
 }
 
 /// The angle that a shaft has turned by.
@@ -141,8 +151,8 @@ pub trait Observed: Clone + Send + Sync + 'static {
         f64::INFINITY
     }
 
-    /// Columns that are in the model of stream `k` anyway.
-    fn nuisances(&self, k: usize) -> Vec<Prior>;
+    /// What is in the model of stream `k` anyway, its zero first where it has one.
+    fn nuisances(&self, k: usize) -> Vec<Nuisance>;
 
     /// What `effect`, taken as linear about `parameters` (`[stream]`), predicts for each of
     /// its linear parameters.
@@ -153,7 +163,7 @@ pub trait Observed: Clone + Send + Sync + 'static {
         parameters: &[Vec<f64>],
     ) -> Vec<Columns>;
 
-    /// What may be beside `effect` in each stream by itself.
+    /// What may be beside `effect` in each stream by itself, differently in each recording.
     fn nuisances_of(&self, _effect: &dyn Effect<Self>, _shape: &[f64]) -> Vec<Columns> {
         Vec::new()
     }

@@ -188,36 +188,35 @@ pub(super) fn rest<S: Observed>(
     found: &[Found<S>],
     nuisance: &[Vec<f64>],
 ) -> Vec<Vec<Vec<f64>>> {
-    sessions
+    let base = nuisances(sessions, found);
+    let all: Vec<Vec<Columns>> = found
         .iter()
-        .map(|session| {
-            let one = std::slice::from_ref(session);
-            let base = nuisances(one, found);
-            let all: Vec<Vec<Columns>> = found
-                .iter()
-                .map(|f| columns(one, f.effect, &f.shape, &f.parameters))
-                .collect();
-            (0..session.streams().len())
-                .map(|k| {
-                    let mut rest = session.residual(k).to_vec();
-                    let mut subtract = |column: &[f64], by: f64| {
-                        for (r, c) in rest.iter_mut().zip(column) {
-                            *r -= by * c;
-                        }
-                    };
-                    for (prior, value) in base[k].iter().zip(&nuisance[k]) {
-                        subtract(&prior.column, *value);
-                    }
-                    for (f, columns) in found.iter().zip(&all) {
-                        for (column, value) in columns.iter().zip(&f.parameters[k]) {
-                            subtract(&column[k], *value);
-                        }
-                    }
-                    rest
-                })
-                .collect()
-        })
-        .collect()
+        .map(|f| columns(sessions, f.effect, &f.shape, &f.parameters))
+        .collect();
+    let mut rests = vec![Vec::new(); sessions.len()];
+    for k in 0..sessions[0].streams().len() {
+        let mut rest = joined(sessions, |s| s.residual(k).to_vec());
+        let mut subtract = |column: &[f64], by: f64| {
+            for (r, c) in rest.iter_mut().zip(column) {
+                *r -= by * c;
+            }
+        };
+        for (prior, value) in base[k].iter().zip(&nuisance[k]) {
+            subtract(&prior.column, *value);
+        }
+        for (f, columns) in found.iter().zip(&all) {
+            for (column, value) in columns.iter().zip(&f.parameters[k]) {
+                subtract(&column[k], *value);
+            }
+        }
+        let mut rest = rest.as_slice();
+        for (session, rests) in sessions.iter().zip(&mut rests) {
+            let (own, others) = rest.split_at(session.residual(k).len());
+            rests.push(own.to_vec());
+            rest = others;
+        }
+    }
+    rests
 }
 
 /// `sessions` with what nuisances and effects leave as their residuals.

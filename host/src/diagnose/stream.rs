@@ -61,8 +61,10 @@ pub struct Stream {
     pub table: Vec<f64>,
     /// The torque or speed that it answers to.
     pub sensed: Vec<f64>,
-    /// Changes with what is only known roughly, each by a standard deviation.
+    /// Changes with what of the machine is only known roughly, each by a standard deviation.
     pub roughly: Vec<Vec<f64>>,
+    /// What may vibrate since before the recording, each by a standard deviation.
+    pub beginnings: Vec<Vec<f64>>,
     /// Number of the shaft whose torque it answers to.
     pub shaft: Option<usize>,
     /// For an angle: signs with which the twists of the shafts enter.

@@ -31,7 +31,7 @@ pub use channel::{
     Adc, Auxiliary, Channel, Creep, Displacement, Drift, Encoder, Group, Hysteresis, Index, Place,
     Reference, Senses, Thermal, lag,
 };
-pub use drivetrain::{Direction, Drivetrain, Inertia, Load, Shaft};
+pub use drivetrain::{Direction, Drivetrain, Inertia, Load, MOST_INERTIAS, Shaft};
 pub use error::{MachineError, Violation};
 pub use friction::{CREEP, Friction};
 pub use gears::{Gears, Helical, Planetary, ShaftBearing};

@@ -13,8 +13,7 @@ use crate::bearing::{Calibration, Rig, calibration, recorded};
 use crate::build::Sensors;
 use crate::diagnose::effect::Effect;
 use crate::diagnose::error::LoadErrors;
-use crate::diagnose::fit::Prior;
-use crate::diagnose::observed::{Abscissa, Observed, Shaft};
+use crate::diagnose::observed::{Abscissa, Nuisance, Observed, Shaft};
 use crate::diagnose::refit::rest;
 use crate::diagnose::select::Found;
 use crate::diagnose::stream::Columns;
@@ -203,7 +202,7 @@ impl Observed for BearingSession {
         LASTS_S / self.dt_s()
     }
 
-    fn nuisances(&self, _: usize) -> Vec<Prior> {
+    fn nuisances(&self, _: usize) -> Vec<Nuisance> {
         Vec::new()
     }
 

@@ -205,7 +205,10 @@ impl Effect for Friction {
         parameters: &[f64],
         chain: &mut Drivetrain,
     ) -> bool {
-        let inertia = &mut chain.inertias[shape[0] as usize];
+        let name = &session.signals.inertias[shape[0] as usize];
+        let Some(inertia) = chain.inertias.iter_mut().find(|i| i.name == *name) else {
+            return false;
+        };
         let ratio = inertia.speed_ratio.abs();
         let signals = &session.signals;
         // At the inertia's own speed.

@@ -2,7 +2,9 @@
 
 use super::torsion::SHAFT;
 use super::{Coupling, Effect, Linear, Shape};
+use crate::diagnose::signals::Response;
 use crate::diagnose::stream::{Session, Term};
+use crate::machine::{Drivetrain, MOST_INERTIAS};
 
 /// What the shafts carry with a gear between two inertias, less what they carry
 /// without: the description puts its inertia into the neighbours. The gauges'
@@ -58,6 +60,24 @@ impl Effect for Resonance {
     /// What vibrates a little faster is soon out of step.
     fn form(&self, _: &Session) -> f64 {
         0.4
+    }
+    fn mend_chain(
+        &self,
+        session: &Session,
+        shape: &[f64],
+        parameters: &[f64],
+        chain: &mut Drivetrain,
+    ) -> bool {
+        let part = parameters[0] * shape[1];
+        let fits = chain.inertias.len() < MOST_INERTIAS && part > 0.0 && part < 1.0;
+        let name = |r: &Response| r.driven.drivetrain.shafts[shape[0] as usize].name.clone();
+        let named = session.signals.response.as_ref().map(name);
+        let place = chain
+            .shafts
+            .iter()
+            .position(|s| Some(&s.name) == named.as_ref());
+        let with = place.filter(|_| fits).map(|s| chain.with_gear(s, part));
+        with.map(|with| *chain = with).is_some()
     }
     fn experiment(&self) -> &'static str {
         "a torque sweep up to the highest torsional mode"

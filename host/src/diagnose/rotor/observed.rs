@@ -9,8 +9,7 @@ use super::{Readings, RotorPlace, RotorSession, RotorStream, clean, effect, writ
 use crate::build::Sensors;
 use crate::diagnose::effect::{Coupling, Effect};
 use crate::diagnose::error::LoadErrors;
-use crate::diagnose::fit::Prior;
-use crate::diagnose::observed::{Abscissa, Observed, Shaft};
+use crate::diagnose::observed::{Abscissa, Nuisance, Observed, Shaft};
 use crate::diagnose::refit::rest;
 use crate::diagnose::select::Found;
 use crate::diagnose::stream::Columns;
@@ -132,10 +131,14 @@ impl Observed for RotorSession {
     }
 
     /// What a clean machine leaves when it does the same.
-    fn nuisances(&self, k: usize) -> Vec<Prior> {
+    fn nuisances(&self, k: usize) -> Vec<Nuisance> {
         let mut column = self.streams[k].clean.clone();
         column.resize(self.t.len(), 0.0);
-        vec![Prior { column, std: 1.0 }]
+        vec![Nuisance {
+            column,
+            std: 1.0,
+            spread: 0.0,
+        }]
     }
 
     fn columns(
