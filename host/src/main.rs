@@ -21,9 +21,12 @@ fn main() -> ExitCode {
 fn in_one_line(error: &anyhow::Error) -> String {
     let causes = error.chain().map(ToString::to_string);
     causes
-        .reduce(|said, cause| match said.ends_with(&cause) {
-            true => said,
-            false => format!("{said}: {cause}"),
+        .reduce(|said, cause| {
+            if said.ends_with(&cause) {
+                said
+            } else {
+                format!("{said}: {cause}")
+            }
         })
         .unwrap_or_default()
 }

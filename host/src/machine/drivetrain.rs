@@ -69,6 +69,7 @@ impl Drivetrain {
     /// The same chain with a gear in shaft `s`, between two equal halves of it, with the moment
     /// `part` of the smaller neighbour's, half taken from each. The half behind the gear keeps the
     /// shaft's name: a mesh, whose torque gauges sense, is behind its gear.
+    #[must_use]
     pub fn with_gear(&self, s: usize, part: f64) -> Self {
         let mut with = self.clone();
         let neighbours = [s, s + 1].map(|i| self.inertias[i].referred_moment());
