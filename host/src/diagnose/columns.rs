@@ -65,11 +65,9 @@ fn over_all<S: Observed>(sessions: &[S], joined: impl Iterator<Item = Nuisance>)
         spread,
     } in joined
     {
+        let differs = sessions.len() > 1 && spread > 0.0;
         let mut from = 0;
-        for session in sessions
-            .iter()
-            .filter(|_| sessions.len() > 1 && spread > 0.0)
-        {
+        for session in sessions.iter().filter(|_| differs) {
             let own = from..from + session.speed().len();
             let mut alone = vec![0.0; column.len()];
             alone[own.clone()].copy_from_slice(&column[own.clone()]);

@@ -401,6 +401,8 @@ fn a_gear_with_inertia_is_named_alone_with_its_inertia() {
     let inertia = &found["parameters"]["inertia [part of the smaller neighbour's]"];
     let inertia = inertia.as_f64().unwrap();
     assert!((inertia - 0.21).abs() < 5e-3, "{inertia}");
+    let again = diagnosed_as(Path::new(&out), &recording, &[]);
+    assert_eq!(again["verdict"], "none", "{again}");
     // The line runs it, as one inertia more.
     let unseen = recorded(folder.path(), "unseen.parquet", "start-stop", "60", &effect);
     let described = machine().display().to_string();

@@ -2,7 +2,6 @@
 
 use super::torsion::SHAFT;
 use super::{Coupling, Effect, Linear, Shape};
-use crate::diagnose::signals::Response;
 use crate::diagnose::stream::{Session, Term};
 use crate::machine::{Drivetrain, MOST_INERTIAS};
 
@@ -10,6 +9,9 @@ use crate::machine::{Drivetrain, MOST_INERTIAS};
 /// without: the description puts its inertia into the neighbours. The gauges'
 /// mesh is behind the gear; nothing changes in the balance.
 pub struct Resonance;
+
+/// Part of what a gear of the inertia found does that must be there for it to become part of the chain.
+const LEAST: f64 = 0.5;
 
 impl Effect for Resonance {
     fn name(&self) -> &'static str {
@@ -68,16 +70,23 @@ impl Effect for Resonance {
         parameters: &[f64],
         chain: &mut Drivetrain,
     ) -> bool {
-        let part = parameters[0] * shape[1];
-        let fits = chain.inertias.len() < MOST_INERTIAS && part > 0.0 && part < 1.0;
-        let name = |r: &Response| r.driven.drivetrain.shafts[shape[0] as usize].name.clone();
-        let named = session.signals.response.as_ref().map(name);
-        let place = chain
-            .shafts
-            .iter()
-            .position(|s| Some(&s.name) == named.as_ref());
-        let with = place.filter(|_| fits).map(|s| chain.with_gear(s, part));
-        with.map(|with| *chain = with).is_some()
+        let Some(response) = &session.signals.response else {
+            return false;
+        };
+        let name = &response.driven.drivetrain.shafts[shape[0] as usize].name;
+        let Some(s) = chain.shafts.iter().position(|s| s.name == *name) else {
+            return false;
+        };
+        // The vibration tells the inertia by its frequency; of its size the small gear that is in
+        // the model anyway takes a part.
+        let with = chain.with_gear(s, shape[1]);
+        // A gear that an earlier diagnosis put there has the name already.
+        let is_new = (chain.inertias.iter()).all(|i| i.name != with.inertias[s + 1].name);
+        let fits = with.inertias.len() <= MOST_INERTIAS && parameters[0] > LEAST;
+        if is_new && fits {
+            *chain = with;
+        }
+        is_new && fits
     }
     fn experiment(&self) -> &'static str {
         "a torque sweep up to the highest torsional mode"
