@@ -44,13 +44,13 @@ pub(super) fn nuisances_of<S: Observed>(
         .map(|session| session.nuisances_of(effect, shape))
         .collect();
     let of_stream = |k: usize| {
-        let own = |j: usize| Nuisance {
-            column: in_stream(sessions, |s| &per_session[s][j][k]),
-            std: 1.0,
-            spread: 1.0,
-        };
-        let all = (0..per_session[0].len()).map(own);
-        over_all(sessions, all.filter(|n| !n.column.is_empty()))
+        let own = |j: usize| in_stream(sessions, |s| &per_session[s][j][k]);
+        let columns = (0..per_session[0].len()).map(own);
+        let acting = columns.filter(|column| !column.is_empty());
+        over_all(
+            sessions,
+            acting.map(|c| Nuisance::of_recording(c, 1.0, 1.0)),
+        )
     };
     (0..sessions[0].streams().len()).map(of_stream).collect()
 }

@@ -146,43 +146,36 @@ impl Observed for Session {
     fn nuisances(&self, k: usize) -> Vec<Nuisance> {
         let (stream, signals) = (&self.streams[k], &self.signals);
         let n = signals.len();
-        let of_machine = |column: Vec<f64>, std: f64| Nuisance {
-            column,
-            std,
-            spread: 0.0,
-        };
-        let of_recording = |column: Vec<f64>, std: f64, spread: f64| Nuisance {
-            column,
-            std,
-            spread,
-        };
         let std = self.zero_std(k);
-        let zero = |part: f64| of_recording(vec![1.0; n], std, part * std);
+        let zero = |part: f64| Nuisance::of_recording(vec![1.0; n], std, part * std);
         let mut own = match stream.kind {
             Kind::Strain | Kind::Innovation => vec![zero(ZERO_BETWEEN)],
             Kind::Balance => {
                 let bodies = signals.response.iter().flat_map(|r| &r.bodies);
                 let moment: f64 = bodies.map(|b| b.0).sum();
                 let inertia = signals.acceleration.iter().map(|a| a * moment);
-                vec![zero(1.0), of_machine(inertia.collect(), 0.02)]
+                vec![zero(1.0), Nuisance::of_machine(inertia.collect(), 0.02)]
             }
             Kind::Angle => {
                 let twist = signals.level.iter().map(|l| l * stream.scale);
-                vec![zero(1.0), of_machine(twist.collect(), 0.1)]
+                vec![zero(1.0), Nuisance::of_machine(twist.collect(), 0.1)]
             }
         };
         if stream.over_angle() && signals.count > 0.0 {
-            own.push(of_recording(
+            own.push(Nuisance::of_recording(
                 stream.slope.clone(),
                 signals.count,
                 signals.count,
             ));
         }
-        own.extend((stream.roughly.iter()).map(|column| of_machine(column.clone(), 1.0)));
-        own.extend((stream.beginnings.iter()).map(|column| of_recording(column.clone(), 1.0, 1.0)));
+        own.extend((stream.roughly.iter()).map(|column| Nuisance::of_machine(column.clone(), 1.0)));
+        own.extend(
+            (stream.beginnings.iter())
+                .map(|column| Nuisance::of_recording(column.clone(), 1.0, 1.0)),
+        );
         let mut clean = stream.clean.clone();
         clean.resize(n, 0.0);
-        own.push(of_machine(clean, 1.0));
+        own.push(Nuisance::of_machine(clean, 1.0));
         own
     }
 

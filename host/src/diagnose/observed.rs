@@ -48,6 +48,22 @@ pub struct Nuisance {
     pub spread: f64,
 }
 
+impl Nuisance {
+    /// With one coefficient in all recordings.
+    pub fn of_machine(column: Vec<f64>, std: f64) -> Self {
+        Self::of_recording(column, std, 0.0)
+    }
+
+    /// With a coefficient that differs by `spread` from recording to recording.
+    pub fn of_recording(column: Vec<f64>, std: f64, spread: f64) -> Self {
+        Self {
+            column,
+            std,
+            spread,
+        }
+    }
+}
+
 /// The angle that a shaft has turned by.
 pub struct Shaft<'a> {
     /// Its name.

@@ -134,11 +134,7 @@ impl Observed for RotorSession {
     fn nuisances(&self, k: usize) -> Vec<Nuisance> {
         let mut column = self.streams[k].clean.clone();
         column.resize(self.t.len(), 0.0);
-        vec![Nuisance {
-            column,
-            std: 1.0,
-            spread: 0.0,
-        }]
+        vec![Nuisance::of_machine(column, 1.0)]
     }
 
     fn columns(
