@@ -150,3 +150,35 @@ fn the_tuned_description_is_used_and_each_method_is_best_at_what_it_asks_for() {
     assert!(after < 3.43 && after < before, "{before} -> {after}");
     assert!(report["seconds"].as_f64().unwrap() < 60.0);
 }
+
+/// How the loads moved does not depend on which gauges look.
+#[test]
+fn of_the_likelihood_all_sets_get_the_median_walk() {
+    let folder = tempfile::tempdir().unwrap();
+    let ramps = record(folder.path(), "torque-ramps", 30.0, 2);
+    let tuned = folder.path().join("tuned.toml");
+    let report = loadtwin(&[
+        Path::new("tune"),
+        Path::new(GEARBOX),
+        &ramps,
+        Path::new("--keep-r"),
+        Path::new("--method"),
+        Path::new("likelihood"),
+        Path::new("-o"),
+        &tuned,
+    ])
+    .unwrap();
+    let mut told: Vec<f64> = (report["sets"].as_array().unwrap().iter())
+        .map(|set| &set["methods"]["likelihood"]["main_shaft"]["walk_nm_per_sqrt_s"])
+        .map(|walk| walk.as_f64().unwrap())
+        .collect();
+    told.sort_by(f64::total_cmp);
+    assert!(told.last() > told.first(), "{told:?}");
+    let median = told[(told.len() - 1) / 2];
+    let machine = Machine::load(&tuned).unwrap();
+    assert_eq!(machine.sensor_sets.len(), told.len());
+    for set in &machine.sensor_sets {
+        let written = set.walk_nm_per_sqrt_s["main_shaft"];
+        assert!((written / median - 1.0).abs() < 1e-5, "{}", set.name);
+    }
+}

@@ -11,8 +11,8 @@ use crate::build::Sensors;
 use crate::calibrate::{Description, with_noise};
 use crate::machine::{Channel, Machine};
 use crate::tune::{
-    LoadNoise, MeasurementNoise, Method, Tuned, measure_noise, page, rms, sampled_process_noise,
-    tune_loads,
+    LoadNoise, MeasurementNoise, Method, Tuned, common_walk, measure_noise, page, rms,
+    sampled_process_noise, tune_loads,
 };
 
 /// Draws of the Monte Carlo check of the process noise.
@@ -22,7 +22,7 @@ const DRAWS: usize = 2000;
 ///
 /// Of a drivetrain: R over the carrier angle from the errors of the model in the first
 /// recording, which should be at constant load and have reference loads; Qd of
-/// the loads for each set of sensors. Of a rotor: walk of the loads, model error, spread
+/// the loads for each set of sensors, by the likelihood one for all of them. Of a rotor: walk of the loads, model error, spread
 /// before the first sample and noise of the sensors, by the likelihood of the
 /// innovations and by the differential evolution of the paper, side by side.
 #[derive(Debug, Args)]
@@ -75,7 +75,7 @@ pub(super) enum Choice {
     Innovation,
     /// Corner of the L-curve.
     LCurve,
-    /// Largest likelihood of the innovations.
+    /// Largest likelihood of the innovations; of several sets of sensors the median is written.
     Likelihood,
     /// On a rotor: differential evolution on the paper's two objectives.
     Evolution,
@@ -103,6 +103,20 @@ struct Set {
     name: String,
     tuned: Tuned,
     seconds: f64,
+}
+
+/// Walk of each load that is written for each set, `[set][load]` [N m/sqrt(s)].
+///
+/// Which bandwidth a set can reach differs from set to set, how the loads moved does not.
+fn chosen_walks(sets: &[Set], method: Method) -> Vec<Vec<f64>> {
+    let told = || {
+        sets.iter()
+            .map(|set| set.tuned.methods[0].1.walk.as_slice())
+    };
+    match method {
+        Method::Likelihood => vec![common_walk(&told().collect::<Vec<_>>()); sets.len()],
+        _ => told().map(<[f64]>::to_vec).collect(),
+    }
 }
 
 impl Tune {
@@ -159,8 +173,9 @@ impl Tune {
             });
         }
         drop(progress);
+        let walks = chosen_walks(&sets, method);
         if let Some(output) = &self.output {
-            write(&described, &machine, &names, &sets, output)?;
+            write(&described, &machine, &names, &walks, output)?;
         }
         if let Some(path) = &self.response {
             write_response(&machine, &sets, path)?;
@@ -181,13 +196,16 @@ impl Tune {
                 "noise": noise.iter().map(|(i, n)| noise_report(&machine.channels[*i], n)).collect::<Vec<_>>(),
                 "noise_seconds": noise_seconds,
                 "process_noise": process_noise(&machine),
-                "sets": sets.iter().map(|set| report(&machine, set)).collect::<Vec<_>>(),
+                "sets": sets.iter().zip(&walks).map(|(set, walk)| report(&machine, set, walk)).collect::<Vec<_>>(),
                 "machine_out": self.output,
                 "seconds": started.elapsed().as_secs_f64(),
             });
             println!("{out}");
         } else {
             print(&machine, &sets);
+            for doubt in doubts(&machine, &sets, &walks) {
+                eprintln!("{doubt}");
+            }
         }
         Ok(())
     }
@@ -209,14 +227,34 @@ fn process_noise(machine: &Machine) -> Value {
     json!({ "parameter_std": std, "draws": DRAWS, "drawn_to_first_order_std": ratios })
 }
 
-fn report(machine: &Machine, set: &Set) -> Value {
+/// Where a set tells another size of walk than the one that is written for it.
+fn doubts(machine: &Machine, sets: &[Set], walks: &[Vec<f64>]) -> Vec<String> {
+    const FACTOR: f64 = 10.0;
+    let mut doubts = Vec::new();
+    for (set, chosen) in sets.iter().zip(walks) {
+        let told = &set.tuned.methods[0].1.walk;
+        for (load, (told, chosen)) in load_names(machine).zip(told.iter().zip(chosen)) {
+            if !(chosen / FACTOR..=chosen * FACTOR).contains(told) {
+                doubts.push(format!(
+                    "{}: alone it tells a walk of {load} of {told:.3e} N m/sqrt(s), most others {chosen:.3e}, \
+                     which is taken: its model or its noise may be wrong",
+                    set.name
+                ));
+            }
+        }
+    }
+    doubts
+}
+
+fn load_names(machine: &Machine) -> impl Iterator<Item = &str> {
+    let loads = machine.drivetrain.iter().flat_map(|d| &d.loads);
+    loads.map(|load| load.name.as_str())
+}
+
+fn report(machine: &Machine, set: &Set, walk: &[f64]) -> Value {
     let loads = |noise: &LoadNoise| -> Map<String, Value> {
-        let names = machine
-            .drivetrain
-            .iter()
-            .flat_map(|d| &d.loads)
-            .map(|l| l.name.clone());
-        names
+        load_names(machine)
+            .map(str::to_owned)
             .zip(noise.walk.iter().zip(&noise.log10_qd))
             .map(|(name, (walk, qd))| (name, json!({ "walk_nm_per_sqrt_s": walk, "log10_qd": qd })))
             .collect()
@@ -235,13 +273,19 @@ fn report(machine: &Machine, set: &Set) -> Value {
             (method.name().to_owned(), Value::Object(entry))
         })
         .collect();
-    json!({ "sensors": set.name, "methods": methods, "seconds": set.seconds })
+    let chosen: Map<String, Value> = load_names(machine)
+        .zip(walk)
+        .map(|(name, walk)| (name.to_owned(), json!(walk)))
+        .collect();
+    json!({
+        "sensors": set.name, "methods": methods, "walk_nm_per_sqrt_s": chosen, "seconds": set.seconds,
+    })
 }
 
 fn print(machine: &Machine, sets: &[Set]) {
     let mut header = format!("{:<24}{:<13}", "log10 Qd", "method");
-    for load in machine.drivetrain.iter().flat_map(|d| &d.loads) {
-        header += &format!("{:>18}", load.name);
+    for load in load_names(machine) {
+        header += &format!("{load:>18}");
     }
     println!("{header}{:>12}{:>12}{:>8}", "misfit", "innovation", "s");
     for set in sets {
@@ -265,30 +309,20 @@ fn write(
     described: &Machine,
     machine: &Machine,
     names: &[Option<String>],
-    sets: &[Set],
+    walks: &[Vec<f64>],
     output: &Path,
 ) -> anyhow::Result<()> {
     let mut description = Description::read(&described.path)?;
-    let loads: Vec<&str> = machine
-        .drivetrain
-        .iter()
-        .flat_map(|d| &d.loads)
-        .map(|l| l.name.as_str())
-        .collect();
-    for (name, set) in names.iter().zip(sets) {
-        let Some((_, found)) = set.tuned.methods.first() else {
-            continue;
-        };
+    let loads: Vec<&str> = load_names(machine).collect();
+    for (name, walk) in names.iter().zip(walks) {
+        let walks = || loads.iter().copied().zip(walk.iter().copied());
         match name {
-            Some(name) => description.set_numbers(
-                "sensor_set",
-                name,
-                "walk_nm_per_sqrt_s",
-                loads.iter().copied().zip(found.walk.iter().copied()),
-            ),
+            Some(name) => {
+                description.set_numbers("sensor_set", name, "walk_nm_per_sqrt_s", walks());
+            }
             None => {
-                for (load, walk) in loads.iter().zip(&found.walk) {
-                    description.set_number("drivetrain.load", load, "walk_nm_per_sqrt_s", *walk);
+                for (load, walk) in walks() {
+                    description.set_number("drivetrain.load", load, "walk_nm_per_sqrt_s", walk);
                 }
             }
         }
@@ -307,12 +341,7 @@ fn noise_report(channel: &Channel, noise: &MeasurementNoise) -> Value {
 
 /// `|H|` of each load and set over the frequency.
 fn write_response(machine: &Machine, sets: &[Set], path: &Path) -> anyhow::Result<()> {
-    let loads: Vec<&str> = machine
-        .drivetrain
-        .iter()
-        .flat_map(|d| &d.loads)
-        .map(|l| l.name.as_str())
-        .collect();
+    let loads: Vec<&str> = load_names(machine).collect();
     let mut text = String::from("f [Hz]");
     for set in sets {
         for load in &loads {

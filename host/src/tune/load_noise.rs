@@ -78,6 +78,21 @@ pub struct Tuned {
     pub response: Vec<(f64, Vec<f64>)>,
 }
 
+/// The walk of each load that sets of sensors tell together, from what each tells, `[set][load]`:
+/// the median of the logarithms, of an even number the lower of the two.
+///
+/// The likelihood asks how the loads moved, which is the same for every set. What a set's model
+/// gets wrong can only pass for a load that moves faster.
+pub fn common_walk(told: &[&[f64]]) -> Vec<f64> {
+    let loads = told.first().map_or(0, |walks| walks.len());
+    let of_load = |j: usize| {
+        let mut walks: Vec<f64> = told.iter().map(|walks| walks[j]).collect();
+        walks.sort_by(f64::total_cmp);
+        walks[(walks.len() - 1) / 2]
+    };
+    (0..loads).map(of_load).collect()
+}
+
 /// Tunes the load noise of `machine` with `sensors` by `methods`; the methods that
 /// try run the estimator on `recordings`.
 ///
@@ -238,5 +253,18 @@ fn median(mut values: Vec<f64>) -> f64 {
         0 => f64::NAN,
         _ if n % 2 == 1 => values[n / 2],
         _ => 0.5 * (values[n / 2 - 1] + values[n / 2]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::common_walk;
+
+    #[test]
+    fn a_set_whose_model_is_wrong_is_outvoted() {
+        let told: [&[f64]; 3] = [&[7.0, 2.0], &[900.0, 1.0], &[8.0, 3.0]];
+        assert_eq!(common_walk(&told), [8.0, 2.0]);
+        assert_eq!(common_walk(&told[..2]), [7.0, 1.0]);
+        assert_eq!(common_walk(&told[..1]), [7.0, 2.0]);
     }
 }

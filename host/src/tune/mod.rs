@@ -14,7 +14,7 @@ use thiserror::Error;
 
 pub use differential_evolution::Evolution;
 pub use frequency_response::{FrequencyResponse, Weighting};
-pub use load_noise::{LoadNoise, Method, Tuned, tune_loads};
+pub use load_noise::{LoadNoise, Method, Tuned, common_walk, tune_loads};
 pub use measurement_noise::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
 pub use operating_point::OperatingPoint;
 pub use page::page;
