@@ -35,3 +35,29 @@ impl fmt::Display for Error {
 }
 
 impl core::error::Error for Error {}
+
+/// Checks that there are `len` values and that all are finite.
+pub(crate) fn finite(values: &[f32], len: usize, name: &'static str) -> Result<(), Error> {
+    if values.len() != len {
+        Err(Error::OutOfRange(name))
+    } else if values.iter().all(|value| value.is_finite()) {
+        Ok(())
+    } else {
+        Err(Error::NotFinite(name))
+    }
+}
+
+/// Checks that all values are finite and above zero.
+pub(crate) fn positive(
+    values: impl IntoIterator<Item = f32>,
+    name: &'static str,
+) -> Result<(), Error> {
+    if values
+        .into_iter()
+        .all(|value| value > 0.0 && value.is_finite())
+    {
+        Ok(())
+    } else {
+        Err(Error::NotPositive(name))
+    }
+}

@@ -1,7 +1,9 @@
 //! From raw words to readings: zero, gain, unwrapping, homing.
 
+use crate::elementary;
+use crate::error::{Error, finite, positive};
 use crate::fault::Fault;
-use crate::phase::{Phase, PhaseStep};
+use crate::phase::{Phase, PhaseStep, UPPER_PER_RAD};
 use crate::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
 use serde::{Deserialize, Serialize};
 
@@ -38,6 +40,36 @@ pub struct IndexPulse {
     pub angle: Phase,
     /// Largest deviation from the expected angle that is not a fault [rad], > 0.
     pub tolerance_rad: f32,
+    /// How that encoder errs once per turn, where its disc is not centred.
+    pub eccentricity: Option<Eccentricity>,
+}
+
+/// Error of an angle once per turn, `c (cos a - 1) + s sin a`, at `a` past the index pulse:
+/// homing takes what it is there.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Eccentricity {
+    /// `c` [rad].
+    pub cosine_rad: f32,
+    /// `s` [rad].
+    pub sine_rad: f32,
+}
+
+impl IndexPulse {
+    /// Checks the ranges.
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        positive([self.tolerance_rad], "index tolerance")?;
+        self.eccentricity.map_or(Ok(()), |e| {
+            finite(&[e.cosine_rad, e.sine_rad], 2, "eccentricity")
+        })
+    }
+
+    /// How far ahead the encoder reads at `angle`, once homed.
+    fn error(&self, angle: Phase) -> Phase {
+        self.eccentricity.map_or(Phase::default(), |e| {
+            let (sine, cosine) = elementary::sin_cos(angle.since(self.angle).to_rad());
+            Phase::from_small_rad(e.cosine_rad * (cosine - 1.0) + e.sine_rad * sine)
+        })
+    }
 }
 
 /// A value, or why there is none.
@@ -198,6 +230,12 @@ impl Unwrap {
                 *angle = angle.turned_by(by);
             }
         }
+        // The encoder itself stays as it counts: of the next pulse its count is latched.
+        if let Some(index) = index.filter(|index| self.homed && index.eccentricity.is_some())
+            && let Some(Ok(angle)) = angles.get_mut(usize::from(index.encoder))
+        {
+            *angle = angle.since(index.error(*angle));
+        }
         Measurement {
             tick: raw.tick,
             lost,
@@ -216,7 +254,6 @@ impl Unwrap {
     /// Inside the tolerance nothing is decided: an encoder that trembles there
     /// may or may not meet the pulse. With a lost sample a pulse may be lost.
     fn watch(&mut self, came: bool, lost: bool, index: &IndexPulse, lead: Phase) {
-        const TURN: f32 = 4_294_967_296.0 / core::f32::consts::TAU;
         let Some(angle) = self.angles.get(usize::from(index.encoder)) else {
             return;
         };
@@ -228,7 +265,7 @@ impl Unwrap {
             passage.side = 0;
         }
         passage.came |= came;
-        if distance <= 1 << 30 && distance > (index.tolerance_rad * TURN) as u32 {
+        if distance <= 1 << 30 && distance > (index.tolerance_rad * UPPER_PER_RAD) as u32 {
             let side = if ahead < 0 { -1 } else { 1 };
             if side == -passage.side {
                 passage.missed = !passage.came && self.homed;
@@ -302,6 +339,7 @@ mod tests {
         encoder: 0,
         angle: Phase(1 << 63),
         tolerance_rad: 0.1,
+        eccentricity: None,
     };
 
     fn sample(tick: u32, word: i32, count: u32) -> RawSample {
@@ -388,6 +426,45 @@ mod tests {
         assert_eq!(m.angles[0], Ok(Phase(3 << 62)));
         assert!(m.homed && m.rehomed.is_some());
         unwrap
+    }
+
+    /// A disc that reads `0.01 (cos a - 1) + 0.02 sin a` ahead at `a` past the pulse.
+    #[test]
+    fn an_eccentric_disc_is_set_right_once_homed() {
+        const STEPS: u32 = 1000;
+        let error = |past: f32| 0.01 * (libm::cosf(past) - 1.0) + 0.02 * libm::sinf(past);
+        let counter = Counter {
+            step: PhaseStep(u64::MAX / 1_000_000),
+            bits: 32,
+        };
+        let index = IndexPulse {
+            eccentricity: Some(Eccentricity {
+                cosine_rad: 0.01,
+                sine_rad: 0.02,
+            }),
+            ..INDEX
+        };
+        let mut unwrap = Unwrap::default();
+        for tick in 0..3 * STEPS {
+            // The pulse comes at half a turn, from where the count begins.
+            let turns = tick as f32 / STEPS as f32;
+            let past = core::f32::consts::TAU * (turns - 0.5);
+            let count = |turns: f32, error: f32| {
+                ((turns + error / core::f32::consts::TAU) * 1e6 + 1e4) as u32
+            };
+            let raw = RawSample {
+                index: (tick % STEPS == STEPS / 2).then(|| count(turns, 0.0)),
+                ..sample(tick, tick as i32, count(turns, error(past)))
+            };
+            let none = Phase::default();
+            let m = unwrap.convert(&raw, &[CONVERTER], &[counter], Some(&index), none);
+            assert!(!m.slipped, "{tick}");
+            let true_angle = Phase::from_rad(past).turned_by(INDEX.angle);
+            let off = m.angles[0].unwrap().since(true_angle).to_rad();
+            // At first order, and to a count.
+            assert!(!m.homed || off.abs() < 1e-3, "{tick}: {off}");
+            assert!(m.homed || tick < STEPS / 2);
+        }
     }
 
     #[test]

@@ -12,7 +12,15 @@ pub struct Phase(pub u64);
 /// 2 pi / 2^32: radians in one unit of the upper word.
 const RAD_PER_UPPER: f32 = core::f32::consts::TAU / 4_294_967_296.0;
 
+/// The reciprocal.
+pub(crate) const UPPER_PER_RAD: f32 = 4_294_967_296.0 / core::f32::consts::TAU;
+
 impl Phase {
+    /// The phase of `rad` from -pi to pi, to 2^-24 of it; beyond, that of the nearer end.
+    pub fn from_small_rad(rad: f32) -> Self {
+        Self(u64::from((rad * UPPER_PER_RAD) as i32 as u32) << 32)
+    }
+
     /// The phase of `rad`, taken modulo one turn.
     ///
     /// Non-finite angles give phase 0.
@@ -98,6 +106,16 @@ mod tests {
                 .abs()
                 < 1e-6
         );
+    }
+
+    #[test]
+    fn a_small_angle_keeps_its_digits_and_a_large_one_stays_at_half_a_turn() {
+        for rad in [1e-6_f32, -1e-6, 0.02, -3.0] {
+            let back = Phase::from_small_rad(rad).to_rad();
+            assert!((back - rad).abs() < 2e-7 * rad.abs() + 2e-9, "{back}");
+        }
+        assert!((Phase::from_small_rad(9.0).to_rad() - core::f32::consts::PI).abs() < 1e-6);
+        assert_eq!(Phase::from_small_rad(f32::NAN), Phase::default());
     }
 
     #[test]

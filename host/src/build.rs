@@ -1,5 +1,7 @@
 //! `loadtwin build`: machine description to model image.
 
+mod encoder;
+
 use std::collections::BTreeMap;
 
 use clap::ValueEnum;

@@ -259,6 +259,12 @@ fn a_machine_that_is_wrong_is_refused_with_line_field_and_range() {
             "[[auxiliary]] of a temperature with `adc`",
         ],
     );
+    // It turns twice as fast, so that a pulse once a turn would not tell where its disc stands.
+    bench.refused_machine(
+        "counts_per_turn = 4096",
+        "counts_per_turn = 4096\neccentricity = { amplitude_rad = 0.002, ahead_at_rad = 0.0 }",
+        &["encoder[1].eccentricity", "speed_ratio 1"],
+    );
 }
 
 #[test]

@@ -2,8 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::model::{finite, positive};
-use crate::Error;
+use crate::error::{Error, finite, positive};
 use crate::image::StateVec;
 
 /// Most inertias with dry friction.

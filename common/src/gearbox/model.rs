@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::friction::{Friction, MAX_FRICTIONS};
 use super::response::Response;
 use super::steady::SteadyGains;
-use crate::Error;
+use crate::error::{Error, finite, positive};
 use crate::image::{LoadSignal, MAX_STATES, StateVec};
 use crate::measurement::{Converter, Counter, IndexPulse};
 use crate::raw::{MAX_CHANNELS, MAX_ENCODERS};
@@ -196,7 +196,7 @@ impl GearboxModel<'_> {
             friction.check(states, LOADS)?;
         }
         if let Some(index) = &self.index {
-            positive([index.tolerance_rad], "index tolerance")?;
+            index.check()?;
         }
         match &self.steady {
             Some(gains) => self.check_steady(gains, states),
@@ -263,31 +263,5 @@ impl Channel<'_> {
     /// Whether a state is added to its reading.
     pub fn has_bias(&self) -> bool {
         matches!(&self.role, Role::Measure { biases, .. } if !biases.is_empty())
-    }
-}
-
-/// Checks that there are `len` values and that all are finite.
-pub(super) fn finite(values: &[f32], len: usize, name: &'static str) -> Result<(), Error> {
-    if values.len() != len {
-        Err(Error::OutOfRange(name))
-    } else if values.iter().all(|value| value.is_finite()) {
-        Ok(())
-    } else {
-        Err(Error::NotFinite(name))
-    }
-}
-
-/// Checks that all values are finite and above zero.
-pub(super) fn positive(
-    values: impl IntoIterator<Item = f32>,
-    name: &'static str,
-) -> Result<(), Error> {
-    if values
-        .into_iter()
-        .all(|value| value > 0.0 && value.is_finite())
-    {
-        Ok(())
-    } else {
-        Err(Error::NotPositive(name))
     }
 }

@@ -4,7 +4,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use super::filter::{BIASES, FORCES};
-use crate::Error;
+use crate::error::{Error, positive};
 use crate::estimate::MAX_LOADS;
 use crate::image::LoadSignal;
 use crate::measurement::{Converter, Counter, IndexPulse};
@@ -261,20 +261,6 @@ impl RotorModel<'_> {
             }
             positive([encoder.angle_gain, encoder.speed_gain], "encoder gain")?;
         }
-        match &self.index {
-            Some(index) => positive([index.tolerance_rad], "index tolerance"),
-            None => Ok(()),
-        }
-    }
-}
-
-fn positive(values: impl IntoIterator<Item = f32>, name: &'static str) -> Result<(), Error> {
-    if values
-        .into_iter()
-        .all(|value| value > 0.0 && value.is_finite())
-    {
-        Ok(())
-    } else {
-        Err(Error::NotPositive(name))
+        self.index.as_ref().map_or(Ok(()), IndexPulse::check)
     }
 }

@@ -5,8 +5,7 @@ use std::f64::consts::PI;
 use faer::{Mat, Side};
 use loadtwin_common::bearing::{BearingModel, GAUGES, GaugeModel, LOADS, Tuning};
 use loadtwin_common::image::{LoadSignal, Model};
-use loadtwin_common::measurement::{Converter, Counter};
-use loadtwin_common::phase::PhaseStep;
+use loadtwin_common::measurement::Converter;
 
 use super::calibration::Calibration;
 use super::physical::geometry;
@@ -112,11 +111,7 @@ pub fn model(
     Ok(BearingModel {
         loads,
         gauges,
-        counter: Counter {
-            // 2^64 is one turn; the step of a negative encoder wraps.
-            step: PhaseStep((18_446_744_073_709_551_616.0 / encoder.counts_per_turn) as i64 as u64),
-            bits: encoder.bits as u8,
-        },
+        counter: encoder.counter(1.0),
         passes_per_turn: (f64::from(bearing.balls) * ratio) as f32,
         tuning: tuning(bearing, calibration, f64::from(geometry.radius_mm))?,
         geometry,

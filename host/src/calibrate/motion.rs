@@ -61,13 +61,7 @@ impl Motion {
             ));
         }
         // The counter of the index's encoder is the one that is homed.
-        let homing = machine.index.as_ref().and_then(|index| {
-            machine
-                .encoders
-                .iter()
-                .find(|e| e.name == index.encoder)
-                .cloned()
-        });
+        let homing = machine.homed_encoder().cloned();
         let sensors = Sensors {
             channels: Vec::new(),
             encoders: homing.map_or(encoders, |encoder| vec![encoder]),
@@ -118,7 +112,10 @@ impl Motion {
                         // What was read before stands turned by as much.
                         moved = moved.wrapping_sub(by.0);
                         let by = by.0 as i64 as f64 * TURNS_PER_PHASE * TAU;
-                        motion.angle.iter_mut().for_each(|angle| *angle += by);
+                        for angle in &mut motion.angle {
+                            *angle += by;
+                            *angle -= machine.homed_error(*angle);
+                        }
                         angle += by;
                         motion.homed = true;
                     }

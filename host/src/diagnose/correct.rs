@@ -1,5 +1,5 @@
 //! The machine description with what was found, as far as the line has a
-//! place for it: zeros, maps, response, creep, warmth, friction, gears.
+//! place for it: zeros, maps, response, creep, warmth, friction, gears, encoders.
 
 use std::path::Path;
 
@@ -9,7 +9,8 @@ use super::effect::{Coupling, GaugeModel, bending};
 use super::stream::Kind;
 use crate::calibrate::{CalibrateError, Description, map_file};
 use crate::machine::{
-    Creep, Drift, Hysteresis, Inertia, MAP_ENTRIES, Machine, Shaft, Thermal, resampled, six_digits,
+    Creep, Drift, Encoder, Hysteresis, Inertia, MAP_ENTRIES, Machine, Shaft, Thermal, resampled,
+    six_digits,
 };
 
 /// Writes `machine` with the effects found to `path`, maps beside it; gives
@@ -33,8 +34,22 @@ pub fn write(
         description.set_in("drivetrain.bending", "std", six_digits(std));
         description.set_in("drivetrain.bending", "time_s", six_digits(time_s));
     }
+    write_encoders(&mut description, &machine.encoders, &changed.encoders);
     description.write_with_gauges(machine, &changed, path)?;
     Ok(absent)
+}
+
+/// What changed of the encoders.
+fn write_encoders(description: &mut Description, was: &[Encoder], is: &[Encoder]) {
+    for (was, is) in was.iter().zip(is) {
+        if let (true, Some(eccentricity)) = (was.eccentricity != is.eccentricity, is.eccentricity) {
+            let numbers = [
+                ("amplitude_rad", eccentricity.amplitude_rad),
+                ("ahead_at_rad", eccentricity.ahead_at_rad),
+            ];
+            description.set_numbers("encoder", &is.name, "eccentricity", numbers.into_iter());
+        }
+    }
 }
 
 /// What changed of the inertias; a new one before its neighbour.
@@ -188,10 +203,10 @@ pub fn corrected(
     let mut absent = Vec::new();
     for (found, mended) in selection.found.iter().zip(mended) {
         let shared = found.parameters.iter().find(|p| !p.is_empty());
-        let braked = shared
-            .zip(changed.drivetrain.as_mut())
-            .is_some_and(|(p, chain)| found.effect.mend_chain(session, &found.shape, p, chain));
-        if !mended && !braked {
+        let taken = shared.is_some_and(|parameters| {
+            (found.effect).mend_machine(session, &found.shape, parameters, &mut changed)
+        });
+        if !mended && !taken {
             absent.push(found.effect.name());
         }
     }

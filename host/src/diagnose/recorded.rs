@@ -142,7 +142,11 @@ impl Recorded {
                         TAU / (encoder.counts_per_turn * ratio(encoder)),
                     )
                 };
-                unwrapped(counts, modulus, step)
+                let mut read = unwrapped(counts, modulus, step);
+                if encoder.eccentricity.is_some() {
+                    centre(&mut read, &angle, machine);
+                }
+                read
             })
             .collect();
         Ok(Self {
@@ -189,6 +193,18 @@ fn unwrapped(counts: &[f64], modulus: f64, step: f64) -> Vec<f64> {
             total * step
         })
         .collect()
+}
+
+/// Takes off how the index's encoder errs by `machine`'s description; nothing where `angle`, its
+/// own once homed, is not known.
+fn centre(read: &mut [f64], angle: &[f64], machine: &Machine) {
+    let known = angle.iter().position(|angle| angle.is_finite());
+    let Some(zero) = known.map(|at| angle[at] - read[at]) else {
+        return;
+    };
+    for read in read {
+        *read -= machine.homed_error(*read + zero);
+    }
 }
 
 /// Takes out readings that repeat for longer than noise allows; how many.

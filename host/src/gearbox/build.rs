@@ -7,8 +7,7 @@ use loadtwin_common::gearbox::{
 };
 use loadtwin_common::image::{LoadSignal, Model};
 use loadtwin_common::line::STATES;
-use loadtwin_common::measurement::{Converter, Counter, IndexPulse};
-use loadtwin_common::phase::{Phase, PhaseStep};
+use loadtwin_common::measurement::Converter;
 use loadtwin_common::table::PeriodicTable;
 
 use super::channel_tables::Tables;
@@ -331,10 +330,7 @@ impl Plan {
         let noise =
             encoder.noise_std_counts.unwrap_or(QUANTISATION) * std::f64::consts::TAU / counts;
         Ok(Encoder {
-            counter: Counter {
-                step: phase_step(1.0 / counts),
-                bits: encoder.bits as u8,
-            },
+            counter: encoder.counter(self.torsion.ratio(&encoder.inertia)),
             row: fixed(&row)?,
             variance: (noise * noise) as f32,
             offset_state: offset_state as u8,
@@ -403,16 +399,12 @@ impl Plan {
             })
             .collect::<Result<_, BuildError>>()?;
         let index = machine.index.as_ref().and_then(|index| {
-            let encoder = sensors
-                .encoders
-                .iter()
-                .position(|e| e.name == index.encoder);
-            // Without encoder the pulse itself is the measurement of the angle.
-            (encoder.is_some() || sensors.encoders.is_empty()).then(|| IndexPulse {
-                encoder: encoder.unwrap_or(0) as u8,
-                angle: phase(index.angle_rad),
-                tolerance_rad: index.tolerance_rad as f32,
-            })
+            let mut encoders = sensors.encoders.iter().zip(0..);
+            match encoders.find(|(encoder, _)| encoder.name == index.encoder) {
+                Some((encoder, number)) => Some(index.pulse(number, Some(encoder))),
+                // Without encoder the pulse itself is the measurement of the angle.
+                None => (sensors.encoders.is_empty()).then(|| index.pulse(0, None)),
+            }
         });
         Ok(GearboxModel {
             scale: fixed(&self.scale)?,
@@ -482,15 +474,4 @@ fn fixed<const N: usize>(values: &[f64]) -> Result<FixedVec<f32, N>, BuildError>
             fixed.push(value).map(|()| fixed).ok()
         })
         .ok_or(BuildError::TooLarge("the number of states"))
-}
-
-fn phase(rad: f64) -> Phase {
-    let turns = rad / std::f64::consts::TAU;
-    phase_step(turns - turns.floor()).into_phase()
-}
-
-/// The step of `turns` of the carrier.
-fn phase_step(turns: f64) -> PhaseStep {
-    // Beyond the range of i64 the two's complement wraps as the phase does.
-    PhaseStep((turns * 18_446_744_073_709_551_616.0) as i128 as u64)
 }

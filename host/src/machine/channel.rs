@@ -303,44 +303,6 @@ pub struct Adc {
     pub stuck_after: u16,
 }
 
-/// A counting encoder.
-#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Encoder {
-    /// Column of the recording.
-    pub name: String,
-    /// The inertia that it turns with; absent on a rotor.
-    #[serde(default)]
-    pub inertia: String,
-    /// Counts per turn of that inertia (after quadrature), not 0; negative where it
-    /// counts down in forward turning.
-    pub counts_per_turn: f64,
-    /// Width of the hardware counter [bit], 8 to 32.
-    #[serde(default = "thirty_two")]
-    pub bits: u32,
-    /// Standard deviation of the measured angle [counts]; that of the
-    /// quantisation, 0.29, where absent.
-    pub noise_std_counts: Option<f64>,
-}
-
-/// The once-per-revolution pulse of the carrier.
-#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Index {
-    /// Column of the recording: the latched count of `encoder` in the row
-    /// after the pulse, empty elsewhere.
-    pub name: String,
-    /// The encoder whose count the pulse latches; absent on a machine without
-    /// counting encoders, whose column then holds 1 in the row after the pulse.
-    #[serde(default)]
-    pub encoder: String,
-    /// Carrier angle at the pulse [rad].
-    pub angle_rad: f64,
-    /// Deviation from the expected angle that counts as a fault [rad], > 0.
-    #[serde(default = "index_tolerance")]
-    pub tolerance_rad: f64,
-}
-
 /// A reference load in recordings.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -433,14 +395,6 @@ fn one() -> f64 {
 
 fn twenty_four() -> u32 {
     24
-}
-
-fn thirty_two() -> u32 {
-    32
-}
-
-fn index_tolerance() -> f64 {
-    0.05
 }
 
 #[cfg(test)]

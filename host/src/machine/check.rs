@@ -8,7 +8,7 @@ use super::error::Violation;
 use super::rule::{
     Checked, at_least, at_most, finite, names, nonzero, one_of, positive, range, refuse, within,
 };
-use super::{Bearing, Channel, Drivetrain, Kind, Machine, Senses};
+use super::{Bearing, Channel, Drivetrain, Index, Kind, Machine, Senses};
 
 /// Channels and encoders of one sensor set.
 const MAX_CHANNELS: usize = loadtwin_common::raw::MAX_CHANNELS;
@@ -257,9 +257,7 @@ impl Machine {
         within("encoder", encoders, encoders == 1, "1 table, the wheel's")?;
         for encoder in &self.encoders {
             one_of("encoder[1].inertia", &encoder.inertia, &["wheel"])?;
-            nonzero("encoder[1].counts_per_turn", encoder.counts_per_turn)?;
-            let bits = encoder.bits;
-            within("encoder[1].bits", bits, (8..=32).contains(&bits), "8 to 32")?;
+            encoder.check(|name| format!("encoder[1].{name}"), false)?;
         }
         Ok(())
     }
@@ -269,24 +267,21 @@ impl Machine {
         for (i, encoder) in self.encoders.iter().enumerate() {
             let field = |name: &str| format!("encoder[{}].{name}", i + 1);
             one_of(&field("inertia"), &encoder.inertia, &inertias)?;
-            nonzero(&field("counts_per_turn"), encoder.counts_per_turn)?;
-            within(
-                &field("bits"),
-                encoder.bits,
-                (8..=32).contains(&encoder.bits),
-                "8 to 32",
-            )?;
-            if let Some(noise) = encoder.noise_std_counts {
-                positive(&field("noise_std_counts"), noise)?;
-            }
+            let turns = drivetrain
+                .inertias
+                .iter()
+                .find(|j| j.name == encoder.inertia);
+            let latches = |index: &Index| index.encoder == encoder.name;
+            let as_index = self.index.as_ref().is_some_and(latches)
+                && turns.is_some_and(|inertia| inertia.speed_ratio == 1.0);
+            encoder.check(field, as_index)?;
         }
         if let Some(index) = &self.index {
             if !self.encoders.is_empty() {
                 let encoders = names(&self.encoders, |e| &e.name);
                 one_of("index.encoder", &index.encoder, &encoders)?;
             }
-            finite("index.angle_rad", index.angle_rad)?;
-            positive("index.tolerance_rad", index.tolerance_rad)?;
+            index.check()?;
         }
         Ok(())
     }

@@ -10,6 +10,7 @@ mod bearing;
 mod channel;
 mod check;
 mod drivetrain;
+mod encoder;
 mod error;
 mod friction;
 mod gears;
@@ -28,10 +29,11 @@ pub use angle_map::{MAP_ENTRIES, read_column, read_columns, resampled, six_digit
 pub use balance::{Balance, BalanceEffect, Regime, Signal};
 pub use bearing::{BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, SHAPES};
 pub use channel::{
-    Adc, Auxiliary, Channel, Creep, Displacement, Drift, Encoder, Group, Hysteresis, Index, Place,
-    Reference, Senses, Thermal, lag,
+    Adc, Auxiliary, Channel, Creep, Displacement, Drift, Group, Hysteresis, Place, Reference,
+    Senses, Thermal, lag,
 };
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, MOST_INERTIAS, Shaft};
+pub use encoder::{Eccentricity, Encoder, Index};
 pub use error::{MachineError, Violation};
 pub use friction::{CREEP, Friction};
 pub use gears::{Gears, Helical, Planetary, ShaftBearing};
@@ -159,6 +161,20 @@ impl Machine {
     /// The temperature that the gauges answer to: the first that a recording may carry.
     pub fn thermometer(&self) -> Option<&Auxiliary> {
         (self.auxiliaries.iter()).find(|a| a.unit.quantity() == Quantity::Temperature)
+    }
+
+    /// The encoder whose count the index pulse latches.
+    pub fn homed_encoder(&self) -> Option<&Encoder> {
+        let index = self.index.as_ref()?;
+        self.encoders.iter().find(|e| e.name == index.encoder)
+    }
+
+    /// How far ahead that encoder reads at an angle, when the pulse has set it right [rad].
+    pub fn homed_error(&self, angle: f64) -> f64 {
+        let eccentricity = self.homed_encoder().and_then(|e| e.eccentricity);
+        (self.index.as_ref().zip(eccentricity)).map_or(0.0, |(index, eccentricity)| {
+            eccentricity.error(angle) - eccentricity.error(index.angle_rad)
+        })
     }
 
     /// Reads and checks the description in `path`.

@@ -93,20 +93,13 @@ impl Machine {
                 encoder.inertia.is_empty(),
                 "nothing: a rotor has one shaft",
             )?;
-            nonzero(&field("counts_per_turn"), encoder.counts_per_turn)?;
-            within(
-                &field("bits"),
-                encoder.bits,
-                (8..=32).contains(&encoder.bits),
-                "8 to 32",
-            )?;
+            encoder.check(field, false)?;
         }
         if let Some(index) = &self.index {
             if let [encoder] = self.encoders.as_slice() {
                 one_of("index.encoder", &index.encoder, &[&encoder.name])?;
             }
-            finite("index.angle_rad", index.angle_rad)?;
-            positive("index.tolerance_rad", index.tolerance_rad)?;
+            index.check()?;
         }
         Ok(())
     }

@@ -3,8 +3,7 @@
 use faer::Mat;
 use heapless::Vec as FixedVec;
 use loadtwin_common::image::{LoadSignal, Model};
-use loadtwin_common::measurement::{Converter, Counter, IndexPulse};
-use loadtwin_common::phase::{Phase, PhaseStep};
+use loadtwin_common::measurement::Converter;
 use loadtwin_common::rotor::filter::{FORCES, Turn};
 use loadtwin_common::rotor::{
     Numbers, RotorChannel, RotorModel as ImageModel, ShaftEncoder, Speeds,
@@ -97,11 +96,7 @@ impl RotorPlan {
                 .map(|((channel, row), variance)| self.channel(channel, row, *variance))
                 .collect::<Result<_, _>>()?,
             encoder,
-            index: index.map(|index| IndexPulse {
-                encoder: 0,
-                angle: phase(index.angle_rad),
-                tolerance_rad: index.tolerance_rad as f32,
-            }),
+            index: index.map(|index| index.pulse(0, sensors.encoders.first())),
         };
         build::packed(machine, Model::Rotor(model))
     }
@@ -147,10 +142,7 @@ impl RotorPlan {
         let bandwidth = (TRACKING * rate_hz).min(TRACKING_HZ);
         let rest = (-std::f64::consts::TAU * bandwidth * self.dt_s).exp();
         ShaftEncoder {
-            counter: Counter {
-                step: phase_step(1.0 / encoder.counts_per_turn),
-                bits: encoder.bits as u8,
-            },
+            counter: encoder.counter(1.0),
             angle_gain: (1.0 - rest * rest) as f32,
             speed_gain: ((1.0 - rest).powi(2) / self.dt_s) as f32,
         }
@@ -210,13 +202,4 @@ fn fixed<const N: usize>(values: &[f64]) -> Result<FixedVec<f32, N>, BuildError>
         (fixed.push(*value as f32)).map_err(|_| BuildError::TooLarge("the number of states"))?;
     }
     Ok(fixed)
-}
-
-fn phase(rad: f64) -> Phase {
-    let turns = rad / std::f64::consts::TAU;
-    phase_step(turns - turns.floor()).into_phase()
-}
-
-fn phase_step(turns: f64) -> PhaseStep {
-    PhaseStep((turns * 18_446_744_073_709_551_616.0) as i128 as u64)
 }

@@ -6,7 +6,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use crate::machine;
+use crate::machine::{self, Eccentricity};
 
 /// Standard deviation of the rounding to whole counts [counts].
 const QUANTISATION: f64 = 0.288_675_134_594_812_9;
@@ -21,6 +21,7 @@ pub(super) struct Encoder {
     pub eccentricity: f64,
     /// Where the disc sits furthest out [rad].
     pub eccentric_at: f64,
+    described: Option<Eccentricity>,
     ratio: f64,
     counts_per_rad: f64,
     start: f64,
@@ -44,6 +45,7 @@ impl Encoder {
             inertia,
             eccentricity: 0.0,
             eccentric_at: 0.0,
+            described: encoder.eccentricity,
             ratio,
             counts_per_rad: encoder.counts_per_turn / TAU,
             // Wherever the counter stood when the recording began.
@@ -71,6 +73,9 @@ impl Encoder {
         if self.eccentricity != 0.0 {
             let error = self.eccentricity * (own - self.eccentric_at).cos();
             count += error * self.counts_per_rad;
+        }
+        if let Some(described) = self.described {
+            count += described.error(own) * self.counts_per_rad;
         }
         if self.jitter > 0.0 {
             count += self.jitter * self.rng.sample::<f64, _>(StandardNormal);

@@ -411,6 +411,28 @@ fn a_gear_with_inertia_is_named_alone_with_its_inertia() {
     assert!(after < 0.9 * before, "{before} % before, {after} % after");
 }
 
+/// Where its maps vary much over the angle a gauge suffers most from an angle that errs.
+#[test]
+fn an_eccentric_encoder_is_set_right_in_the_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let effect = ["encoder-eccentricity=1"];
+    let recording = recorded(folder.path(), "disc.parquet", "reversals", "60", &effect);
+    let out = folder.path().join("mended.toml").display().to_string();
+    let said = diagnosed(&recording, &["--out", &out]);
+    assert_eq!(said["effects"][0]["name"], "encoder-eccentricity", "{said}");
+    let mended = Machine::load(Path::new(&out)).unwrap();
+    let eccentricity = mended.homed_encoder().unwrap().eccentricity.unwrap();
+    let amplitude = eccentricity.amplitude_rad;
+    assert!((amplitude - 0.002).abs() < 5e-5, "{amplitude}");
+    let again = diagnosed_as(Path::new(&out), &recording, &[]);
+    assert_eq!(again["verdict"], "none", "{again}");
+    let unseen = recorded(folder.path(), "unseen.parquet", "start-stop", "60", &effect);
+    let described = machine().display().to_string();
+    let filter_error = |machine: &str| nmae(machine, &unseen, "ring-gear-3");
+    let (before, after) = (filter_error(&described), filter_error(&out));
+    assert!(after < 0.8 * before, "{before} % before, {after} % after");
+}
+
 #[test]
 fn what_no_candidate_explains_is_unknown() {
     let folder = tempfile::tempdir().unwrap();

@@ -3,7 +3,7 @@
 use super::{Effect, GaugeModel, Linear, one_shape};
 use crate::diagnose::signals::moving_mean;
 use crate::diagnose::stream::{Kind, Session, Stream, Term};
-use crate::machine::{Drift, Drivetrain, Machine};
+use crate::machine::{Drift, Machine};
 
 /// Highest frequency of the common load [Hz].
 const HIGHEST_HZ: f64 = 0.6;
@@ -67,7 +67,10 @@ impl Effect for Bending {
         is_new
     }
     /// As a first-order lag that is as large and changes as fast.
-    fn mend_chain(&self, session: &Session, _: &[f64], _: &[f64], chain: &mut Drivetrain) -> bool {
+    fn mend_machine(&self, session: &Session, _: &[f64], _: &[f64], machine: &mut Machine) -> bool {
+        let Some(chain) = &mut machine.drivetrain else {
+            return false;
+        };
         let Common { sum, total, .. } = Common::new(session);
         let rms = |x: &mut dyn Iterator<Item = f64>| {
             let (square, n) = x.fold((0.0, 0.0), |(square, n), x| (square + x * x, n + 1.0));

@@ -3,6 +3,7 @@
 use super::order::waves;
 use super::{Coupling, Effect, Linear, Shape};
 use crate::diagnose::stream::{Kind, Session, Term};
+use crate::machine::{self, Machine};
 
 /// `a cos(r angle) + b sin(r angle) + c` on the angle of an inertia with speed
 /// ratio `r`; `c` is what the index pulse takes of it, less what all maps told.
@@ -74,6 +75,30 @@ impl Effect for Eccentricity {
             about: about.clone(),
         })
         .into()
+    }
+    fn mend_machine(
+        &self,
+        session: &Session,
+        shape: &[f64],
+        parameters: &[f64],
+        machine: &mut Machine,
+    ) -> bool {
+        let inertia = session.signals.inertias.get(shape[0] as usize);
+        let chain = machine.drivetrain.as_ref();
+        let as_index = (chain.iter().flat_map(|c| &c.inertias))
+            .any(|i| Some(&i.name) == inertia && i.speed_ratio == 1.0);
+        let homed = machine.homed_encoder().map(|encoder| encoder.name.clone());
+        let mut encoders = machine.encoders.iter_mut();
+        let eccentric = encoders
+            .find(|e| Some(&e.name) == homed.as_ref() && Some(&e.inertia) == inertia)
+            .filter(|_| as_index);
+        let Some(encoder) = eccentric else {
+            return false;
+        };
+        let [cosine, sine] = encoder.eccentricity.map_or([0.0; 2], |e| e.parts_from(0.0));
+        let found = [cosine + parameters[0], sine + parameters[1]];
+        encoder.eccentricity = Some(machine::Eccentricity::from_parts(found));
+        true
     }
     fn experiment(&self) -> &'static str {
         "constant speed over many turns with a second encoder"

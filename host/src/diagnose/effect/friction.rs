@@ -3,7 +3,7 @@
 use super::{Coupling, Effect, Linear, Shape};
 use crate::diagnose::signals::Signals;
 use crate::diagnose::stream::{Kind, Session, Stream, Term};
-use crate::machine::{self, CREEP, Drivetrain};
+use crate::machine::{self, CREEP, Machine};
 
 const BODY: Shape = Shape {
     name: "inertia",
@@ -198,13 +198,16 @@ impl Effect for Friction {
     fn place(&self, session: &Session, shape: &[f64]) -> Option<String> {
         session.signals.inertias.get(shape[0] as usize).cloned()
     }
-    fn mend_chain(
+    fn mend_machine(
         &self,
         session: &Session,
         shape: &[f64],
         parameters: &[f64],
-        chain: &mut Drivetrain,
+        machine: &mut Machine,
     ) -> bool {
+        let Some(chain) = &mut machine.drivetrain else {
+            return false;
+        };
         let name = &session.signals.inertias[shape[0] as usize];
         let Some(inertia) = chain.inertias.iter_mut().find(|i| i.name == *name) else {
             return false;

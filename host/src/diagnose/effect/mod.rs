@@ -16,7 +16,7 @@ mod word;
 
 use super::observed::Observed;
 use super::stream::Session;
-use crate::machine::{Creep, Drivetrain, Hysteresis, MAP_ENTRIES, Thermal};
+use crate::machine::{Creep, Hysteresis, MAP_ENTRIES, Machine, Thermal};
 
 /// Whether an effect has its parameters in each channel or once for all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -139,13 +139,13 @@ pub trait Effect<S: Observed = Session>: Sync {
         false
     }
 
-    /// The same, into the description's drivetrain.
-    fn mend_chain(
+    /// The same, into what is not one channel's.
+    fn mend_machine(
         &self,
         _: &S,
         _shape: &[f64],
         _parameters: &[f64],
-        _chain: &mut Drivetrain,
+        _machine: &mut Machine,
     ) -> bool {
         false
     }

@@ -3,7 +3,7 @@
 use super::torsion::SHAFT;
 use super::{Coupling, Effect, Linear, Shape};
 use crate::diagnose::stream::{Session, Term};
-use crate::machine::{Drivetrain, MOST_INERTIAS};
+use crate::machine::{MOST_INERTIAS, Machine};
 
 /// What the shafts carry with a gear between two inertias, less what they carry
 /// without: the description puts its inertia into the neighbours. The gauges'
@@ -63,13 +63,16 @@ impl Effect for Resonance {
     fn form(&self, _: &Session) -> f64 {
         0.4
     }
-    fn mend_chain(
+    fn mend_machine(
         &self,
         session: &Session,
         shape: &[f64],
         parameters: &[f64],
-        chain: &mut Drivetrain,
+        machine: &mut Machine,
     ) -> bool {
+        let Some(chain) = &mut machine.drivetrain else {
+            return false;
+        };
         let Some(response) = &session.signals.response else {
             return false;
         };

@@ -1,0 +1,127 @@
+//! Counting encoders and the index pulse.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::rule::{Checked, finite, nonzero, positive, within};
+
+/// A counting encoder.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Encoder {
+    /// Column of the recording.
+    pub name: String,
+    /// The inertia that it turns with; absent on a rotor.
+    #[serde(default)]
+    pub inertia: String,
+    /// Counts per turn of that inertia (after quadrature), not 0; negative where it
+    /// counts down in forward turning.
+    pub counts_per_turn: f64,
+    /// Width of the hardware counter [bit], 8 to 32.
+    #[serde(default = "thirty_two")]
+    pub bits: u32,
+    /// Standard deviation of the measured angle [counts]; that of the
+    /// quantisation, 0.29, where absent.
+    pub noise_std_counts: Option<f64>,
+    /// How it errs once per turn, of the index's encoder where that turns as the index does.
+    pub eccentricity: Option<Eccentricity>,
+}
+
+/// Error of an encoder whose disc is not centred: it reads `amplitude cos(angle - ahead_at)`
+/// ahead at an angle.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Eccentricity {
+    /// Largest error [rad], above 0, up to 0.1.
+    pub amplitude_rad: f64,
+    /// Angle at which it reads furthest ahead [rad].
+    pub ahead_at_rad: f64,
+}
+
+impl Encoder {
+    /// Checks what is described but the inertia; `as_index`: whether the index latches it and turns
+    /// with it.
+    pub(super) fn check(&self, field: impl Fn(&str) -> String, as_index: bool) -> Checked {
+        nonzero(&field("counts_per_turn"), self.counts_per_turn)?;
+        let bits = self.bits;
+        within(&field("bits"), bits, (8..=32).contains(&bits), "8 to 32")?;
+        if let Some(noise) = self.noise_std_counts {
+            positive(&field("noise_std_counts"), noise)?;
+        }
+        let Some(eccentricity) = self.eccentricity else {
+            return Ok(());
+        };
+        within(
+            &field("eccentricity"),
+            &self.name,
+            as_index,
+            "of the encoder that index.encoder names, on an inertia of a drivetrain with speed_ratio 1",
+        )?;
+        let amplitude = eccentricity.amplitude_rad;
+        within(
+            &field("eccentricity.amplitude_rad"),
+            amplitude,
+            amplitude > 0.0 && amplitude <= 0.1,
+            "above 0, up to 0.1",
+        )?;
+        finite(
+            &field("eccentricity.ahead_at_rad"),
+            eccentricity.ahead_at_rad,
+        )
+    }
+}
+
+impl Index {
+    /// Checks what is described but the encoder.
+    pub(super) fn check(&self) -> Checked {
+        finite("index.angle_rad", self.angle_rad)?;
+        positive("index.tolerance_rad", self.tolerance_rad)
+    }
+}
+
+impl Eccentricity {
+    /// From its parts with the cosine and the sine of the angle [rad].
+    pub fn from_parts([cosine, sine]: [f64; 2]) -> Self {
+        Self {
+            amplitude_rad: cosine.hypot(sine),
+            ahead_at_rad: sine.atan2(cosine),
+        }
+    }
+
+    /// Its parts with the cosine and the sine of the angle past `zero` [rad].
+    pub fn parts_from(self, zero: f64) -> [f64; 2] {
+        let (sine, cosine) = (self.ahead_at_rad - zero).sin_cos();
+        [self.amplitude_rad * cosine, self.amplitude_rad * sine]
+    }
+
+    /// How far ahead it reads at an angle [rad].
+    pub fn error(self, angle: f64) -> f64 {
+        self.amplitude_rad * (angle - self.ahead_at_rad).cos()
+    }
+}
+
+/// The once-per-revolution pulse of the carrier.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Index {
+    /// Column of the recording: the latched count of `encoder` in the row
+    /// after the pulse, empty elsewhere.
+    pub name: String,
+    /// The encoder whose count the pulse latches; absent on a machine without
+    /// counting encoders, whose column then holds 1 in the row after the pulse.
+    #[serde(default)]
+    pub encoder: String,
+    /// Carrier angle at the pulse [rad].
+    pub angle_rad: f64,
+    /// Deviation from the expected angle that counts as a fault [rad], > 0.
+    #[serde(default = "index_tolerance")]
+    pub tolerance_rad: f64,
+}
+
+fn thirty_two() -> u32 {
+    32
+}
+
+fn index_tolerance() -> f64 {
+    0.05
+}
