@@ -63,12 +63,15 @@ impl IndexPulse {
         })
     }
 
-    /// How far ahead the encoder reads at `angle`, once homed.
-    fn error(&self, angle: Phase) -> Phase {
-        self.eccentricity.map_or(Phase::default(), |e| {
+    /// Takes the error off the angle of its encoder, once homed.
+    // Few machines need it: what it costs is not to be paid by the others.
+    #[inline(never)]
+    fn centre(&self, e: &Eccentricity, angles: &mut [Reading<Phase>]) {
+        if let Some(Ok(angle)) = angles.get_mut(usize::from(self.encoder)) {
             let (sine, cosine) = elementary::sin_cos(angle.since(self.angle).to_rad());
-            Phase::from_small_rad(e.cosine_rad * (cosine - 1.0) + e.sine_rad * sine)
-        })
+            let error = e.cosine_rad * (cosine - 1.0) + e.sine_rad * sine;
+            *angle = angle.since(Phase::from_small_rad(error));
+        }
     }
 }
 
@@ -231,10 +234,10 @@ impl Unwrap {
             }
         }
         // The encoder itself stays as it counts: of the next pulse its count is latched.
-        if let Some(index) = index.filter(|index| self.homed && index.eccentricity.is_some())
-            && let Some(Ok(angle)) = angles.get_mut(usize::from(index.encoder))
+        if let Some(index) = index.filter(|_| self.homed)
+            && let Some(eccentricity) = &index.eccentricity
         {
-            *angle = angle.since(index.error(*angle));
+            index.centre(eccentricity, &mut angles);
         }
         Measurement {
             tick: raw.tick,
