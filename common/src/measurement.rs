@@ -66,7 +66,7 @@ impl IndexPulse {
     /// Takes the error off the angle of its encoder, once homed.
     // Few machines need it: what it costs is not to be paid by the others.
     #[inline(never)]
-    fn centre(&self, e: &Eccentricity, angles: &mut [Reading<Phase>]) {
+    fn centre(&self, e: Eccentricity, angles: &mut [Reading<Phase>]) {
         if let Some(Ok(angle)) = angles.get_mut(usize::from(self.encoder)) {
             let (sine, cosine) = elementary::sin_cos(angle.since(self.angle).to_rad());
             let error = e.cosine_rad * (cosine - 1.0) + e.sine_rad * sine;
@@ -235,7 +235,7 @@ impl Unwrap {
         }
         // The encoder itself stays as it counts: of the next pulse its count is latched.
         if let Some(index) = index.filter(|_| self.homed)
-            && let Some(eccentricity) = &index.eccentricity
+            && let Some(eccentricity) = index.eccentricity
         {
             index.centre(eccentricity, &mut angles);
         }
