@@ -350,6 +350,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
                 ..SensorEstimate::default()
             };
         };
+        let angle = response.taken_at(angle, state.turned);
         // s = c x: what the channel senses, in the unit of the reading at sensitivity 1.
         let sensed = dot(row, &state.belief.state);
         let mut r = variance.bin(angle);

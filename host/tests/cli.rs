@@ -259,6 +259,11 @@ fn a_machine_that_is_wrong_is_refused_with_line_field_and_range() {
             "[[auxiliary]] of a temperature with `adc`",
         ],
     );
+    bench.refused_machine(
+        "adc = { lsb = 0.001, stuck_after = 8 }",
+        "adc = { lsb = 0.001 }\nlate_s = -0.01",
+        &["channel[1].late_s", "-0.01", "0 to 0.2"],
+    );
     // It turns twice as fast, so that a pulse once a turn would not tell where its disc stands.
     bench.refused_machine(
         "counts_per_turn = 4096",

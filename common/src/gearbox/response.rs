@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
+use crate::phase::Phase;
 
 /// Response of a gauge that is not in proportion to what it senses, `s`:
 ///
@@ -10,7 +11,8 @@ use crate::Error;
 /// `q+ = q + ds / l - |ds / l| q`.
 ///
 /// `n` bends the response; the zero creeps towards `c s`; `k q` is what the way remembers on which `s` came
-/// (Bouc-Wen); `w` is how much warmer the machine is than when the zero was taken [K].
+/// (Bouc-Wen); `w` is how much warmer the machine is than when the zero was taken [K]. A reading that
+/// comes late has `m` where the carrier was then; its row `c` goes back in time by itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Response {
     /// `n`.
@@ -27,6 +29,8 @@ pub struct Response {
     pub zero_per_k: f32,
     /// `g` [1/K].
     pub gain_per_k: f32,
+    /// Samples by which the reading is old, >= 0.
+    pub late: f32,
 }
 
 /// Part of `l` by which what is sensed has to be ahead before it counts as moved.
@@ -71,6 +75,15 @@ impl Response {
         memory.zero = self.creep * memory.crept + self.hysteresis * memory.turned;
     }
 
+    /// Where the carrier was when the reading was taken, which turned by `turned` in the last sample [rad].
+    pub(super) fn taken_at(&self, angle: Phase, turned: f32) -> Phase {
+        if self.late == 0.0 {
+            angle
+        } else {
+            before(angle, self.late * turned)
+        }
+    }
+
     /// `(1 + g w) (s + n s^2)`, and its slope.
     pub(super) fn bent(&self, sensed: f32, warming: f32) -> (f32, f32) {
         let by = self.bend * sensed;
@@ -95,12 +108,19 @@ impl Response {
             return Err(Error::NotFinite("channel response"));
         }
         let turns = self.turning >= 0.0 && self.turning.is_finite();
-        if (0.0..=1.0).contains(&self.creep_rate) && turns {
+        let late = self.late >= 0.0 && self.late.is_finite();
+        if (0.0..=1.0).contains(&self.creep_rate) && turns && late {
             Ok(())
         } else {
             Err(Error::OutOfRange("channel response"))
         }
     }
+}
+
+/// `angle` less `by` [rad]; few gauges are late.
+#[inline(never)]
+fn before(angle: Phase, by: f32) -> Phase {
+    angle.since(Phase::from_rad(by))
 }
 
 #[cfg(test)]
@@ -115,7 +135,17 @@ mod tests {
         turning: 10.0,
         zero_per_k: 0.0,
         gain_per_k: 0.0,
+        late: 0.0,
     };
+
+    #[test]
+    fn a_late_reading_was_taken_where_the_carrier_was() {
+        let late = Response { late: 2.5, ..LOOP };
+        let now = Phase::from_rad(1.0);
+        assert!((late.taken_at(now, 0.02).to_rad() - 0.95).abs() < 1e-6);
+        assert!((late.taken_at(now, -0.02).to_rad() - 1.05).abs() < 1e-6);
+        assert_eq!(LOOP.taken_at(now, 0.02), now);
+    }
 
     /// By hand: up from 0 by `s`, `q = 1 - exp(-s / l)`; back again it is that less
     /// `(1 + q) (1 - exp(-s / l))`. The way counts but for a fiftieth of `l` at either end.

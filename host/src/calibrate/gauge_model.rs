@@ -114,6 +114,9 @@ impl Description {
             if is.nonlinearity != was.nonlinearity {
                 self.set_number("channel", name, "nonlinearity", is.nonlinearity);
             }
+            if is.late_s != was.late_s {
+                self.set_number("channel", name, "late_s", is.late_s);
+            }
             if is.creep != was.creep
                 && let Some(Creep { at_nominal, time_s }) = is.creep
             {

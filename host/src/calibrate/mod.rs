@@ -28,7 +28,7 @@ pub use placement::{Placement, fine};
 pub use selection::{Candidate, fronts, select};
 pub use surface::Surface;
 
-use crate::machine::{Channel, Machine, MachineError, Senses};
+use crate::machine::{Channel, Machine, MachineError, Senses, earlier};
 use crate::recording::{Quantity, Reader, RecordingError, Unit, Wanted};
 use crate::replay::ReplayError;
 use crate::tune::MeasurementNoise;
@@ -140,14 +140,17 @@ impl Observations {
                 .1
                 .as_deref()
         };
+        let angles: Vec<f64> = (0..motion.len())
+            .map(|i| motion.angle(i).unwrap_or(f64::NAN))
+            .collect();
         let warming = warming(machine, recording)?;
         let mut jobs: Vec<(&Channel, &mut Moments, Answered)> = machine
             .channels
             .iter()
             .zip(&mut self.channels)
             .filter_map(|(channel, slot)| {
-                let answered =
-                    Answered::new(machine, channel, sensed(channel)?, warming.as_deref());
+                let sensed = sensed(channel)?;
+                let answered = Answered::new(machine, channel, &angles, sensed, warming.as_deref());
                 Some((channel, slot.get_or_insert_default(), answered))
             })
             .collect();
@@ -159,9 +162,6 @@ impl Observations {
         let words: Vec<bool> = jobs
             .iter()
             .map(|(channel, ..)| is_words(&reader, channel))
-            .collect();
-        let angles: Vec<f64> = (0..motion.len())
-            .map(|i| motion.angle(i).unwrap_or(f64::NAN))
             .collect();
         let mut row = 0;
         while let Some(block) = reader.next().transpose()? {
@@ -182,8 +182,8 @@ impl Observations {
                         };
                         moments.watch(y, stuck_after);
                         let k = row + i;
-                        if !y.is_nan() && k < angles.len() {
-                            moments.push(angles[k], answered.bent[k], y - answered.zero[k]);
+                        if !y.is_nan() && k < answered.angle.len() {
+                            moments.push(answered.angle[k], answered.bent[k], y - answered.zero[k]);
                         }
                     }
                 });
@@ -199,8 +199,10 @@ impl Observations {
     }
 }
 
-/// What the reading of a channel is in proportion to, and how its zero moves.
+/// What the reading of a channel is in proportion to, and how its zero moves; where the carrier was.
 struct Answered {
+    /// Carrier angle when each reading was taken [rad]; NaN where it is not known.
+    angle: Vec<f64>,
     /// As [`Channel::bent`], warmed.
     bent: Vec<f64>,
     /// Creep, hysteresis and warmth [SI].
@@ -208,7 +210,15 @@ struct Answered {
 }
 
 impl Answered {
-    fn new(machine: &Machine, channel: &Channel, sensed: &[f64], warming: Option<&[f64]>) -> Self {
+    fn new(
+        machine: &Machine,
+        channel: &Channel,
+        angle: &[f64],
+        sensed: &[f64],
+        warming: Option<&[f64]>,
+    ) -> Self {
+        let late = channel.late_s * machine.rate_hz;
+        let sensed = &earlier(sensed, late);
         let nominal = (machine.drivetrain.as_ref())
             .map_or(1.0, |drivetrain| drivetrain.nominal_sensed(&channel.senses));
         let level = |s: &f64| if s.is_finite() { s / nominal } else { 0.0 };
@@ -226,6 +236,7 @@ impl Answered {
         let thermal = channel.thermal.unwrap_or_default();
         let warm = |i: usize| warming.and_then(|w| w.get(i)).copied().unwrap_or(0.0);
         Self {
+            angle: earlier(angle, late),
             bent: (sensed.iter().enumerate())
                 .map(|(i, s)| channel.bent(*s, nominal) * (1.0 + thermal.gain_per_k * warm(i)))
                 .collect(),

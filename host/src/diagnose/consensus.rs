@@ -3,14 +3,15 @@
 use super::recorded::Recorded;
 use super::thin::{at, filled};
 use super::torque::Torques;
-use crate::machine::{Channel, Drivetrain, Machine, MachineError, Senses};
+use crate::machine::{Channel, Drivetrain, Machine, MachineError, Senses, earlier};
 
 /// Gauges from which on one that is wrong is outvoted.
 pub(super) const FEWEST: usize = 3;
 
 /// A gauge that answers to the torque of a shaft.
 struct Voter {
-    channel: usize,
+    /// What it read, at the samples where it was so [SI].
+    reading: Vec<f64>,
     /// Reading at no torque [SI].
     offset: f64,
     /// Reading for one newton metre, referred, over the carrier angle.
@@ -44,7 +45,10 @@ pub(super) fn torques(
                 .iter()
                 .enumerate()
                 .filter(|(_, c)| c.senses == Senses::Shaft(shaft.name.clone()))
-                .map(|(k, c)| Voter::new(machine, drivetrain, k, c, shaft.speed_ratio))
+                .map(|(k, c)| {
+                    let reading = earlier(&recorded.channels[k], -c.late_s / recorded.dt_s);
+                    Voter::new(machine, drivetrain, reading, c, shaft.speed_ratio)
+                })
                 .collect::<Result<Vec<_>, _>>()?;
             Ok((voters.len() >= FEWEST).then(|| agreed(&voters, recorded)))
         })
@@ -60,13 +64,13 @@ impl Voter {
     fn new(
         machine: &Machine,
         drivetrain: &Drivetrain,
-        number: usize,
+        reading: Vec<f64>,
         channel: &Channel,
         ratio: f64,
     ) -> Result<Self, MachineError> {
         let noise = channel.noise_over_angle(machine)?;
         Ok(Self {
-            channel: number,
+            reading,
             offset: channel.to_si(channel.offset),
             table: channel
                 .sensitivity_over_angle(machine)?
@@ -93,7 +97,7 @@ fn agreed(voters: &[Voter], recorded: &Recorded) -> Vec<f64> {
                 let over_angle = voter.table.len() > 1;
                 let angle = if over_angle { recorded.angle[i] } else { 0.0 };
                 let (m, _) = at(&voter.table, angle);
-                let bent = (recorded.channels[voter.channel][i] - voter.offset) / m;
+                let bent = (voter.reading[i] - voter.offset) / m;
                 let torque = voter.straight(bent);
                 torque
                     .is_finite()

@@ -154,6 +154,7 @@ pub fn corrected(
                 ..hysteresis
             }),
             bending: channel.to_si(channel.bending),
+            late_s: channel.late_s,
             weight: bending::weight(stream) / weights,
             thermal: sampled.then(|| Thermal {
                 zero_per_k: channel.to_si(described.zero_per_k),
@@ -172,6 +173,7 @@ pub fn corrected(
         let slot = &mut changed.channels[number];
         slot.offset = slot.unit.from_si(gauge.offset);
         slot.nonlinearity = gauge.nonlinearity;
+        slot.late_s = gauge.late_s;
         slot.bending = slot.unit.from_si(gauge.bending);
         slot.creep = gauge.creep.map(|creep| Creep {
             at_nominal: slot.unit.from_si(creep.at_nominal),

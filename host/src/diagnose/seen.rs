@@ -10,7 +10,7 @@ use super::stream::{Kind, Stream};
 use super::thin::{Thin, at, filled};
 use super::torque::{Bodies, Torques};
 use crate::gearbox::Torsion;
-use crate::machine::{Drivetrain, Encoder, Machine, MachineError, Senses, resampled};
+use crate::machine::{Drivetrain, Encoder, Machine, MachineError, Senses, earlier, resampled};
 
 /// Width of each of the three moving means that smooth accelerations [s].
 pub(super) const SMOOTHING_S: f64 = 0.2;
@@ -130,6 +130,8 @@ impl Seen<'_> {
         };
         let offset = channel.to_si(channel.offset);
         let n = recorded.len();
+        let late = channel.late_s / recorded.dt_s;
+        let (sensed, angles) = (&earlier(sensed, late), earlier(&recorded.angle, late));
         let (mut residual, mut reading) = (vec![f64::NAN; n], vec![0.0; n]);
         let (mut map, mut slope) = (vec![0.0; n], vec![0.0; n]);
         // What is sensed at the shaft itself is `sensed / ratio`.
@@ -142,7 +144,7 @@ impl Seen<'_> {
         let thermal = channel.thermal.unwrap_or_default();
         let zero_per_k = channel.to_si(thermal.zero_per_k);
         for i in 0..n {
-            let angle = if over_angle { recorded.angle[i] } else { 0.0 };
+            let angle = if over_angle { angles[i] } else { 0.0 };
             if angle.is_nan() {
                 continue;
             }

@@ -58,6 +58,9 @@ pub struct Channel {
     pub creep: Option<Creep>,
     /// What the zero remembers of the way on which the load came, of a channel on a drivetrain.
     pub hysteresis: Option<Hysteresis>,
+    /// How old a reading is when it comes, 0 to 0.2 [s], of a channel on a drivetrain.
+    #[serde(default)]
+    pub late_s: f64,
     /// What warmth does to zero and reading, of a channel on a drivetrain; needs an
     /// `[[auxiliary]]` of a temperature with `adc`.
     pub thermal: Option<Thermal>,
@@ -228,6 +231,19 @@ impl Hysteresis {
     }
 }
 
+/// What `values` were `samples` before, or will be where that is negative, by straight lines; beyond
+/// the ends, as there.
+pub fn earlier(values: &[f64], samples: f64) -> Vec<f64> {
+    let (whole, part) = (samples.floor() as isize, samples - samples.floor());
+    let last = values.len() as isize - 1;
+    let at = |i: isize| values[i.clamp(0, last) as usize];
+    let mixed = |i: isize| match part {
+        0.0 => at(i - whole),
+        _ => at(i - whole) * (1.0 - part) + at(i - whole - 1) * part,
+    };
+    (0..=last).map(mixed).collect()
+}
+
 /// `dz/dt = (u - z) / time_s` from 0, for each of `u`, `dt_s` [s] apart.
 pub fn lag(u: impl IntoIterator<Item = f64>, dt_s: f64, time_s: f64) -> Vec<f64> {
     let rate = 1.0 - (-dt_s / time_s).exp();
@@ -377,6 +393,7 @@ impl Auxiliary {
             nonlinearity: 0.0,
             creep: None,
             hysteresis: None,
+            late_s: 0.0,
             thermal: None,
             runout: Vec::new(),
             group: None,
@@ -399,8 +416,16 @@ fn twenty_four() -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use super::{Adc, Auxiliary};
+    use super::{Adc, Auxiliary, earlier};
     use crate::recording::Unit;
+
+    #[test]
+    fn what_was_earlier_lies_between_samples() {
+        let values = [1.0, 2.0, 4.0, 8.0];
+        assert_eq!(earlier(&values, 0.0), values);
+        assert_eq!(earlier(&values, 1.5), [1.0, 1.0, 1.5, 3.0]);
+        assert_eq!(earlier(&values, -0.5), [1.5, 3.0, 6.0, 8.0]);
+    }
 
     #[test]
     fn the_board_samples_kelvins_of_a_thermometer_in_degrees() {

@@ -77,8 +77,9 @@ impl Machine {
                 let straight = channel.nonlinearity == 0.0
                     && channel.creep.is_none()
                     && channel.hysteresis.is_none()
-                    && channel.thermal.is_none();
-                let found = "nonlinearity, creep, hysteresis or thermal";
+                    && channel.thermal.is_none()
+                    && channel.late_s == 0.0;
+                let found = "nonlinearity, creep, hysteresis, thermal or late_s";
                 within(&field, found, straight, "these only on a drivetrain")?;
             }
         }
@@ -352,6 +353,7 @@ fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
         positive(&field("drift.time_s"), drift.time_s)?;
     }
     range(&field("nonlinearity"), channel.nonlinearity, -0.2, 0.2)?;
+    range(&field("late_s"), channel.late_s, 0.0, 0.2)?;
     if let Some(thermal) = &channel.thermal {
         finite(&field("thermal.zero_per_k"), thermal.zero_per_k)?;
         finite(&field("thermal.gain_per_k"), thermal.gain_per_k)?;

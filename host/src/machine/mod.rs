@@ -30,7 +30,7 @@ pub use balance::{Balance, BalanceEffect, Regime, Signal};
 pub use bearing::{BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, SHAPES};
 pub use channel::{
     Adc, Auxiliary, Channel, Creep, Displacement, Drift, Group, Hysteresis, Place, Reference,
-    Senses, Thermal, lag,
+    Senses, Thermal, earlier, lag,
 };
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, MOST_INERTIAS, Shaft};
 pub use encoder::{Eccentricity, Encoder, Index};

@@ -12,7 +12,7 @@ use super::draw::Draw;
 use super::effect::{Applied, Individual};
 use super::encoder::{Encoder, Index};
 use super::error::SimulateError;
-use super::gauge::{Gauge, Moment, Thermal};
+use super::gauge::{Delay, Gauge, Moment, Thermal};
 use super::plant::{Drive, Plant};
 use super::recorder::{Recorder, Sampled, check_duration};
 use super::scenario::{Profile, Scenario};
@@ -329,6 +329,11 @@ fn gauge(
             offset: channel.offset,
             at_zero: machine.thermometer().and_then(Auxiliary::zero_k),
         }));
+    }
+    if channel.late_s > 0.0 {
+        gauge
+            .disturbances
+            .push(Box::new(Delay::new(channel.late_s)));
     }
     Ok(gauge)
 }

@@ -1,5 +1,7 @@
 //! An analogue channel: what it senses, through gauge, amplifier and converter.
 
+use std::collections::VecDeque;
+
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -59,6 +61,40 @@ struct Loop<F>(F);
 impl<F: FnMut(f64) -> f64 + Send> Disturbance for Loop<F> {
     fn apply(&mut self, moment: &Moment, reading: f64) -> f64 {
         reading + (self.0)(moment.level)
+    }
+}
+
+/// The reading of some time ago, between samples by straight lines.
+pub(super) struct Delay {
+    seconds: f64,
+    /// The newest reading first.
+    past: VecDeque<f64>,
+}
+
+impl Delay {
+    pub(super) fn new(seconds: f64) -> Self {
+        Self {
+            seconds,
+            past: VecDeque::new(),
+        }
+    }
+}
+
+impl Disturbance for Delay {
+    fn apply(&mut self, moment: &Moment, reading: f64) -> f64 {
+        let samples = self.seconds / moment.dt;
+        let (whole, part) = (samples.floor() as usize, samples.fract());
+        self.past.push_front(reading);
+        self.past.truncate(whole + 2);
+        // Before the start it stood where it started.
+        let at = |i: usize| {
+            self.past
+                .get(i)
+                .or(self.past.back())
+                .copied()
+                .unwrap_or(reading)
+        };
+        at(whole) * (1.0 - part) + at(whole + 1) * part
     }
 }
 

@@ -433,6 +433,29 @@ fn an_eccentric_encoder_is_set_right_in_the_line() {
     assert!(after < 0.8 * before, "{before} % before, {after} % after");
 }
 
+/// 20 ms are a hundredth of a turn, over which the reading of a gauge on the ring changes by half.
+#[test]
+fn a_gauge_that_comes_late_is_read_in_the_line_as_what_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let effect = ["channel-delay@rg2=1"];
+    let recording = recorded(folder.path(), "late.parquet", "reversals", "60", &effect);
+    let out = folder.path().join("mended.toml").display().to_string();
+    let said = diagnosed(&recording, &["--out", &out]);
+    assert_eq!(said["effects"][0]["name"], "channel-delay", "{said}");
+    let mended = Machine::load(Path::new(&out)).unwrap();
+    for channel in &mended.channels {
+        let late_s = if channel.name == "rg2" { 0.02 } else { 0.0 };
+        assert!((channel.late_s - late_s).abs() < 2e-4, "{}", channel.late_s);
+    }
+    let again = diagnosed_as(Path::new(&out), &recording, &[]);
+    assert_eq!(again["verdict"], "none", "{again}");
+    let unseen = recorded(folder.path(), "unseen.parquet", "start-stop", "60", &effect);
+    let described = machine().display().to_string();
+    let filter_error = |machine: &str| nmae(machine, &unseen, "ring-gear-3");
+    let (before, after) = (filter_error(&described), filter_error(&out));
+    assert!(after < 0.2 * before, "{before} % before, {after} % after");
+}
+
 #[test]
 fn what_no_candidate_explains_is_unknown() {
     let folder = tempfile::tempdir().unwrap();

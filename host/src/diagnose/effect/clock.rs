@@ -1,7 +1,10 @@
 //! Channels that do not tell the same time.
 
-use super::{Effect, Linear, Shape, each};
+use super::{Effect, GaugeModel, Linear, Shape, each};
 use crate::diagnose::stream::{Kind, Session, Stream, Term};
+
+/// Longest delay that a description may have [s].
+const MOST_S: f64 = 0.2;
 
 /// `reading(t - d) - reading(t)`, times 1 where the whole channel is late.
 pub struct Delay;
@@ -23,7 +26,7 @@ impl Effect for Delay {
         &[Shape {
             name: "delay",
             unit: "s",
-            bounds: (-0.2, 0.2),
+            bounds: (-MOST_S, MOST_S),
             step: 0.004,
             logarithmic: false,
         }]
@@ -50,6 +53,16 @@ impl Effect for Delay {
             (0..=last).map(|i| delayed(i) - at(i)).collect()
         };
         vec![Term::Each(session.streams.iter().map(column).collect())]
+    }
+    fn mend(&self, shape: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+        // Where the reading moves slowly only the product is told.
+        let late_s = gauge.late_s + parameters[0] * shape[0];
+        // The line waits for no channel: one that comes early makes the others late.
+        let has_place = (0.0..=MOST_S).contains(&late_s);
+        if has_place {
+            gauge.late_s = late_s;
+        }
+        has_place
     }
     fn experiment(&self) -> &'static str {
         "steps of torque"

@@ -174,6 +174,8 @@ pub struct GaugeModel {
     pub bending: f64,
     /// Its weight in that mean.
     pub weight: f64,
+    /// How old its readings are [s].
+    pub late_s: f64,
     /// What warmth does; none where the board samples no temperature.
     pub thermal: Option<Thermal>,
 }
