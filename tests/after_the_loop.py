@@ -62,6 +62,8 @@ def loop(individual, effect, load, folder):
     unseen = recorded("start-stop", 300 + individual)
     found, tuned, only = folder / "found.toml", folder / "tuned.toml", folder / "only.toml"
     named = loadtwin("diagnose", MACHINE, fitted, "--out", found)
+    if not named["effects"]:
+        found = MACHINE
     for machine, to in [(found, tuned), (MACHINE, only)]:
         loadtwin("tune", machine, tuning, "--method", "likelihood", "-o", to)
     names = ", ".join(e["name"] for e in named["effects"]) or named["verdict"]

@@ -447,8 +447,6 @@ fn a_gauge_that_comes_late_is_read_in_the_line_as_what_it_was() {
         let late_s = if channel.name == "rg2" { 0.02 } else { 0.0 };
         assert!((channel.late_s - late_s).abs() < 2e-4, "{}", channel.late_s);
     }
-    let again = diagnosed_as(Path::new(&out), &recording, &[]);
-    assert_eq!(again["verdict"], "none", "{again}");
     let unseen = recorded(folder.path(), "unseen.parquet", "start-stop", "60", &effect);
     let described = machine().display().to_string();
     let filter_error = |machine: &str| nmae(machine, &unseen, "ring-gear-3");
