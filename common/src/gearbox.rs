@@ -242,6 +242,10 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         }
         let angle = Phase::from_rad(state.belief.state[0]);
         for (i, channel) in self.model.channels.iter().enumerate() {
+            let angle = match channel.late() {
+                None => angle,
+                Some(late) => angle.since(Phase::from_rad(late * state.turned)),
+            };
             let sensor = self.update_channel(state, i, channel, m, estimate.homed, angle);
             let _ = estimate.sensors.push(sensor);
         }
@@ -350,7 +354,6 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
                 ..SensorEstimate::default()
             };
         };
-        let angle = response.taken_at(angle, state.turned);
         // s = c x: what the channel senses, in the unit of the reading at sensitivity 1.
         let sensed = dot(row, &state.belief.state);
         let mut r = variance.bin(angle);

@@ -205,9 +205,10 @@ impl GearboxModel<'_> {
     }
 
     fn check_steady(&self, gains: &SteadyGains<'_>, states: usize) -> Result<(), Error> {
-        // A bias is a direction of its own at every angle; without an encoder
-        // nothing measures the angle.
-        if self.channels.iter().any(Channel::has_bias) || self.encoders.is_empty() {
+        // A bias is a direction of its own at every angle, a late reading is one at another
+        // angle; without an encoder nothing measures the angle.
+        let unsteady = |channel: &Channel<'_>| channel.has_bias() || channel.late().is_some();
+        if self.channels.iter().any(unsteady) || self.encoders.is_empty() {
             return Err(Error::OutOfRange("steady gains"));
         }
         gains.check(states, self.encoders.len() + self.directions().0.len())
@@ -258,6 +259,14 @@ impl Channel<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Samples by which its readings are old when they come, where they are.
+    pub fn late(&self) -> Option<f32> {
+        match &self.role {
+            Role::Measure { response, .. } if response.late != 0.0 => Some(response.late),
+            _ => None,
+        }
     }
 
     /// Whether a state is added to its reading.

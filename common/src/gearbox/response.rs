@@ -3,7 +3,6 @@
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
-use crate::phase::Phase;
 
 /// Response of a gauge that is not in proportion to what it senses, `s`:
 ///
@@ -75,15 +74,6 @@ impl Response {
         memory.zero = self.creep * memory.crept + self.hysteresis * memory.turned;
     }
 
-    /// Where the carrier was when the reading was taken, which turned by `turned` in the last sample [rad].
-    pub(super) fn taken_at(&self, angle: Phase, turned: f32) -> Phase {
-        if self.late == 0.0 {
-            angle
-        } else {
-            before(angle, self.late * turned)
-        }
-    }
-
     /// `(1 + g w) (s + n s^2)`, and its slope.
     pub(super) fn bent(&self, sensed: f32, warming: f32) -> (f32, f32) {
         let by = self.bend * sensed;
@@ -117,12 +107,6 @@ impl Response {
     }
 }
 
-/// `angle` less `by` [rad]; few gauges are late.
-#[inline(never)]
-fn before(angle: Phase, by: f32) -> Phase {
-    angle.since(Phase::from_rad(by))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -137,15 +121,6 @@ mod tests {
         gain_per_k: 0.0,
         late: 0.0,
     };
-
-    #[test]
-    fn a_late_reading_was_taken_where_the_carrier_was() {
-        let late = Response { late: 2.5, ..LOOP };
-        let now = Phase::from_rad(1.0);
-        assert!((late.taken_at(now, 0.02).to_rad() - 0.95).abs() < 1e-6);
-        assert!((late.taken_at(now, -0.02).to_rad() - 1.05).abs() < 1e-6);
-        assert_eq!(LOOP.taken_at(now, 0.02), now);
-    }
 
     /// By hand: up from 0 by `s`, `q = 1 - exp(-s / l)`; back again it is that less
     /// `(1 + q) (1 - exp(-s / l))`. The way counts but for a fiftieth of `l` at either end.

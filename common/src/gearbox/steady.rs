@@ -197,7 +197,6 @@ impl<const NX: usize> Gearbox<'_, NX> {
                     }
                     None => continue,
                 };
-                let angle = response.taken_at(angle, state.turned);
                 let (sensitivity, slope) = map.at(angle);
                 let (bent, steepness) = response.bent(sensed, state.warming);
                 let by_angle = bent * slope;

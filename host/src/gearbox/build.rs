@@ -458,6 +458,9 @@ impl Plan {
         if model.channels.iter().any(Channel::has_bias) {
             return Err(BuildError::NotSteady("a channel has a bias state"));
         }
+        if model.channels.iter().any(|c| c.late().is_some()) {
+            return Err(BuildError::NotSteady("a channel comes late"));
+        }
         steady_gains(model, self.nominal_speed * self.dt_s)
             .ok_or(BuildError::NotSteady("a load or a state is not observed"))
     }
