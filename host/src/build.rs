@@ -87,16 +87,6 @@ pub enum BuildError {
         "no steady gains with these sensors: {0}; allowed: --filter aekf, or sensors that observe every load"
     )]
     NotSteady(&'static str),
-    /// A channel comes too late for what the drivetrain damps.
-    #[error(
-        "channel {channel:?}, late_s: found {late_s}, allowed: less, as the drivetrain has damped by then what was sensed"
-    )]
-    Late {
-        /// Name of the channel.
-        channel: String,
-        /// How late it comes [s].
-        late_s: f64,
-    },
     /// A rotor that cannot be computed.
     #[error("rotor: {0}")]
     Rotor(#[from] RotorError),

@@ -11,7 +11,7 @@ use crate::Error;
 ///
 /// `n` bends the response; the zero creeps towards `c s`; `k q` is what the way remembers on which `s` came
 /// (Bouc-Wen); `w` is how much warmer the machine is than when the zero was taken [K]. A reading that
-/// comes late has `m` where the carrier was then; its row `c` goes back in time by itself.
+/// comes late has `m` where the carrier was then.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Response {
     /// `n`.

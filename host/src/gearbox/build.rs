@@ -33,9 +33,6 @@ const QUANTISATION: f64 = 0.288_675;
 /// warming of a housing.
 const WARMING_S: f64 = 10.0;
 
-/// How much larger the row of what was sensed may be than that of what is.
-const MOST_BACK: f64 = 10.0;
-
 /// Size of an encoder's unknown zero [rad].
 const ZERO_SCALE: f64 = 1e-3;
 
@@ -238,7 +235,7 @@ impl Plan {
             };
             (vec![0.0; self.states()], role)
         } else {
-            let row = self.row(channel)?;
+            let row = self.scaled_row(&self.torsion.sensed_row(&channel.senses));
             let role = Role::Measure {
                 offset: (channel.to_si(channel.offset) / tables.unit) as f32,
                 map: PeriodicTable::try_new(&tables.map, "map").map_err(BuildError::Model)?,
@@ -257,25 +254,6 @@ impl Plan {
             row: fixed(&row)?,
             role,
         })
-    }
-
-    /// What a channel senses, in the scale of the filter; of one that comes late, what it sensed.
-    fn row(&self, channel: &machine::Channel) -> Result<Vec<f64>, BuildError> {
-        let now = self.torsion.sensed_row(&channel.senses);
-        if channel.late_s == 0.0 {
-            return Ok(self.scaled_row(&now));
-        }
-        let then = self.scaled_row(&self.torsion.earlier(&now, channel.late_s));
-        let size = |row: &[f64]| row.iter().map(|c| c * c).sum::<f64>().sqrt();
-        // What damping has taken since cannot be told from what is left.
-        if size(&then) <= MOST_BACK * size(&self.scaled_row(&now)) {
-            Ok(then)
-        } else {
-            Err(BuildError::Late {
-                channel: channel.name.clone(),
-                late_s: channel.late_s,
-            })
-        }
     }
 
     /// As the filter has it: what is sensed in parts of nominal.

@@ -150,20 +150,6 @@ impl Torsion {
         row
     }
 
-    /// `row` of what was `seconds` ago, as a row over what is now: `[c d] [F G; 0 I]`, with `F` and `G` over `-seconds`.
-    pub fn earlier(&self, row: &[f64], seconds: f64) -> Vec<f64> {
-        let back = self.discretised(-seconds);
-        let (states, loads) = row.split_at(self.states());
-        let of_state = |j: usize| {
-            (0..states.len())
-                .map(|i| states[i] * back[(i, j)])
-                .sum::<f64>()
-        };
-        (0..row.len())
-            .map(|j| of_state(j) + j.checked_sub(states.len()).map_or(0.0, |load| loads[load]))
-            .collect()
-    }
-
     /// What a channel senses, as a row over the states and then the loads, in
     /// the unit and at the shaft that the machine description names.
     pub fn sensed_row(&self, senses: &Senses) -> Vec<f64> {
@@ -236,47 +222,5 @@ impl Torsion {
                 carried / self.shafts[i].0
             })
             .collect()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::Torsion;
-    use crate::machine::{Machine, Senses};
-    use std::path::Path;
-
-    /// What is sensed before a step of the chain is what the earlier row says after it.
-    #[test]
-    fn an_earlier_row_says_after_the_step_what_was_sensed_before() {
-        let path = concat!(
-            env!("CARGO_MANIFEST_DIR"),
-            "/../examples/gearbox/machine.toml"
-        );
-        let machine = Machine::load(Path::new(path)).unwrap();
-        let drivetrain = machine.drivetrain.as_ref().unwrap();
-        let torsion = Torsion::new(drivetrain);
-        let seconds = 0.017;
-        let row = torsion.sensed_row(&Senses::Shaft(drivetrain.shafts[0].name.clone()));
-        let states = torsion.states();
-        // Angle, twists, speeds, loads.
-        let before: Vec<f64> = (0..row.len())
-            .map(|j| {
-                if j < states {
-                    1e-3 * (j as f64 + 1.0)
-                } else {
-                    4e4 * j as f64
-                }
-            })
-            .collect();
-        let forth = torsion.discretised(seconds);
-        let mut after = before.clone();
-        for i in 0..states {
-            after[i] = (0..row.len()).map(|j| forth[(i, j)] * before[j]).sum();
-        }
-        let sensed = |row: &[f64], x: &[f64]| row.iter().zip(x).map(|(c, x)| c * x).sum::<f64>();
-        let (then, now) = (sensed(&row, &before), sensed(&row, &after));
-        let told = sensed(&torsion.earlier(&row, seconds), &after);
-        assert!((told / then - 1.0).abs() < 1e-6, "{told}, {then}");
-        assert!((now / then - 1.0).abs() > 0.01, "{now}, {then}");
     }
 }
