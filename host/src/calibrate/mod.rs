@@ -13,6 +13,7 @@ mod placement;
 mod selection;
 mod surface;
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
@@ -144,7 +145,7 @@ impl Observations {
             .map(|i| motion.angle(i).unwrap_or(f64::NAN))
             .collect();
         let warming = warming(machine, recording)?;
-        let mut jobs: Vec<(&Channel, &mut Moments, Answered)> = machine
+        let mut jobs: Vec<(&Channel, &mut Moments, Answered<'_>)> = machine
             .channels
             .iter()
             .zip(&mut self.channels)
@@ -176,7 +177,7 @@ impl Observations {
                     };
                     for (i, value) in column.iter().enumerate() {
                         let y = if *words {
-                            channel.reading_of(*value)
+                            channel.reading(*value)
                         } else {
                             *value
                         };
@@ -200,20 +201,20 @@ impl Observations {
 }
 
 /// What the reading of a channel is in proportion to, and how its zero moves; where the carrier was.
-struct Answered {
+struct Answered<'a> {
     /// Carrier angle when each reading was taken [rad]; NaN where it is not known.
-    angle: Vec<f64>,
+    angle: Cow<'a, [f64]>,
     /// As [`Channel::bent`], warmed.
     bent: Vec<f64>,
     /// Creep, hysteresis and warmth [SI].
     zero: Vec<f64>,
 }
 
-impl Answered {
+impl<'a> Answered<'a> {
     fn new(
         machine: &Machine,
         channel: &Channel,
-        angle: &[f64],
+        angle: &'a [f64],
         sensed: &[f64],
         warming: Option<&[f64]>,
     ) -> Self {
@@ -270,13 +271,6 @@ fn warming(machine: &Machine, recording: &Path) -> Result<Option<Vec<f64>>, Cali
         temperatures.extend(column);
     }
     Ok(Some(thermometer.warming(&temperatures)))
-}
-
-impl Channel {
-    /// The reading of a converter's word [SI].
-    fn reading_of(&self, word: f64) -> f64 {
-        (word - f64::from(self.zero_word())) * self.lsb_si()
-    }
 }
 
 fn is_words(reader: &Reader, channel: &Channel) -> bool {

@@ -61,7 +61,7 @@ impl Motion {
             ));
         }
         // The counter of the index's encoder is the one that is homed.
-        let homing = machine.homed_encoder().cloned();
+        let (homing, error) = (machine.homed_encoder().cloned(), machine.homed_error());
         let sensors = Sensors {
             channels: Vec::new(),
             encoders: homing.map_or(encoders, |encoder| vec![encoder]),
@@ -114,7 +114,7 @@ impl Motion {
                         let by = by.0 as i64 as f64 * TURNS_PER_PHASE * TAU;
                         for angle in &mut motion.angle {
                             *angle += by;
-                            *angle -= machine.homed_error(*angle);
+                            *angle -= error(*angle);
                         }
                         angle += by;
                         motion.homed = true;

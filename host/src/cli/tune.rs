@@ -22,7 +22,8 @@ const DRAWS: usize = 2000;
 ///
 /// Of a drivetrain: R over the carrier angle from the errors of the model in the first
 /// recording, which should be at constant load and have reference loads; Qd of
-/// the loads for each set of sensors, by the likelihood one for all of them. Of a rotor: walk of the loads, model error, spread
+/// the loads for each set of sensors, by the likelihood one for all of them. Of a
+/// rotor: walk of the loads, model error, spread
 /// before the first sample and noise of the sensors, by the likelihood of the
 /// innovations and by the differential evolution of the paper, side by side.
 #[derive(Debug, Args)]

@@ -1,5 +1,7 @@
 //! The torque that the gauges of a shaft agree on, where no reference tells it.
 
+use std::borrow::Cow;
+
 use super::recorded::Recorded;
 use super::thin::{at, filled};
 use super::torque::Torques;
@@ -9,9 +11,9 @@ use crate::machine::{Channel, Drivetrain, Machine, MachineError, Senses, earlier
 pub(super) const FEWEST: usize = 3;
 
 /// A gauge that answers to the torque of a shaft.
-struct Voter {
+struct Voter<'a> {
     /// What it read, at the samples where it was so [SI].
-    reading: Vec<f64>,
+    reading: Cow<'a, [f64]>,
     /// Reading at no torque [SI].
     offset: f64,
     /// Reading for one newton metre, referred, over the carrier angle.
@@ -60,11 +62,11 @@ pub(super) fn torques(
     })
 }
 
-impl Voter {
+impl<'a> Voter<'a> {
     fn new(
         machine: &Machine,
         drivetrain: &Drivetrain,
-        reading: Vec<f64>,
+        reading: Cow<'a, [f64]>,
         channel: &Channel,
         ratio: f64,
     ) -> Result<Self, MachineError> {
@@ -88,7 +90,7 @@ impl Voter {
     }
 }
 
-fn agreed(voters: &[Voter], recorded: &Recorded) -> Vec<f64> {
+fn agreed(voters: &[Voter<'_>], recorded: &Recorded) -> Vec<f64> {
     let mut votes: Vec<(f64, f64)> = Vec::with_capacity(voters.len());
     let torque: Vec<f64> = (0..recorded.len())
         .map(|i| {

@@ -6,7 +6,7 @@ use std::path::Path;
 use super::DiagnoseError;
 use super::signals::moving_mean;
 use crate::calibrate::Motion;
-use crate::machine::{Channel, Encoder, Machine};
+use crate::machine::{Encoder, Machine};
 use crate::recording::{Quantity, Reader, Unit, Wanted};
 
 /// Everything that a recording holds of a machine.
@@ -164,13 +164,6 @@ impl Recorded {
     }
 }
 
-impl Channel {
-    /// The reading of a converter's word [SI].
-    fn reading(&self, word: f64) -> f64 {
-        (word - f64::from(self.zero_word())) * self.lsb_si()
-    }
-}
-
 /// Counts as a continuous angle; what is missing stands where it was.
 fn unwrapped(counts: &[f64], modulus: f64, step: f64) -> Vec<f64> {
     let mut last = counts
@@ -202,8 +195,9 @@ fn centre(read: &mut [f64], angle: &[f64], machine: &Machine) {
     let Some(zero) = known.map(|at| angle[at] - read[at]) else {
         return;
     };
+    let error = machine.homed_error();
     for read in read {
-        *read -= machine.homed_error(*read + zero);
+        *read -= error(*read + zero);
     }
 }
 

@@ -1,5 +1,6 @@
 //! Sensors: analogue channels, encoders, index pulse; and reference columns.
 
+use std::borrow::Cow;
 use std::path::PathBuf;
 
 use schemars::JsonSchema;
@@ -125,6 +126,11 @@ impl Channel {
         self.adc.zero - (at_ratio_0 / self.lsb_si()).round() as i32
     }
 
+    /// The reading of a converter's word [SI].
+    pub fn reading(&self, word: f64) -> f64 {
+        (word - f64::from(self.zero_word())) * self.lsb_si()
+    }
+
     /// The converter's word for a reading in SI units.
     pub fn word(&self, value: f64) -> i32 {
         self.clamped((value / self.lsb_si()).round() + f64::from(self.zero_word()))
@@ -231,9 +237,15 @@ impl Hysteresis {
     }
 }
 
+/// Longest `late_s` [s].
+pub const LATEST_S: f64 = 0.2;
+
 /// What `values` were `samples` before, or will be where that is negative, by straight lines; beyond
 /// the ends, as there.
-pub fn earlier(values: &[f64], samples: f64) -> Vec<f64> {
+pub fn earlier(values: &[f64], samples: f64) -> Cow<'_, [f64]> {
+    if samples == 0.0 {
+        return Cow::Borrowed(values);
+    }
     let (whole, part) = (samples.floor() as isize, samples - samples.floor());
     let last = values.len() as isize - 1;
     let at = |i: isize| values[i.clamp(0, last) as usize];
@@ -422,9 +434,9 @@ mod tests {
     #[test]
     fn what_was_earlier_lies_between_samples() {
         let values = [1.0, 2.0, 4.0, 8.0];
-        assert_eq!(earlier(&values, 0.0), values);
-        assert_eq!(earlier(&values, 1.5), [1.0, 1.0, 1.5, 3.0]);
-        assert_eq!(earlier(&values, -0.5), [1.5, 3.0, 6.0, 8.0]);
+        assert_eq!(*earlier(&values, 0.0), values);
+        assert_eq!(*earlier(&values, 1.5), [1.0, 1.0, 1.5, 3.0]);
+        assert_eq!(*earlier(&values, -0.5), [1.5, 3.0, 6.0, 8.0]);
     }
 
     #[test]

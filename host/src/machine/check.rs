@@ -8,7 +8,7 @@ use super::error::Violation;
 use super::rule::{
     Checked, at_least, at_most, finite, names, nonzero, one_of, positive, range, refuse, within,
 };
-use super::{Bearing, Channel, Drivetrain, Index, Kind, Machine, Senses};
+use super::{Bearing, Channel, Drivetrain, Kind, LATEST_S, Machine, Senses};
 
 /// Channels and encoders of one sensor set.
 const MAX_CHANNELS: usize = loadtwin_common::raw::MAX_CHANNELS;
@@ -268,14 +268,7 @@ impl Machine {
         for (i, encoder) in self.encoders.iter().enumerate() {
             let field = |name: &str| format!("encoder[{}].{name}", i + 1);
             one_of(&field("inertia"), &encoder.inertia, &inertias)?;
-            let turns = drivetrain
-                .inertias
-                .iter()
-                .find(|j| j.name == encoder.inertia);
-            let latches = |index: &Index| index.encoder == encoder.name;
-            let as_index = self.index.as_ref().is_some_and(latches)
-                && turns.is_some_and(|inertia| inertia.speed_ratio == 1.0);
-            encoder.check(field, as_index)?;
+            encoder.check(field, self.index_turns_with(encoder))?;
         }
         if let Some(index) = &self.index {
             if !self.encoders.is_empty() {
@@ -353,7 +346,7 @@ fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
         positive(&field("drift.time_s"), drift.time_s)?;
     }
     range(&field("nonlinearity"), channel.nonlinearity, -0.2, 0.2)?;
-    range(&field("late_s"), channel.late_s, 0.0, 0.2)?;
+    range(&field("late_s"), channel.late_s, 0.0, LATEST_S)?;
     if let Some(thermal) = &channel.thermal {
         finite(&field("thermal.zero_per_k"), thermal.zero_per_k)?;
         finite(&field("thermal.gain_per_k"), thermal.gain_per_k)?;

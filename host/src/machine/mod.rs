@@ -29,8 +29,8 @@ pub use angle_map::{MAP_ENTRIES, read_column, read_columns, resampled, six_digit
 pub use balance::{Balance, BalanceEffect, Regime, Signal};
 pub use bearing::{BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, SHAPES};
 pub use channel::{
-    Adc, Auxiliary, Channel, Creep, Displacement, Drift, Group, Hysteresis, Place, Reference,
-    Senses, Thermal, earlier, lag,
+    Adc, Auxiliary, Channel, Creep, Displacement, Drift, Group, Hysteresis, LATEST_S, Place,
+    Reference, Senses, Thermal, earlier, lag,
 };
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, MOST_INERTIAS, Shaft};
 pub use encoder::{Eccentricity, Encoder, Index};
@@ -169,12 +169,19 @@ impl Machine {
         self.encoders.iter().find(|e| e.name == index.encoder)
     }
 
+    /// Whether the index pulse tells where that encoder's disc stands: it turns as the pulse does.
+    pub fn index_turns_with(&self, encoder: &Encoder) -> bool {
+        let latches = self.homed_encoder().is_some_and(|e| e.name == encoder.name);
+        let mut inertias = self.drivetrain.iter().flat_map(|chain| &chain.inertias);
+        latches && inertias.any(|i| i.name == encoder.inertia && i.speed_ratio == 1.0)
+    }
+
     /// How far ahead that encoder reads at an angle, when the pulse has set it right [rad].
-    pub fn homed_error(&self, angle: f64) -> f64 {
+    pub fn homed_error(&self) -> impl Fn(f64) -> f64 + use<> {
         let eccentricity = self.homed_encoder().and_then(|e| e.eccentricity);
-        (self.index.as_ref().zip(eccentricity)).map_or(0.0, |(index, eccentricity)| {
-            eccentricity.error(angle) - eccentricity.error(index.angle_rad)
-        })
+        let known = self.index.as_ref().zip(eccentricity);
+        let known = known.map(|(index, disc)| (disc, disc.error(index.angle_rad)));
+        move |angle| known.map_or(0.0, |(disc, at_pulse)| disc.error(angle) - at_pulse)
     }
 
     /// Reads and checks the description in `path`.

@@ -79,7 +79,7 @@ pub struct Tuned {
 }
 
 /// The walk of each load that sets of sensors tell together, from what each tells, `[set][load]`:
-/// the median of the logarithms, of an even number the lower of the two.
+/// the median, of an even number of sets the lower of the two in the middle.
 ///
 /// The likelihood asks how the loads moved, which is the same for every set. What a set's model
 /// gets wrong can only pass for a load that moves faster.

@@ -2,9 +2,7 @@
 
 use super::{Effect, GaugeModel, Linear, Shape, each};
 use crate::diagnose::stream::{Kind, Session, Stream, Term};
-
-/// Longest delay that a description may have [s].
-const MOST_S: f64 = 0.2;
+use crate::machine::LATEST_S;
 
 /// `reading(t - d) - reading(t)`, times 1 where the whole channel is late.
 pub struct Delay;
@@ -26,7 +24,7 @@ impl Effect for Delay {
         &[Shape {
             name: "delay",
             unit: "s",
-            bounds: (-MOST_S, MOST_S),
+            bounds: (-LATEST_S, LATEST_S),
             step: 0.004,
             logarithmic: false,
         }]
@@ -58,7 +56,7 @@ impl Effect for Delay {
         // Where the reading moves slowly only the product is told.
         let late_s = gauge.late_s + parameters[0] * shape[0];
         // The line waits for no channel: one that comes early makes the others late.
-        let has_place = (0.0..=MOST_S).contains(&late_s);
+        let has_place = (0.0..=LATEST_S).contains(&late_s);
         if has_place {
             gauge.late_s = late_s;
         }

@@ -3,7 +3,7 @@
 use super::order::waves;
 use super::{Coupling, Effect, Linear, Shape};
 use crate::diagnose::stream::{Kind, Session, Term};
-use crate::machine::{self, Machine};
+use crate::machine::{self, Encoder, Machine};
 
 /// `a cos(r angle) + b sin(r angle) + c` on the angle of an inertia with speed
 /// ratio `r`; `c` is what the index pulse takes of it, less what all maps told.
@@ -84,17 +84,11 @@ impl Effect for Eccentricity {
         machine: &mut Machine,
     ) -> bool {
         let inertia = session.signals.inertias.get(shape[0] as usize);
-        let chain = machine.drivetrain.as_ref();
-        let as_index = (chain.iter().flat_map(|c| &c.inertias))
-            .any(|i| Some(&i.name) == inertia && i.speed_ratio == 1.0);
-        let homed = machine.homed_encoder().map(|encoder| encoder.name.clone());
-        let mut encoders = machine.encoders.iter_mut();
-        let eccentric = encoders
-            .find(|e| Some(&e.name) == homed.as_ref() && Some(&e.inertia) == inertia)
-            .filter(|_| as_index);
-        let Some(encoder) = eccentric else {
+        let has_place = |e: &Encoder| Some(&e.inertia) == inertia && machine.index_turns_with(e);
+        let Some(at) = machine.encoders.iter().position(has_place) else {
             return false;
         };
+        let encoder = &mut machine.encoders[at];
         let [cosine, sine] = encoder.eccentricity.map_or([0.0; 2], |e| e.parts_from(0.0));
         let found = [cosine + parameters[0], sine + parameters[1]];
         encoder.eccentricity = Some(machine::Eccentricity::from_parts(found));
