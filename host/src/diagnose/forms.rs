@@ -4,9 +4,10 @@ use super::columns::columns;
 use super::effect::{Coupling, Effect};
 use super::fit::{Data, Trial};
 use super::observed::Observed;
-use super::rank::{Ranked, numbers};
+use super::rank::Ranked;
 use super::select::{Found, is_latent};
 use super::signals::smooth;
+use super::verdict::ROUGHLY;
 
 /// Times by which what a form leaves of one gauge may be more, as a part, than what it leaves of another.
 const UNEVEN: f64 = 3.0;
@@ -14,6 +15,10 @@ const UNEVEN: f64 = 3.0;
 /// Part of the excess over a clean machine that a candidate leaves at most, which explains
 /// what a wrong form leaves only by chance.
 const CLEARED: f64 = 0.1;
+
+/// Part of that excess that a further effect explains at least, where it acts: the largest is
+/// found first, and what is left beside it is smaller.
+const MOSTLY: f64 = 0.5;
 
 /// What effects found predict of each stream.
 pub(super) struct Forms<'a, S: Observed> {
@@ -45,10 +50,13 @@ impl<'a, S: Observed> Forms<'a, S> {
     ///
     /// A stream in which such a form may be all counts neither for nor against: of any effect
     /// that acts on each stream by itself, and for a candidate that does, of what streams share as
-    /// well. One of which next to nothing is left counts whatever the forms, unless the candidate has
-    /// more numbers to choose than any of these.
+    /// well. One of which next to nothing is left counts whatever the forms. Where most is left of what a
+    /// further effect should explain, forms are off.
     pub fn beyond(&self, candidate: &Ranked<S>) -> Option<Ranked<S>> {
         let trial = &candidate.trial;
+        if !self.found.is_empty() && self.cleared(trial) < MOSTLY {
+            return None;
+        }
         let times = if is_latent(self.sessions, candidate.effect) {
             2.0
         } else {
@@ -60,8 +68,6 @@ impl<'a, S: Observed> Forms<'a, S> {
             &trial.shape,
             &candidate.parameters,
         );
-        let freest = self.found.iter().map(|f| numbers(f.effect)).max();
-        let tied = freest.is_some_and(|freest| candidate.count() <= freest);
         let alone = candidate.effect.coupling() == Coupling::Own;
         let most = trial.streams.iter().copied().fold(0.0, f64::max);
         let explained: Vec<Vec<f64>> = (trial.streams.iter().enumerate())
@@ -75,10 +81,10 @@ impl<'a, S: Observed> Forms<'a, S> {
             }
             let left = |coupling| times * self.left(coupling, k, &forms, &explained[k], &own[k]);
             let explained = self.data.squares(k, *gain);
-            let clears = tied && clears(trial.excess[k], explained / self.data.independent(k));
+            let part = explained / self.data.independent(k);
             let (by_own, by_shared) = (left(Coupling::Own), left(Coupling::Shared));
             let by_itself = by_own + if alone { by_shared } else { 0.0 };
-            if clears {
+            if clears(trial.excess[k], part) {
                 brought += explained;
             } else if explained < by_itself {
                 score -= gain;
@@ -90,6 +96,21 @@ impl<'a, S: Observed> Forms<'a, S> {
         let mut counted = candidate.clone();
         counted.trial.score = score;
         (brought > before).then_some(counted)
+    }
+
+    /// Part of the excess over a clean machine that `candidate` explains where there is some, by its
+    /// evidence; all of it where there is none.
+    fn cleared(&self, candidate: &Trial) -> f64 {
+        let (mut cleared, mut all) = (0.0, 0.0);
+        for (k, gain) in candidate.streams.iter().enumerate() {
+            let excess = candidate.excess[k];
+            if *gain > 0.0 && excess > ROUGHLY {
+                let part = self.data.squares(k, *gain) / self.data.independent(k);
+                cleared += gain * (1.0 - left(excess, part).max(0.0) / excess);
+                all += gain;
+            }
+        }
+        if all > 0.0 { cleared / all } else { 1.0 }
     }
 
     /// Squares of stream `k` that each of those found explains, over the mean square that is left
@@ -145,11 +166,15 @@ impl<'a, S: Observed> Forms<'a, S> {
     }
 }
 
-/// Whether of an `excess` over the mean square of a clean machine next to nothing is left, once
-/// `explained` times what is left in the end is explained.
+/// What is left of an `excess` over the mean square of a clean machine, once `explained` times
+/// what is left in the end is explained.
+fn left(excess: f64, explained: f64) -> f64 {
+    (1.0 + excess) / (1.0 + explained) - 1.0
+}
+
+/// Whether that is next to nothing.
 fn clears(excess: f64, explained: f64) -> bool {
-    let after = (1.0 + excess) / (1.0 + explained) - 1.0;
-    explained > 0.2 && after < CLEARED * excess
+    explained > 0.2 && left(excess, explained) < CLEARED * excess + ROUGHLY
 }
 
 /// In which octaves what an effect predicts of each stream lies; empty where it does not act.

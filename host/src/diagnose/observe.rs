@@ -19,7 +19,7 @@ use super::thin::{Thin, filled};
 use super::torque::{Bodies, torques};
 use crate::build::Sensors;
 use crate::gearbox::Torsion;
-use crate::machine::{Machine, MachineError};
+use crate::machine::{LATEST_S, Machine, MachineError};
 
 /// Samples a second on which effects are judged.
 const RATE_HZ: f64 = 125.0;
@@ -100,12 +100,15 @@ pub(super) fn observe_given(
         innovations = filtered.innovations;
     }
     let every = ((1.0 / (recorded.dt_s * RATE_HZ)).round() as usize).max(1);
+    // Nor is known what a gauge reads that is late by as much as is looked for, and the samples
+    // beside that.
+    let late = (LATEST_S / recorded.dt_s) as usize + 2 * every;
     let seen = Seen {
         machine,
         drivetrain,
         thin: Thin {
             every,
-            edge: 2 * width,
+            edge: 2 * width + late,
             n: recorded.len(),
         },
         torsion,

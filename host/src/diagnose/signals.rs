@@ -1,6 +1,8 @@
 //! What a recording says, on one slow time base.
 
 use faer::Mat;
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
 
 use super::chain::{Carried, Driven};
 
@@ -211,6 +213,26 @@ pub fn smooth(x: &[f64], width: usize) -> Vec<f64> {
     moving_mean(&moving_mean(&once, width), width)
 }
 
+/// The part of `x`, sampled every `dt_s`, up to `highest_hz`, sharply: of the cosines that it is the sum
+/// of with its own mirror image behind it, where nothing jumps.
+pub fn slow(x: &[f64], dt_s: f64, highest_hz: f64) -> Vec<f64> {
+    let n = 2 * x.len();
+    let mut mirrored: Vec<Complex<f64>> = (x.iter().chain(x.iter().rev()))
+        .map(|x| Complex::from(*x))
+        .collect();
+    let mut planner = FftPlanner::new();
+    planner.plan_fft_forward(n).process(&mut mirrored);
+    let highest = (highest_hz * dt_s * n as f64) as usize;
+    for (bin, size) in mirrored.iter_mut().enumerate() {
+        if bin.min(n - bin) > highest {
+            *size = Complex::ZERO;
+        }
+    }
+    planner.plan_fft_inverse(n).process(&mut mirrored);
+    let parts = mirrored.iter().take(x.len());
+    parts.map(|value| value.re / n as f64).collect()
+}
+
 /// Moving mean over `width` samples, centred; shorter at the ends.
 pub fn moving_mean(x: &[f64], width: usize) -> Vec<f64> {
     let half = width / 2;
@@ -244,6 +266,24 @@ mod tests {
         let smoothed = smooth(&line, 5);
         for i in 10..90 {
             assert!((smoothed[i] - line[i]).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn what_is_slow_stays_and_what_is_faster_goes() {
+        let dt_s = 0.008;
+        let wave = |hz: f64| -> Vec<f64> {
+            let of = |i: usize| (TAU * hz * dt_s * i as f64 + 0.7).sin();
+            (0..10_000).map(of).collect()
+        };
+        let (below, above) = (wave(0.5), wave(0.7));
+        let (kept, gone) = (slow(&below, dt_s, 0.6), slow(&above, dt_s, 0.6));
+        for i in 1000..9000 {
+            assert!((kept[i] - below[i]).abs() < 0.02, "{i}: {}", kept[i]);
+            assert!(gone[i].abs() < 0.02, "{i}: {}", gone[i]);
+        }
+        for i in 0..10_000 {
+            assert!((kept[i] - below[i]).abs() < 0.1, "{i}: {}", kept[i]);
         }
     }
 

@@ -3,7 +3,8 @@
 /// Fewer samples: means of so many.
 pub(super) struct Thin {
     pub every: usize,
-    /// Raw samples at both ends whose accelerations are not known.
+    /// Raw samples at both ends where accelerations are not known, or not from when a late gauge
+    /// reads them.
     pub edge: usize,
     pub n: usize,
 }
@@ -61,7 +62,7 @@ pub(super) fn at(table: &[f64], angle: f64) -> (f64, f64) {
 }
 
 /// Each value that is not known is the one before, the first ones the first known.
-pub(super) fn filled(values: &[f64]) -> Vec<f64> {
+pub(in crate::diagnose) fn filled(values: &[f64]) -> Vec<f64> {
     let mut last = values
         .iter()
         .copied()

@@ -26,7 +26,7 @@ const EXCESS: f64 = 8.0;
 
 /// How well the simulations know the mean square of what a clean machine
 /// leaves, where vibrations are most of it.
-const ROUGHLY: f64 = 0.03;
+pub(super) const ROUGHLY: f64 = 0.03;
 
 /// Part of a clean machine's mean square that counts as a form.
 const FORM: f64 = 0.3;

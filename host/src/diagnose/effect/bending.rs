@@ -1,8 +1,9 @@
 //! A load that all channels read and that is not torque.
 
 use super::{Effect, GaugeModel, Linear, one_shape};
-use crate::diagnose::signals::moving_mean;
+use crate::diagnose::signals::slow;
 use crate::diagnose::stream::{Kind, Session, Stream, Term};
+use crate::diagnose::thin::filled;
 use crate::machine::{Drift, Machine};
 
 /// Highest frequency of the common load [Hz].
@@ -107,11 +108,10 @@ struct Common {
 
 impl Common {
     fn new(session: &Session) -> Self {
-        let width = (0.5 / HIGHEST_HZ / session.signals.dt_s) as usize | 1;
         let slow: Vec<Option<Vec<f64>>> = session
             .streams
             .iter()
-            .map(|s| (s.kind == Kind::Strain).then(|| slow_part(s, width)))
+            .map(|s| (s.kind == Kind::Strain).then(|| slow_part(s, session.signals.dt_s)))
             .collect();
         let mut sum = vec![0.0; session.signals.len()];
         let mut total = 0.0;
@@ -160,18 +160,12 @@ pub(in crate::diagnose) fn weight(stream: &Stream) -> f64 {
     (stream.scale / stream.noise_std).powi(2)
 }
 
-/// Slow part of a residual in parts of full scale; gaps count as its mean.
-fn slow_part(stream: &Stream, width: usize) -> Vec<f64> {
-    let (sum, count) = stream
-        .residual
-        .iter()
-        .filter(|r| r.is_finite())
-        .fold((0.0, 0.0), |(sum, n), r| (sum + r, n + 1.0));
-    let mean = if count > 0.0 { sum / count } else { 0.0 };
-    let filled: Vec<f64> = stream
-        .residual
-        .iter()
-        .map(|r| (if r.is_finite() { r - mean } else { 0.0 }) / stream.scale)
-        .collect();
-    moving_mean(&filled, width)
+/// Slow part of a residual about its mean, in parts of full scale; what is not known is as before.
+fn slow_part(stream: &Stream, dt_s: f64) -> Vec<f64> {
+    let mut slow = slow(&filled(&stream.residual), dt_s, HIGHEST_HZ);
+    let mean = slow.iter().sum::<f64>() / slow.len().max(1) as f64;
+    for value in &mut slow {
+        *value = (*value - mean) / stream.scale;
+    }
+    slow
 }
