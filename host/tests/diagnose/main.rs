@@ -187,6 +187,24 @@ fn residuals_go_with_what_the_effect_goes_with_until_it_is_found() {
     }
 }
 
+/// Both what is late and by how much, not only their product, also where a recording begins in motion.
+#[test]
+fn how_late_a_gauge_comes_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    for scenario in ["reversals", "start-stop"] {
+        let effect = ["channel-delay@ta2=1.5"];
+        let recording = recorded(folder.path(), "late.parquet", scenario, "60", &effect);
+        let said = diagnosed(&recording, &[]);
+        assert_eq!(said["verdict"], "effect", "{said}");
+        assert_eq!(said["effects"][0]["name"], "channel-delay");
+        let parameters = &said["effects"][0]["parameters"];
+        let late_s = parameters["delay [s]"].as_f64().unwrap();
+        assert!((late_s - 0.03).abs() < 1e-3, "{parameters}");
+        let part = &parameters["part of the reading that is late"]["ta2"];
+        assert!((part.as_f64().unwrap() - 1.0).abs() < 0.03, "{parameters}");
+    }
+}
+
 /// The filter's own consistency: of what it expects in a clean machine, not with a gauge that
 /// drifts by many times its noise.
 #[test]
