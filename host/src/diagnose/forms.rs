@@ -4,7 +4,7 @@ use super::columns::columns;
 use super::effect::{Coupling, Effect};
 use super::fit::{Data, Trial};
 use super::observed::Observed;
-use super::rank::Ranked;
+use super::rank::{Ranked, numbers};
 use super::select::{Found, is_latent};
 use super::signals::smooth;
 use super::verdict::ROUGHLY;
@@ -50,8 +50,9 @@ impl<'a, S: Observed> Forms<'a, S> {
     ///
     /// A stream in which such a form may be all counts neither for nor against: of any effect
     /// that acts on each stream by itself, and for a candidate that does, of what streams share as
-    /// well. One of which next to nothing is left counts whatever the forms. Where most is left of what a
-    /// further effect should explain, forms are off.
+    /// well. One of which next to nothing is left counts whatever the forms, unless the candidate has more
+    /// than one number more to choose than any of these. Where most is left of what a further effect
+    /// should explain, forms are off.
     pub fn beyond(&self, candidate: &Ranked<S>) -> Option<Ranked<S>> {
         let trial = &candidate.trial;
         if !self.found.is_empty() && self.cleared(trial) < MOSTLY {
@@ -62,6 +63,8 @@ impl<'a, S: Observed> Forms<'a, S> {
         } else {
             1.0
         };
+        let freest = self.found.iter().map(|f| numbers(f.effect)).max();
+        let tied = freest.is_some_and(|freest| candidate.count() <= freest + 1);
         let own = spectra(
             self.sessions,
             candidate.effect,
@@ -84,7 +87,7 @@ impl<'a, S: Observed> Forms<'a, S> {
             let part = explained / self.data.independent(k);
             let (by_own, by_shared) = (left(Coupling::Own), left(Coupling::Shared));
             let by_itself = by_own + if alone { by_shared } else { 0.0 };
-            if clears(trial.excess[k], part) {
+            if tied && clears(trial.excess[k], part) {
                 brought += explained;
             } else if explained < by_itself {
                 score -= gain;
