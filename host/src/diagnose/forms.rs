@@ -239,3 +239,17 @@ fn overlap(a: &[f64], b: &[f64]) -> f64 {
     let along: f64 = a.iter().zip(b).map(|(a, b)| (a * b).sqrt()).sum();
     along.min(1.0).powi(2)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_is_known_only_roughly() {
+        assert!((left(3.0, 1.0) - 1.0).abs() < 1e-12);
+        assert!(left(3.0, 3.0).abs() < 1e-12);
+        assert!(clears(3.0, 2.2) && !clears(3.0, 1.9));
+        assert!(clears(0.46, 0.36) && !clears(0.46, 0.30));
+        assert!(!clears(0.1, 0.1));
+    }
+}

@@ -278,12 +278,14 @@ mod tests {
         };
         let (below, above) = (wave(0.5), wave(0.7));
         let (kept, gone) = (slow(&below, dt_s, 0.6), slow(&above, dt_s, 0.6));
+        let power = |x: &mut dyn Iterator<Item = f64>| x.map(|x| x * x).sum::<f64>() / 5000.0;
+        let lost = power(&mut kept.iter().zip(&below).map(|(a, b)| a - b));
+        assert!(lost < 0.006, "{lost}");
+        assert!(power(&mut gone.iter().copied()) < 0.012);
+        // What a bend at the ends spreads over the whole.
         for i in 1000..9000 {
-            assert!((kept[i] - below[i]).abs() < 0.02, "{i}: {}", kept[i]);
-            assert!(gone[i].abs() < 0.02, "{i}: {}", gone[i]);
-        }
-        for i in 0..10_000 {
-            assert!((kept[i] - below[i]).abs() < 0.1, "{i}: {}", kept[i]);
+            assert!((kept[i] - below[i]).abs() < 0.05, "{i}: {}", kept[i]);
+            assert!(gone[i].abs() < 0.05, "{i}: {}", gone[i]);
         }
     }
 
