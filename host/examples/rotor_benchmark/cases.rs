@@ -152,9 +152,15 @@ impl Case {
         };
         let has = |(name, _): &(&'static str, f64)| names.contains(name);
         let unknown = diagnosis.verdict == Verdict::Unknown;
+        // A surface with a runout has higher waves too, which no unbalance makes.
+        let has_runout = self.effects.iter().any(|(name, _)| *name == "runout");
+        let own = |name: &&str| {
+            self.effects.iter().any(|(truth, _)| truth == name)
+                || (has_runout && *name == "surface-lobes")
+        };
         let right = match self.asked {
             Asked::Named | Asked::BothNamed => {
-                names.len() == self.effects.len() && self.effects.iter().all(has)
+                names.iter().all(own) && self.effects.iter().all(has)
             }
             Asked::Nothing => names.is_empty() && !unknown,
             Asked::Untold => {
@@ -163,11 +169,6 @@ impl Case {
                     .effects
                     .iter()
                     .all(|effect| silent.contains(&effect.0) || has(effect));
-                // A surface with a runout has higher waves too, which no unbalance makes.
-                let own = |name: &&str| {
-                    let truth = self.effects[0].0;
-                    *name == truth || (truth == "runout" && *name == "surface-lobes")
-                };
                 said && !unknown && names.iter().all(own)
             }
         };

@@ -4,7 +4,7 @@ use super::columns::columns;
 use super::effect::{Coupling, Effect};
 use super::fit::{Data, Trial};
 use super::observed::Observed;
-use super::rank::{Ranked, numbers};
+use super::rank::Ranked;
 use super::select::{Found, is_latent};
 use super::signals::smooth;
 use super::verdict::ROUGHLY;
@@ -15,10 +15,6 @@ const UNEVEN: f64 = 3.0;
 /// Part of the excess over a clean machine that a candidate leaves at most, which explains
 /// what a wrong form leaves only by chance.
 const CLEARED: f64 = 0.1;
-
-/// Part of that excess that a further effect explains at least, where it acts: the largest is
-/// found first, and what is left beside it is smaller.
-const MOSTLY: f64 = 0.5;
 
 /// What effects found predict of each stream.
 pub(super) struct Forms<'a, S: Observed> {
@@ -50,21 +46,14 @@ impl<'a, S: Observed> Forms<'a, S> {
     ///
     /// A stream in which such a form may be all counts neither for nor against: of any effect
     /// that acts on each stream by itself, and for a candidate that does, of what streams share as
-    /// well. One of which next to nothing is left counts whatever the forms, unless the candidate has more
-    /// than one number more to choose than any of these. Where most is left of what a further effect
-    /// should explain, forms are off.
+    /// well. One of which next to nothing is left counts whatever the forms.
     pub fn beyond(&self, candidate: &Ranked<S>) -> Option<Ranked<S>> {
         let trial = &candidate.trial;
-        if !self.found.is_empty() && self.cleared(trial) < MOSTLY {
-            return None;
-        }
         let times = if is_latent(self.sessions, candidate.effect) {
             2.0
         } else {
             1.0
         };
-        let freest = self.found.iter().map(|f| numbers(f.effect)).max();
-        let tied = freest.is_some_and(|freest| candidate.count() <= freest + 1);
         let own = spectra(
             self.sessions,
             candidate.effect,
@@ -87,7 +76,7 @@ impl<'a, S: Observed> Forms<'a, S> {
             let part = explained / self.data.independent(k);
             let (by_own, by_shared) = (left(Coupling::Own), left(Coupling::Shared));
             let by_itself = by_own + if alone { by_shared } else { 0.0 };
-            if tied && clears(trial.excess[k], part) {
+            if clears(trial.excess[k], part) {
                 brought += explained;
             } else if explained < by_itself {
                 score -= gain;
@@ -99,21 +88,6 @@ impl<'a, S: Observed> Forms<'a, S> {
         let mut counted = candidate.clone();
         counted.trial.score = score;
         (brought > before).then_some(counted)
-    }
-
-    /// Part of the excess over a clean machine that `candidate` explains where there is some, by its
-    /// evidence; all of it where there is none.
-    fn cleared(&self, candidate: &Trial) -> f64 {
-        let (mut cleared, mut all) = (0.0, 0.0);
-        for (k, gain) in candidate.streams.iter().enumerate() {
-            let excess = candidate.excess[k];
-            if *gain > 0.0 && excess > ROUGHLY {
-                let part = self.data.squares(k, *gain) / self.data.independent(k);
-                cleared += gain * (1.0 - left(excess, part).max(0.0) / excess);
-                all += gain;
-            }
-        }
-        if all > 0.0 { cleared / all } else { 1.0 }
     }
 
     /// Squares of stream `k` that each of those found explains, over the mean square that is left
@@ -167,6 +141,21 @@ impl<'a, S: Observed> Forms<'a, S> {
             .map(|(i, _)| forms[i] * overlap(own, &self.spectra[i][k]) * explained[i])
             .sum()
     }
+}
+
+/// Part of the excess over a clean machine that `trial` explains where there is some, by its
+/// evidence; all of it where there is none.
+pub(super) fn cleared(data: &Data, trial: &Trial) -> f64 {
+    let (mut cleared, mut all) = (0.0, 0.0);
+    for (k, gain) in trial.streams.iter().enumerate() {
+        let excess = trial.excess[k];
+        if *gain > 0.0 && excess > ROUGHLY {
+            let part = data.squares(k, *gain) / data.independent(k);
+            cleared += gain * (1.0 - left(excess, part).max(0.0) / excess);
+            all += gain;
+        }
+    }
+    if all > 0.0 { cleared / all } else { 1.0 }
 }
 
 /// What is left of an `excess` over the mean square of a clean machine, once `explained` times

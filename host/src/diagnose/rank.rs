@@ -47,13 +47,8 @@ impl<S: Observed> Ranked<S> {
 
     /// How many numbers it may choose.
     pub(super) fn count(&self) -> usize {
-        numbers(self.effect)
+        self.effect.linear().len() + self.effect.shape().len()
     }
-}
-
-/// How many numbers an effect may choose.
-pub(super) fn numbers<S: Observed>(effect: &dyn Effect<S>) -> usize {
-    effect.linear().len() + effect.shape().len()
 }
 
 /// Candidates on the grid of their shapes, the best evidence first; without

@@ -5,8 +5,8 @@ use std::cmp::Ordering;
 
 use super::columns::{base_columns, columns};
 use super::effect::Effect;
-use super::fit::Data;
-use super::forms::Forms;
+use super::fit::{Base, Data, Trial};
+use super::forms::{Forms, cleared};
 use super::null::Draws;
 use super::observed::Observed;
 use super::rank::{LEAST, Ranked, rank, refine, same};
@@ -30,6 +30,10 @@ const SURE: f64 = 3.0;
 
 /// The same of an effect with a signal that is free to explain anything.
 const MATERIAL_OF_LATENT: f64 = 0.15;
+
+/// Part of the excess over a clean machine that each of several effects explains at least beside the
+/// others, where it acts. Where more is left, it takes up what the forms of the others leave.
+const CLEARED: f64 = 0.5;
 
 /// Most effects that are named.
 const MOST: usize = 3;
@@ -123,6 +127,7 @@ pub fn select<S: Observed>(
         settle(&data, sessions, &mut found);
         exchange(&data, sessions, candidates, &mut found);
     }
+    drop_mimics(&data, sessions, &mut found);
     let nuisance = refit(sessions, &mut found, None);
     let rest = rest(sessions, &found, &nuisance);
     let named: Vec<&'static str> = found.iter().map(|f| f.effect.name()).collect();
@@ -314,9 +319,7 @@ fn settle<S: Observed>(data: &Data, sessions: &[S], found: &mut Vec<Found<S>>) {
             .collect();
         let base = data.base(base_columns(sessions, &others));
         let f = &mut found[i];
-        let columns = columns(sessions, f.effect, &f.shape, &f.parameters);
-        let own = data.with_nuisances(&base, sessions, f.effect, &f.shape);
-        let trial = data.trial(&own, f.effect, &f.shape, &columns, Some(&f.overdispersion));
+        let trial = again(data, &base, sessions, f);
         if trial.score < f.threshold {
             found.remove(i);
         } else {
@@ -324,4 +327,29 @@ fn settle<S: Observed>(data: &Data, sessions: &[S], found: &mut Vec<Found<S>>) {
             i += 1;
         }
     }
+}
+
+/// Takes out, the worst first, effects that leave most of the excess that they act on beside the others.
+fn drop_mimics<S: Observed>(data: &Data, sessions: &[S], found: &mut Vec<Found<S>>) {
+    while found.len() > 1 {
+        let parts = (0..found.len()).map(|i| {
+            let mut others = found.clone();
+            let f = others.remove(i);
+            let base = data.base(base_columns(sessions, &others));
+            cleared(data, &again(data, &base, sessions, &f))
+        });
+        let worst = parts.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+        match worst {
+            Some((i, part)) if part < CLEARED => found.remove(i),
+            _ => break,
+        };
+        refit(sessions, found, None);
+    }
+}
+
+/// How well one that was found does beside `base`.
+fn again<S: Observed>(data: &Data, base: &Base, sessions: &[S], f: &Found<S>) -> Trial {
+    let columns = columns(sessions, f.effect, &f.shape, &f.parameters);
+    let own = data.with_nuisances(base, sessions, f.effect, &f.shape);
+    data.trial(&own, f.effect, &f.shape, &columns, Some(&f.overdispersion))
 }
