@@ -143,19 +143,23 @@ impl<'a, S: Observed> Forms<'a, S> {
     }
 }
 
-/// Part of the excess over a clean machine that `trial` explains where there is some, by its
+/// Part of the excess over a clean machine that `trial` explains, its mean over streams by their
 /// evidence; all of it where there is none.
 pub(super) fn cleared(data: &Data, trial: &Trial) -> f64 {
     let (mut cleared, mut all) = (0.0, 0.0);
-    for (k, gain) in trial.streams.iter().enumerate() {
+    for (k, gain) in trial.streams.iter().map(|g| g.max(0.0)).enumerate() {
         let excess = trial.excess[k];
-        if *gain > 0.0 && excess > ROUGHLY {
-            let part = data.squares(k, *gain) / data.independent(k);
-            cleared += gain * (1.0 - left(excess, part).max(0.0) / excess);
-            all += gain;
-        }
+        let part = data.squares(k, gain) / data.independent(k);
+        let left = left(excess, part).max(0.0);
+        all += gain;
+        cleared += gain
+            * if excess > ROUGHLY {
+                1.0 - left / excess
+            } else {
+                1.0
+            };
     }
-    if all > 0.0 { cleared / all } else { 1.0 }
+    cleared / all.max(f64::MIN_POSITIVE)
 }
 
 /// What is left of an `excess` over the mean square of a clean machine, once `explained` times
