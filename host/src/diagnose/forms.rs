@@ -150,14 +150,13 @@ pub(super) fn cleared(data: &Data, trial: &Trial) -> f64 {
     for (k, gain) in trial.streams.iter().map(|g| g.max(0.0)).enumerate() {
         let excess = trial.excess[k];
         let part = data.squares(k, gain) / data.independent(k);
-        let left = left(excess, part).max(0.0);
+        let remains = if excess > ROUGHLY {
+            left(excess, part).max(0.0) / excess
+        } else {
+            0.0
+        };
         all += gain;
-        cleared += gain
-            * if excess > ROUGHLY {
-                1.0 - left / excess
-            } else {
-                1.0
-            };
+        cleared += gain * (1.0 - remains);
     }
     cleared / all.max(f64::MIN_POSITIVE)
 }

@@ -33,7 +33,7 @@ const MATERIAL_OF_LATENT: f64 = 0.15;
 
 /// Part of the excess over a clean machine that each of several effects explains at least beside the
 /// others, where it acts. Where more is left, it takes up what the forms of the others leave.
-const CLEARED: f64 = 0.5;
+const OF_EXCESS: f64 = 0.5;
 
 /// Most effects that are named.
 const MOST: usize = 3;
@@ -311,15 +311,8 @@ fn indistinct<S: Observed>(best: &Ranked<S>, other: &Ranked<S>) -> bool {
 fn settle<S: Observed>(data: &Data, sessions: &[S], found: &mut Vec<Found<S>>) {
     let mut i = 0;
     while found.len() > 1 && i < found.len() {
-        let others: Vec<Found<S>> = found
-            .iter()
-            .enumerate()
-            .filter(|(j, _)| *j != i)
-            .map(|(_, f)| f.clone())
-            .collect();
-        let base = data.base(base_columns(sessions, &others));
+        let (base, trial) = beside_others(data, sessions, found, i);
         let f = &mut found[i];
-        let trial = again(data, &base, sessions, f);
         if trial.score < f.threshold {
             found.remove(i);
         } else {
@@ -332,24 +325,34 @@ fn settle<S: Observed>(data: &Data, sessions: &[S], found: &mut Vec<Found<S>>) {
 /// Takes out, the worst first, effects that leave most of the excess that they act on beside the others.
 fn drop_mimics<S: Observed>(data: &Data, sessions: &[S], found: &mut Vec<Found<S>>) {
     while found.len() > 1 {
-        let parts = (0..found.len()).map(|i| {
-            let mut others = found.clone();
-            let f = others.remove(i);
-            let base = data.base(base_columns(sessions, &others));
-            cleared(data, &again(data, &base, sessions, &f))
-        });
+        let parts =
+            (0..found.len()).map(|i| cleared(data, &beside_others(data, sessions, found, i).1));
         let worst = parts.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
         match worst {
-            Some((i, part)) if part < CLEARED => found.remove(i),
+            Some((i, part)) if part < OF_EXCESS => found.remove(i),
             _ => break,
         };
         refit(sessions, found, None);
     }
 }
 
-/// How well one that was found does beside `base`.
-fn again<S: Observed>(data: &Data, base: &Base, sessions: &[S], f: &Found<S>) -> Trial {
+/// What is in the model with all of `found` but that at `i`, and how well that does beside it.
+fn beside_others<S: Observed>(
+    data: &Data,
+    sessions: &[S],
+    found: &[Found<S>],
+    i: usize,
+) -> (Base, Trial) {
+    let mut others = found.to_vec();
+    let f = others.remove(i);
+    let base = data.base(base_columns(sessions, &others));
     let columns = columns(sessions, f.effect, &f.shape, &f.parameters);
-    let own = data.with_nuisances(base, sessions, f.effect, &f.shape);
-    data.trial(&own, f.effect, &f.shape, &columns, Some(&f.overdispersion))
+    let trial = data.trial(
+        &data.with_nuisances(&base, sessions, f.effect, &f.shape),
+        f.effect,
+        &f.shape,
+        &columns,
+        Some(&f.overdispersion),
+    );
+    (base, trial)
 }

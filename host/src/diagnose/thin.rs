@@ -62,7 +62,7 @@ pub(super) fn at(table: &[f64], angle: f64) -> (f64, f64) {
 }
 
 /// Each value that is not known is the one before, the first ones the first known.
-pub(in crate::diagnose) fn filled(values: &[f64]) -> Vec<f64> {
+pub(super) fn filled(values: &[f64]) -> Vec<f64> {
     let mut last = values
         .iter()
         .copied()

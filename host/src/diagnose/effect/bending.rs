@@ -2,6 +2,7 @@
 
 use super::{Effect, GaugeModel, Linear, one_shape};
 use crate::diagnose::signals::slow;
+use crate::diagnose::statistics::mean;
 use crate::diagnose::stream::{Kind, Session, Stream, Term};
 use crate::diagnose::thin::filled;
 use crate::machine::{Drift, Machine};
@@ -163,7 +164,7 @@ pub(in crate::diagnose) fn weight(stream: &Stream) -> f64 {
 /// Slow part of a residual about its mean, in parts of full scale; what is not known is as before.
 fn slow_part(stream: &Stream, dt_s: f64) -> Vec<f64> {
     let mut slow = slow(&filled(&stream.residual), dt_s, HIGHEST_HZ);
-    let mean = slow.iter().sum::<f64>() / slow.len().max(1) as f64;
+    let mean = mean(slow.iter().copied());
     for value in &mut slow {
         *value = (*value - mean) / stream.scale;
     }
