@@ -149,6 +149,17 @@ impl Driven {
         }
         changes
     }
+
+    /// The same with the moment of each inertia.
+    pub(super) fn heavier(&self, as_described: &Carried) -> Vec<Carried> {
+        let bodies = 0..self.drivetrain.inertias.len();
+        let heavier = |body: usize| {
+            let mut heavier = self.clone();
+            heavier.drivetrain.inertias[body].moment_kg_m2 *= 1.0 + TOLERANCE;
+            heavier.carried().less(as_described)
+        };
+        bodies.map(heavier).collect()
+    }
 }
 
 impl Carried {

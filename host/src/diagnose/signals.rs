@@ -4,7 +4,7 @@ use faer::Mat;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
-use super::chain::{Carried, Driven};
+use super::chain::{Carried, Driven, TOLERANCE};
 
 /// How one torsional chain answers to a torque that its model lacks.
 #[derive(Clone, Debug)]
@@ -119,6 +119,29 @@ impl Signals {
             *torque += sign * moment * a;
         }
         Some(change)
+    }
+
+    /// What the shafts do more where one inertia after another is larger by what moments are known to.
+    pub fn heavier(&self) -> Vec<Carried> {
+        let Some(response) = &self.response else {
+            return Vec::new();
+        };
+        let changes = response.driven.heavier(&response.carried).into_iter();
+        let bodies = response.bodies.iter().enumerate();
+        bodies
+            .zip(changes)
+            .map(|((body, (moment, _)), change)| {
+                let mut change = self.fast_alone(change);
+                // The slow part is what the loads of one side tell with the moment described.
+                for (torque, side) in change.torque.iter_mut().zip(&response.side) {
+                    let untold = TOLERANCE * moment * side[body];
+                    for (torque, a) in torque.iter_mut().zip(&self.acceleration) {
+                        *torque += untold * a;
+                    }
+                }
+                change
+            })
+            .collect()
     }
 
     /// Vibrations that a recording may begin with where shaft `s` has that gear.
