@@ -97,6 +97,9 @@ impl Seen<'_> {
             nominal_torque,
             inertias: drivetrain.inertias.iter().map(|i| i.name.clone()).collect(),
             ratios: drivetrain.inertias.iter().map(|i| i.speed_ratio).collect(),
+            told_by: (motion.encoder.iter())
+                .map(|e| self.torsion.inertia(&self.machine.encoders[*e].inertia))
+                .collect(),
             smoothing,
             speeds: motion
                 .encoder

@@ -55,6 +55,8 @@ pub struct Signals {
     pub inertias: Vec<String>,
     /// Speed ratio of each inertia.
     pub ratios: Vec<f64>,
+    /// For each inertia the number of that whose encoder tells how it moves.
+    pub told_by: Vec<usize>,
     /// Moving means of this many samples, three times over, smooth the
     /// accelerations; odd.
     pub smoothing: usize,

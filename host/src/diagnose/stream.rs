@@ -208,15 +208,31 @@ impl Session {
     fn angle(&self, body: usize, u: &[f64], about: &[f64]) -> Columns {
         let signals = &self.signals;
         let acceleration = second_difference(u, signals.smoothing, signals.dt_s);
-        let moment = signals.response.as_ref().map_or(0.0, |r| r.bodies[body].0);
+        // What the inertias that this encoder tells are said to take more, each by its `part`.
+        let taken = |part: &dyn Fn(usize) -> f64| -> f64 {
+            let bodies = signals.response.iter().flat_map(|r| &r.bodies).enumerate();
+            let told = bodies.filter(|(b, _)| signals.told_by[*b] == body);
+            told.map(|(b, (moment, _))| part(b) * moment).sum()
+        };
+        let side =
+            |shaft: usize, b: usize| signals.response.as_ref().map_or(0.0, |r| r.side[shaft][b]);
         self.each(|s| match s.kind {
-            Kind::Balance if moment > 0.0 => scaled(&acceleration, -moment),
+            Kind::Balance => scaled(&acceleration, -taken(&|_| 1.0)),
             Kind::Angle if s.inertias[0] == body => scaled(u, -1.0),
             Kind::Angle if s.inertias[1] == body => u.to_vec(),
-            // The first encoder tells the carrier angle of the maps.
-            Kind::Strain if s.over_angle() && body == 0 => {
-                let secant = self.secant(s, |i| about[i]);
-                product(&secant, u).iter().map(|v| -v).collect()
+            Kind::Strain => {
+                let moment = s.shaft.map_or(0.0, |shaft| -taken(&|b| side(shaft, b)));
+                let by_torque = product(&s.map, &scaled(&acceleration, moment));
+                // The first encoder tells the carrier angle of the maps.
+                if s.over_angle() && body == signals.told_by[0] {
+                    let secant = self.secant(s, |i| about[i]);
+                    let by_map = product(&secant, u);
+                    by_torque.iter().zip(by_map).map(|(t, m)| t - m).collect()
+                } else if moment == 0.0 {
+                    Vec::new()
+                } else {
+                    by_torque
+                }
             }
             _ => Vec::new(),
         })

@@ -129,12 +129,13 @@ impl Effect for ShaftOrder {
     fn grid(&self, session: &Session) -> Vec<Vec<f64>> {
         // An order is only seen where it is sampled more than twice a period.
         let most = std::f64::consts::PI / session.signals.dt_s / session.signals.nominal_speed;
+        let of_carrier = |r: f64| r.fract() == 0.0 && r <= HIGHEST as f64;
         let orders: Vec<f64> = session
             .signals
             .ratios
             .iter()
             .flat_map(|r| [r.abs(), 2.0 * r.abs()])
-            .filter(|r| *r > HIGHEST as f64 && *r < 0.8 * most)
+            .filter(|r| !of_carrier(*r) && *r < 0.8 * most)
             .collect();
         each(&orders)
     }
