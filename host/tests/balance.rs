@@ -232,6 +232,57 @@ fn the_improved_description_is_complete() {
     );
 }
 
+/// A load whose gain is wrong by half: the coefficient of what depends on the load
+/// belongs to the gain that is written beside it.
+#[test]
+fn an_effect_of_a_load_follows_its_gain() {
+    let folder = tempfile::tempdir().unwrap();
+    let improved = folder.path().join("improved.toml");
+    let out = ["-o", improved.to_str().unwrap()];
+    let hidden: Hidden = |s| 0.3 * s.load * s.v.signum();
+    diagnose(folder.path(), hidden, &out);
+    let machine = folder.path().join("machine.toml");
+    let half = DESCRIPTION.replace("name = \"load\"", "name = \"load\"\ngain = 0.5");
+    std::fs::write(&machine, half).unwrap();
+    let files: Vec<PathBuf> = (1..=3)
+        .map(|k| folder.path().join(format!("{k}.csv")))
+        .collect();
+    let first = run(&machine, &files[..2], &files[2..], &out);
+    assert_eq!(names(&first), ["load-dependent-friction"], "{first}");
+    let second = run(&improved, &files[..2], &files[2..], &[]);
+    let nominal = second["error"]["nominal"]["before"]["value_percent"]
+        .as_f64()
+        .unwrap();
+    assert!(
+        (nominal - after(&first)).abs() < 0.05,
+        "{nominal} {}",
+        after(&first)
+    );
+}
+
+/// A bit that was lost on the way is left out, and counted.
+#[test]
+fn a_spike_changes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let hidden: Hidden = |s| 0.4 * s.v.signum();
+    let clean = diagnose(folder.path(), hidden, &[]);
+    let file = folder.path().join("1.csv");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    let cells: Vec<&str> = lines[2000].split(',').collect();
+    lines[2000] = format!("{},{},1e6,{}", cells[0], cells[1], cells[3]);
+    std::fs::write(&file, lines.join("\n")).unwrap();
+    let files: Vec<PathBuf> = (1..=3)
+        .map(|k| folder.path().join(format!("{k}.csv")))
+        .collect();
+    let machine = folder.path().join("machine.toml");
+    let spiked = run(&machine, &files[..2], &files[2..], &[]);
+    assert_eq!(spiked["spikes"], 1);
+    assert_eq!(clean["spikes"], 0);
+    assert_eq!(names(&spiked), names(&clean));
+    assert!((after(&spiked) - after(&clean)).abs() < 0.1);
+}
+
 /// A recording that says too little gets a reason.
 #[test]
 fn a_short_recording_gets_a_reason() {

@@ -18,6 +18,13 @@ const RECORDINGS_AS_FOLDS: usize = 3;
 /// Stretches of all recordings in which an improvement has to repeat itself.
 const STRETCHES: usize = 16;
 
+/// Standard deviation of a recording's own offset in parts of the drive's RMS: a
+/// sensor that was not zeroed is off by some percent of its range.
+pub const OFFSET_PRIOR: f64 = 0.1;
+
+/// Rows a recording, on average, from which on an offset leaves something of it.
+const FEWEST_ROWS_WITH_OFFSET: usize = 10;
+
 /// What recordings say about a balance, judged value by judged value.
 pub struct Table {
     /// The drive [its unit].
@@ -30,6 +37,9 @@ pub struct Table {
     pub t: Vec<f64>,
     /// Which recording.
     pub recording: Vec<usize>,
+    /// Where whole recordings are left out, standard deviation of the offset that
+    /// each has of its own, in parts of the drive's RMS.
+    pub left_out_offset: f64,
 }
 
 impl Table {
@@ -41,6 +51,7 @@ impl Table {
             stretch: Vec::new(),
             t: Vec::new(),
             recording: Vec::new(),
+            left_out_offset: 0.0,
         };
         let by_recording = motions.len() >= RECORDINGS_AS_FOLDS;
         let parts = STRETCHES.div_ceil(motions.len().max(1));
@@ -65,7 +76,16 @@ impl Table {
             table.t.extend(motion.judged_times());
             table.drive.extend(drive);
         }
+        if by_recording && table.has_offsets(motions.len()) {
+            table.left_out_offset = OFFSET_PRIOR;
+        }
         table
+    }
+
+    /// Whether each of `recordings` can have an offset of its own: not where one
+    /// is the only one, or a single value.
+    fn has_offsets(&self, recordings: usize) -> bool {
+        recordings > 1 && self.len() > FEWEST_ROWS_WITH_OFFSET * recordings
     }
 
     /// Rows.
@@ -77,6 +97,20 @@ impl Table {
 /// The columns of an effect over all recordings.
 pub fn columns(motions: &[Motion], effect: &dyn Effect, shape: &[f64]) -> Vec<Vec<f64>> {
     joined(motions, |motion| effect.columns(motion, shape))
+}
+
+/// A column for each recording that is one there: a sensor is not zeroed alike
+/// in each.
+pub fn offsets(motions: &[Motion], table: &Table) -> Vec<Vec<f64>> {
+    if !table.has_offsets(motions.len()) {
+        return Vec::new();
+    }
+    (0..motions.len())
+        .map(|k| {
+            let is_here = |r: &usize| if *r == k { 1.0 } else { 0.0 };
+            table.recording.iter().map(is_here).collect()
+        })
+        .collect()
 }
 
 /// The columns of the linear model: acceleration, speed, each load, one; those

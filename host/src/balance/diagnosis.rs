@@ -26,6 +26,10 @@ pub struct Diagnosis {
     /// Where the validation recordings go beyond the fitted ones: the error there
     /// says what extrapolation is worth, not what the model is.
     pub beyond: Vec<Beyond>,
+    /// What to know of the recordings or the result before it is used.
+    pub notes: Vec<String>,
+    /// Values that jumped out of their column alone and were left out.
+    pub spikes: usize,
     /// The drive is judged below this [Hz].
     pub cutoff_hz: f64,
     /// Recordings that were fitted.
@@ -83,6 +87,9 @@ pub struct Errors {
     pub nominal: BeforeAfter,
     /// The linear part fitted anew.
     pub recalibrated: BeforeAfter,
+    /// The same without the mean error of each recording, where sensors are
+    /// zeroed before each.
+    pub recalibrated_own_offset: BeforeAfter,
 }
 
 /// An error without and with the effects.
@@ -132,8 +139,9 @@ pub struct Validated {
 pub struct Beyond {
     /// Which.
     pub what: &'static str,
-    /// Its greatest size in the fitted recordings [SI].
+    /// Its greatest size in the fitted recordings [SI]; of the position, its
+    /// greatest distance from the middle of those fitted.
     pub fitted: f64,
-    /// Its greatest size in the validation recordings [SI].
+    /// The same in the validation recordings [SI].
     pub validated: f64,
 }

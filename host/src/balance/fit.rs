@@ -28,6 +28,21 @@ impl Columns {
         columns
     }
 
+    /// With those of another model.
+    #[must_use]
+    pub fn and(&self, other: &Self) -> Self {
+        self.with(&other.values, &other.prior)
+    }
+
+    /// Those from number `first` on.
+    #[must_use]
+    pub fn after(&self, first: usize) -> Self {
+        Self {
+            values: self.values[first..].to_vec(),
+            prior: self.prior[first..].to_vec(),
+        }
+    }
+
     /// Number of columns.
     pub fn len(&self) -> usize {
         self.values.len()
@@ -133,14 +148,22 @@ pub fn fit(columns: &Columns, y: &[f64], table: &Table, noise_variance: f64) -> 
     let mut left_out = vec![0.0; stretches];
     for (fold, moment) in moments.iter().enumerate() {
         let c = solved(Some(moment));
-        for i in (0..n).filter(|&i| table.fold[i] == fold) {
-            let e: f64 = columns
-                .values
-                .iter()
-                .zip(&c)
-                .map(|(column, c)| c * column[i])
-                .sum();
-            left_out[table.stretch[i]] += (y[i] - e).powi(2);
+        let rows: Vec<usize> = (0..n).filter(|&i| table.fold[i] == fold).collect();
+        let mut rest: Vec<f64> = rows.iter().map(|&i| y[i]).collect();
+        for (column, c) in columns.values.iter().zip(&c) {
+            for (rest, &i) in rest.iter_mut().zip(&rows) {
+                *rest -= c * column[i];
+            }
+        }
+        // The offset of a recording that is left out whole is not predicted by others.
+        let spread = table.left_out_offset.powi(2) * mean_square;
+        if spread > 0.0 {
+            let count = rows.len() as f64;
+            let offset = rest.iter().sum::<f64>() / (count + noise_variance / spread);
+            rest.iter_mut().for_each(|r| *r -= offset);
+        }
+        for (rest, &i) in rest.iter().zip(&rows) {
+            left_out[table.stretch[i]] += rest * rest;
         }
     }
     Fit {
@@ -162,6 +185,7 @@ mod tests {
             stretch: (0..n).map(|i| i * 16 / n).collect(),
             t: vec![0.0; n],
             recording: vec![0; n],
+            left_out_offset: 0.0,
         }
     }
 

@@ -6,6 +6,7 @@
 //! they predict what took no part in the fit, and the result is reported on
 //! recordings that took no part at all.
 
+mod certainty;
 mod description;
 mod design;
 mod diagnosis;
@@ -16,6 +17,7 @@ mod outcome;
 mod remainder;
 mod selection;
 mod smooth;
+mod spike;
 
 use std::path::{Path, PathBuf};
 
@@ -30,7 +32,7 @@ pub use remainder::Remainder;
 
 use crate::machine::{Balance, BalanceEffect, Machine, Regime};
 use crate::recording::RecordingError;
-use design::Table;
+use design::{OFFSET_PRIOR, Table};
 use effect::{Effect, Scale};
 use fit::{Columns, shared};
 use motion::Motion;
@@ -129,14 +131,17 @@ pub fn diagnose(
 
     let base = base(balance, &fitted);
     let scale = Scale::new(&fitted, request.cutoff_hz);
-    let selection = Selection::find(
-        &fitted,
-        &table,
-        &table.drive,
-        base.clone(),
-        &scale,
-        progress,
-    );
+    let find = |base| Selection::find(&fitted, &table, base, &scale, &progress);
+    let alike = find(base.clone());
+    // What differs between recordings is what operating points are there for, and
+    // is fitted as such; unless that explains nothing: sensors may not have been zeroed.
+    let offsets = design::offsets(&fitted, &table);
+    let selection = if alike.parts.is_empty() && !offsets.is_empty() {
+        let own = vec![OFFSET_PRIOR; offsets.len()];
+        find(base.with(&offsets, &own))
+    } else {
+        alike
+    };
     let outcome = Outcome::new(
         balance,
         &selection,

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::BalanceError;
-use super::smooth::Smoother;
+use super::{smooth::Smoother, spike};
 use crate::machine::{Balance, Machine, Regime, Signal};
 use crate::recording::{Reader, Wanted};
 
@@ -37,6 +37,10 @@ pub struct Motion {
     pub temperature: Option<Vec<f64>>,
     /// Travel of one turn.
     pub turn: Option<f64>,
+    /// Whether the position is a recorded angle.
+    pub is_angle: bool,
+    /// Values that jumped out alone and were left out.
+    pub spikes: usize,
     /// Samples at which the balance is judged, and the low-pass applied there.
     judged: Vec<usize>,
     smoother: Smoother,
@@ -77,6 +81,12 @@ impl Motion {
                 column.extend(values.into_iter().flatten().map(|v| signal.value(v)));
             }
         }
+        // Rows of other regimes have no neighbours that they must be like.
+        let spikes = if balance.regime == Regime::Moving {
+            columns.iter_mut().map(|x| spike::remove(x)).sum()
+        } else {
+            0
+        };
         let mut next = columns.into_iter();
         let mut take = |is: bool| is.then(|| next.next()).flatten();
         let drive = take(true).unwrap_or_default();
@@ -93,6 +103,8 @@ impl Motion {
             drive,
             temperature,
             turn: balance.turn,
+            is_angle: balance.is_angle(),
+            spikes,
             judged: Vec::new(),
             smoother: Smoother::new(f64::INFINITY),
             t,
@@ -237,6 +249,16 @@ impl Motion {
         };
         (rest.judged, fit.judged) = (part(true), part(false));
         (fit, rest)
+    }
+
+    /// The same motion with each load times its factor.
+    #[must_use]
+    pub fn with_loads_times(&self, factors: &[f64]) -> Self {
+        let mut scaled = self.clone();
+        for (load, factor) in scaled.loads.iter_mut().zip(factors) {
+            load.iter_mut().for_each(|l| *l *= factor);
+        }
+        scaled
     }
 
     /// Whether neighbouring rows are neighbours in time.

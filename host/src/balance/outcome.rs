@@ -21,9 +21,11 @@ use crate::machine::{Balance, BalanceEffect};
 /// Ratio from which a validation is an extrapolation.
 const FAR_BEYOND: f64 = 2.0;
 
-/// A remainder above this part of the drive that no effect explains [%] and
-/// that has structure is something unknown.
-const UNKNOWN_PERCENT: f64 = 10.0;
+/// The same for the position, where a polynomial soon leaves what it was fitted to.
+const POSITION_BEYOND: f64 = 1.2;
+
+/// Part of the drive's RMS above which a contribution of the wrong sign is told.
+const WRONG_SIGN: f64 = 0.1;
 
 /// Resamples of the interval of an error.
 const RESAMPLES: usize = 1000;
@@ -37,6 +39,8 @@ pub(super) struct Outcome {
     validated: Vec<Validated>,
     remainder: Remainder,
     beyond: Vec<Beyond>,
+    notes: Vec<String>,
+    spikes: usize,
 }
 
 impl Outcome {
@@ -48,9 +52,12 @@ impl Outcome {
         (validation, judge): (&[Motion], &Table),
     ) -> Self {
         let noise = selection.noise_variance();
+        let with_offsets = selection.base();
         let full = selection.fitted().coefficients;
-        let (known, found) = full.split_at(base.len());
-        let plain = fit(base, &table.drive, table, noise).coefficients;
+        // The offset that a recording has of its own is no part of the model.
+        let (known, found) = (&full[..base.len()], &full[with_offsets.len()..]);
+        let mut plain = fit(with_offsets, &table.drive, table, noise).coefficients;
+        plain.truncate(base.len());
         let nominal = nominal_coefficients(balance);
         // The effects alone, beside a linear part that stays as described.
         let mut effects_here = Columns::default();
@@ -61,7 +68,10 @@ impl Outcome {
             effects_there.push(&columns, &part.prior);
         }
         let rest = without(&table.drive, &base.times(&nominal, table.len()));
-        let beside = fit(&effects_here, &rest, table, noise).coefficients;
+        let offsets = with_offsets.after(base.len());
+        let count = effects_here.len();
+        let mut beside = fit(&effects_here.and(&offsets), &rest, table, noise).coefficients;
+        beside.truncate(count);
         // What each of the four models leaves of recordings that it never saw.
         let base_there = super::base(balance, validation);
         let rows = judge.len();
@@ -81,24 +91,36 @@ impl Outcome {
                 before: figure(&before, judge),
                 after: figure(&after, judge),
             },
+            recalibrated_own_offset: BeforeAfter {
+                before: figure(&centred(&before, judge), judge),
+                after: figure(&centred(&after, judge), judge),
+            },
         };
         let loads = balance.loads.len();
         let left = without(
             &table.drive,
             &selection.columns(None).times(&full, table.len()),
         );
+        let linear = Linear {
+            offset: known[0],
+            inertia: known[1],
+            drag: known[2],
+            load_gains: known[3..3 + loads].to_vec(),
+        };
+        let coefficients = [&known[3 + loads..], found].concat();
+        let mut effects = effects(balance, selection, &coefficients);
+        in_recalibrated_loads(&mut effects, fitted, &linear.load_gains);
+        let beyond = beyond(fitted, validation);
+        let spikes = fitted.iter().chain(validation).map(|m| m.spikes).sum();
         Self {
-            linear: Linear {
-                offset: full[0],
-                inertia: full[1],
-                drag: full[2],
-                load_gains: full[3..3 + loads].to_vec(),
-            },
-            effects: effects(balance, selection, &full[3 + loads..]),
+            notes: notes(&linear, &error, !found.is_empty(), (fitted, table), &beyond),
+            linear,
+            effects,
             error,
             validated: validated(validation, judge, &before, &after),
             remainder: Remainder::new(fitted, table, &left),
-            beyond: beyond(fitted, validation),
+            beyond,
+            spikes,
         }
     }
 
@@ -146,10 +168,10 @@ impl Outcome {
             .iter()
             .max_by(|a, b| a.evidence.gain.total_cmp(&b.evidence.gain));
         let verdict = match effects.len() {
-            0 if self.remainder.percent > UNKNOWN_PERCENT && self.remainder.structured() => {
-                "unknown"
-            }
+            0 if self.remainder.unknown => "unknown",
             0 => "none",
+            // What makes the error greater where it was not fitted is not known.
+            _ if is_worse(&self.error) => "unknown",
             _ if main.is_some_and(|m| !m.alternatives.is_empty()) => "inseparable",
             1 => "effect",
             _ => "effects",
@@ -175,12 +197,96 @@ impl Outcome {
             recalibrated: self.linear,
             remainder: self.remainder,
             beyond: self.beyond,
+            notes: self.notes,
+            spikes: self.spikes,
             cutoff_hz: request.cutoff_hz,
             fitted_on: request.fit.to_vec(),
             validated_on: self.validated,
             machine_out,
         }
     }
+}
+
+/// Whether the effects make the error on the validation recordings greater.
+fn is_worse(error: &Errors) -> bool {
+    error.recalibrated.after.value_percent > error.recalibrated.before.value_percent
+}
+
+/// What to know before the result is used.
+fn notes(
+    linear: &Linear,
+    error: &Errors,
+    has_effects: bool,
+    (fitted, table): (&[Motion], &Table),
+    beyond: &[Beyond],
+) -> Vec<String> {
+    let mut notes = Vec::new();
+    if has_effects && is_worse(error) {
+        let where_to: Vec<_> = beyond.iter().map(|b| b.what).collect();
+        notes.push(if where_to.is_empty() {
+            "the effects make the error on the validation recordings greater: they are \
+             not what these recordings lack"
+                .into()
+        } else {
+            format!(
+                "the effects make the error on the validation recordings greater, which go \
+                 beyond what was fitted in {}",
+                where_to.join(", ")
+            )
+        });
+    }
+    let power = |x: &mut dyn Iterator<Item = f64>| x.map(|x| x * x).sum::<f64>();
+    let accelerations = fitted.iter().flat_map(|m| m.judged(&m.acceleration));
+    let inertial = power(&mut accelerations.map(|a| a * linear.inertia));
+    let drive = power(&mut table.drive.iter().copied());
+    if linear.inertia < 0.0 && inertial > WRONG_SIGN * WRONG_SIGN * drive {
+        notes.push(
+            "the inertia fits with a negative sign: does the position count against the drive?"
+                .into(),
+        );
+    }
+    notes
+}
+
+/// Brings coefficients that were fitted beside the loads as described to the loads
+/// as recalibrated, which are those of the improved description.
+///
+/// A column is a power of the loads, or free of them: recalibrated it is a
+/// multiple of what it was.
+fn in_recalibrated_loads(effects: &mut [BalanceEffect], fitted: &[Motion], factors: &[f64]) {
+    if factors.is_empty() {
+        return;
+    }
+    let scaled: Vec<Motion> = fitted.iter().map(|m| m.with_loads_times(factors)).collect();
+    for known in effects {
+        let Some(effect) = super::find(&known.name) else {
+            continue;
+        };
+        let here = design::columns(fitted, effect, &known.shape);
+        let there = design::columns(&scaled, effect, &known.shape);
+        for ((c, here), there) in known.coefficients.iter_mut().zip(&here).zip(&there) {
+            let dot = |b: &[f64]| there.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+            let power = dot(there);
+            if power > 0.0 {
+                *c *= dot(here) / power;
+            }
+        }
+    }
+}
+
+/// A residual without the mean that it has in each recording.
+fn centred(rest: &[f64], table: &Table) -> Vec<f64> {
+    let mut sums = vec![(0.0, 0.0); table.recording.iter().max().map_or(0, |r| r + 1)];
+    for (r, &k) in rest.iter().zip(&table.recording) {
+        sums[k].0 += r;
+        sums[k].1 += 1.0;
+    }
+    let of = |k: usize| sums[k].0 / sums[k].1;
+    let recordings = table.recording.iter();
+    rest.iter()
+        .zip(recordings)
+        .map(|(r, &k)| r - of(k))
+        .collect()
 }
 
 /// The difference of two signals.
@@ -242,14 +348,29 @@ fn beyond(fitted: &[Motion], validation: &[Motion]) -> Vec<Beyond> {
         fitted: greatest(fitted, of),
         validated: greatest(validation, of),
     };
-    [
+    let positions = |motions: &[Motion]| -> (f64, f64) {
+        let values = motions.iter().flat_map(|m| m.judged(&m.position));
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
+            (a.min(x), b.max(x))
+        })
+    };
+    let ((a, b), (c, d)) = (positions(fitted), positions(validation));
+    let middle = 0.5 * (a + b);
+    let position = Beyond {
+        what: "position",
+        fitted: b - middle,
+        validated: (d - middle).max(middle - c),
+    };
+    let others = [
         compared("speed", |m| &m.speed),
         compared("acceleration", |m| &m.acceleration),
         compared("drive", |m| &m.drive),
-    ]
-    .into_iter()
-    .filter(|b| b.validated > FAR_BEYOND * b.fitted)
-    .collect()
+    ];
+    let beyond = |b: &Beyond, times: f64| b.validated > times * b.fitted;
+    std::iter::once(position)
+        .filter(|b| beyond(b, POSITION_BEYOND))
+        .chain(others.into_iter().filter(|b| beyond(b, FAR_BEYOND)))
+        .collect()
 }
 
 /// The description's own coefficients, in the order of the columns.

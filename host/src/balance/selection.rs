@@ -2,22 +2,17 @@
 
 use rayon::prelude::*;
 
+use super::certainty::{LEAST_GAIN, certain, gain, p_value};
 use super::design::{self, Table};
 use super::effect::{EFFECTS, Effect, Scale};
 use super::fit::{Columns, Fit, fit, shared};
 use super::motion::Motion;
 
-/// Part by which the error of what was left out has to fall for an effect to be added.
-const LEAST_GAIN: f64 = 0.02;
-
 /// Part within which two errors count as equal, and the simpler model is taken.
 const EQUAL: f64 = 0.01;
 
-/// Probability of a false alarm, over all candidates together.
-const FALSE_ALARM: f64 = 0.02;
-
 /// Probability above which an effect that was added is taken away again. More
-/// than [`FALSE_ALARM`], so that nothing comes and goes.
+/// than [`certain`] asks for, so that nothing comes and goes.
 const NO_LONGER_CERTAIN: f64 = 0.2;
 
 /// Columns from which on an effect's columns are weighed one by one.
@@ -25,6 +20,17 @@ const MANY: usize = 8;
 
 /// Rounds of that.
 const WEIGHINGS: usize = 4;
+
+/// Part by which the error has to fall for two effects that are added together: so
+/// many pairs are compared that noise looks like one now and then, but not like a
+/// large one.
+const LEAST_PAIR_GAIN: f64 = 0.1;
+
+/// Kinds of effect beside which others are tried where none helps alone.
+const LOOKED_AHEAD: usize = 6;
+
+/// Shapes of each of those others.
+const SHAPES_AHEAD: usize = 3;
 
 /// Most effects of one machine.
 const MOST: usize = 8;
@@ -89,8 +95,6 @@ pub struct Evidence {
 pub struct Selection<'a> {
     motions: &'a [Motion],
     table: &'a Table,
-    /// What is to be explained.
-    y: &'a [f64],
     base: Columns,
     /// Variance of the unexplained times its correlation time.
     noise_variance: f64,
@@ -99,11 +103,10 @@ pub struct Selection<'a> {
 }
 
 impl<'a> Selection<'a> {
-    /// Looks for effects beyond `base` that explain `y`; tells the part done, 0 to 1.
+    /// Looks for effects beyond `base`; tells the part done, 0 to 1.
     pub fn find(
         motions: &'a [Motion],
         table: &'a Table,
-        y: &'a [f64],
         base: Columns,
         scale: &Scale,
         progress: impl Fn(f64) + Sync,
@@ -111,7 +114,6 @@ impl<'a> Selection<'a> {
         let mut selection = Self {
             motions,
             table,
-            y,
             base,
             noise_variance: 0.0,
             parts: Vec::new(),
@@ -126,10 +128,10 @@ impl<'a> Selection<'a> {
             progress(step as f64 / MOST as f64);
             let names = |parts: &[Part]| parts.iter().map(|p| p.effect.name()).collect::<Vec<_>>();
             let before = names(&selection.parts);
-            let Some(part) = selection.best(&candidates, &current, kinds) else {
+            let Some(parts) = selection.best(&candidates, &current, kinds) else {
                 break;
             };
-            selection.parts.push(part);
+            selection.parts.extend(parts);
             selection.fitted_with_noise();
             selection.rescan(&candidates);
             selection.refine();
@@ -142,6 +144,11 @@ impl<'a> Selection<'a> {
         }
         selection.judge(&candidates, kinds);
         selection
+    }
+
+    /// The model without the effects found: described, and each recording's own offset.
+    pub fn base(&self) -> &Columns {
+        &self.base
     }
 
     /// Variance of what is unexplained times its correlation time in rows.
@@ -166,7 +173,7 @@ impl<'a> Selection<'a> {
     }
 
     fn fit(&self, columns: &Columns) -> Fit {
-        fit(columns, self.y, self.table, self.noise_variance)
+        fit(columns, &self.table.drive, self.table, self.noise_variance)
     }
 
     /// The model fitted, its noise taken from its own residuals.
@@ -180,18 +187,19 @@ impl<'a> Selection<'a> {
                 part.weigh(&fitted.relevance[at..at + n]);
                 at += n;
             }
-            let explained = columns.times(&fitted.coefficients, self.y.len());
-            let rest: Vec<f64> = self.y.iter().zip(&explained).map(|(y, e)| y - e).collect();
-            let variance = fitted.squares / self.y.len() as f64;
+            let y = &self.table.drive;
+            let explained = columns.times(&fitted.coefficients, y.len());
+            let rest: Vec<f64> = y.iter().zip(&explained).map(|(y, e)| y - e).collect();
+            let variance = fitted.squares / y.len() as f64;
             self.noise_variance = variance * correlation_rows(&rest, self.table);
         }
         self.fitted()
     }
 
-    /// The candidate that helps most, if one does for certain.
-    fn best(&self, candidates: &[Part], current: &Fit, kinds: usize) -> Option<Part> {
+    /// The candidate that helps most, if one does for certain, or else two.
+    fn best(&self, candidates: &[Part], current: &Fit, kinds: usize) -> Option<Vec<Part>> {
         let columns = self.columns(None);
-        let tried: Vec<(Part, Fit)> = candidates
+        let mut tried: Vec<Trial> = candidates
             .par_iter()
             .filter(|c| {
                 let same = self
@@ -200,27 +208,51 @@ impl<'a> Selection<'a> {
                     .filter(|p| p.effect.name() == c.effect.name());
                 same.count() < c.effect.repeats()
             })
-            .map(|c| {
-                let c = c.weighed(|part| self.fit(&columns.with(&part.columns, &part.prior)));
-                let fit = self.fit(&columns.with(&c.columns, &c.prior));
-                (c, fit)
-            })
-            .filter(|(_, fit)| certain(current, fit, kinds))
+            .map(|c| self.tried(&columns, &[], c))
             .collect();
-        let least = tried
-            .iter()
-            .map(|(_, f)| f.left_out_squares())
-            .min_by(f64::total_cmp)?;
-        let (part, _) = tried
-            .iter()
-            .filter(|(_, f)| f.left_out_squares() <= least * (1.0 + EQUAL).powi(2))
-            .min_by(|a, b| {
-                let size = |p: &Part| p.columns.len() + p.effect.refined().len();
-                size(&a.0)
-                    .cmp(&size(&b.0))
-                    .then(a.1.left_out_squares().total_cmp(&b.1.left_out_squares()))
-            })?;
-        Some(part.clone())
+        tried.sort_by(|a, b| a.squares().total_cmp(&b.squares()));
+        simplest(
+            tried
+                .iter()
+                .filter(|t| certain(current, &t.fit, kinds, t.is_weighed())),
+        )
+        .or_else(|| self.best_pair(&columns, &tried, current, kinds))
+    }
+
+    /// Two large effects that hide each other help only together: the best few
+    /// of `alone`, least error first, and beside each the best of every other kind.
+    fn best_pair(
+        &self,
+        columns: &Columns,
+        alone: &[Trial],
+        current: &Fit,
+        kinds: usize,
+    ) -> Option<Vec<Part>> {
+        let firsts = best_of_each(alone, 1).into_iter().take(LOOKED_AHEAD);
+        let seconds = best_of_each(alone, SHAPES_AHEAD);
+        let pairs: Vec<(&Part, &Part)> = firsts
+            .flat_map(|first| seconds.iter().map(move |second| (first, *second)))
+            .filter(|(first, second)| first.effect.name() != second.effect.name())
+            .collect();
+        let tried: Vec<Trial> = pairs
+            .into_par_iter()
+            .map(|(first, second)| {
+                let columns = columns.with(&first.columns, &first.prior);
+                self.tried(&columns, std::slice::from_ref(first), second)
+            })
+            .filter(|t| gain(current, &t.fit) >= LEAST_PAIR_GAIN)
+            .filter(|t| certain(current, &t.fit, kinds * (kinds - 1) / 2, t.is_weighed()))
+            .collect();
+        simplest(tried.iter())
+    }
+
+    /// Candidate `part` beside `columns`, of which `first` are new, too.
+    fn tried(&self, columns: &Columns, first: &[Part], part: &Part) -> Trial {
+        let part = part.weighed(|p| self.fit(&columns.with(&p.columns, &p.prior)));
+        let fit = self.fit(&columns.with(&part.columns, &part.prior));
+        let mut parts = first.to_vec();
+        parts.push(part);
+        Trial { parts, fit }
     }
 
     /// Takes the shape on trial that is best now: what was noise beside a missing
@@ -285,7 +317,7 @@ impl<'a> Selection<'a> {
 
     /// Takes away what became superfluous or uncertain, the least useful first.
     fn prune(&mut self, current: &mut Fit, kinds: usize) {
-        while self.parts.len() > 1 {
+        while !self.parts.is_empty() {
             let superfluous = (0..self.parts.len())
                 .map(|k| (k, self.fit(&self.columns(Some(k)))))
                 .filter(|(_, without)| {
@@ -339,6 +371,58 @@ impl<'a> Selection<'a> {
     }
 }
 
+/// New parts, and the model fitted with them.
+struct Trial {
+    parts: Vec<Part>,
+    fit: Fit,
+}
+
+impl Trial {
+    fn squares(&self) -> f64 {
+        self.fit.left_out_squares()
+    }
+
+    /// Whether columns were weighed one by one.
+    fn is_weighed(&self) -> bool {
+        self.parts.iter().any(|p| p.columns.len() >= MANY)
+    }
+
+    /// Columns and numbers of shape that are fitted.
+    fn size(&self) -> usize {
+        let size = |p: &Part| {
+            let refined = p.effect.refined().iter().filter(|i| p.shape[**i] != 0.0);
+            p.columns.len() + refined.count()
+        };
+        self.parts.iter().map(size).sum()
+    }
+}
+
+/// The simplest of those that are as good as the best.
+fn simplest<'a>(tried: impl Iterator<Item = &'a Trial> + Clone) -> Option<Vec<Part>> {
+    let least = tried.clone().map(Trial::squares).min_by(f64::total_cmp)?;
+    tried
+        .filter(|t| t.squares() <= least * (1.0 + EQUAL).powi(2))
+        .min_by(|a, b| {
+            let by_error = a.squares().total_cmp(&b.squares());
+            a.size().cmp(&b.size()).then(by_error)
+        })
+        .map(|t| t.parts.clone())
+}
+
+/// The first `count` shapes of each effect in `alone`, in that order.
+fn best_of_each(alone: &[Trial], count: usize) -> Vec<&Part> {
+    let mut best: Vec<&Part> = Vec::new();
+    for part in alone.iter().flat_map(|t| &t.parts) {
+        let same = best
+            .iter()
+            .filter(|b| b.effect.name() == part.effect.name());
+        if same.count() < count {
+            best.push(part);
+        }
+    }
+    best
+}
+
 /// Each effect in each shape on trial.
 fn candidates(motions: &[Motion], scale: &Scale) -> Vec<Part> {
     let shapes: Vec<(&'static dyn Effect, Vec<f64>)> = EFFECTS
@@ -367,49 +451,6 @@ fn candidates(motions: &[Motion], scale: &Scale) -> Vec<Part> {
         .collect()
 }
 
-/// Part by which the error of what was left out falls from `current` to `better`.
-fn gain(current: &Fit, better: &Fit) -> f64 {
-    1.0 - (better.left_out_squares() / current.left_out_squares()).sqrt()
-}
-
-/// Whether `better` is better than `current` for certain, on what was left out.
-fn certain(current: &Fit, better: &Fit, kinds: usize) -> bool {
-    gain(current, better) >= LEAST_GAIN && p_value(current, better) * (kinds as f64) < FALSE_ALARM
-}
-
-/// Probability that the error falls by chance as it does, stretch by stretch:
-/// Student's t on the logarithm of the ratio of squared errors.
-fn p_value(current: &Fit, better: &Fit) -> f64 {
-    let ratios: Vec<f64> = current
-        .left_out
-        .iter()
-        .zip(&better.left_out)
-        .filter(|(a, b)| **a > 0.0 && **b > 0.0)
-        .map(|(a, b)| (a / b).ln())
-        .collect();
-    let n = ratios.len() as f64;
-    if n < 3.0 {
-        return 1.0;
-    }
-    let mean = ratios.iter().sum::<f64>() / n;
-    let variance = ratios.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    let t = mean / (variance / n).sqrt().max(f64::MIN_POSITIVE);
-    student_tail(t, n - 1.0)
-}
-
-/// `P(T > t)` of Student's distribution.
-fn student_tail(t: f64, freedom: f64) -> f64 {
-    use special::Beta;
-    let x = freedom / (freedom + t * t);
-    let (a, b) = (0.5 * freedom, 0.5);
-    let both = x.inc_beta(a, b, a.ln_beta(b));
-    if t > 0.0 {
-        0.5 * both
-    } else {
-        1.0 - 0.5 * both
-    }
-}
-
 /// Rows over which a residual stays like itself: `1 + 2 sum rho_k`, up to the
 /// first that is not positive.
 fn correlation_rows(rest: &[f64], table: &Table) -> f64 {
@@ -431,17 +472,4 @@ fn correlation_rows(rest: &[f64], table: &Table) -> f64 {
         sum += 2.0 * rho;
     }
     sum
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Tables of Student's distribution: 5 % above 1.833 with 9 degrees of freedom.
-    #[test]
-    fn student() {
-        assert!((student_tail(1.833, 9.0) - 0.05).abs() < 1e-4);
-        assert!((student_tail(-1.833, 9.0) - 0.95).abs() < 1e-4);
-        assert!((student_tail(3.250, 9.0) - 0.005).abs() < 1e-5);
-    }
 }

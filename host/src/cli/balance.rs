@@ -31,6 +31,9 @@ pub(super) fn run(request: &Request<'_>, as_json: bool) -> anyhow::Result<()> {
 
 fn print(diagnosis: &Diagnosis) {
     say!("verdict: {}", diagnosis.verdict);
+    for note in &diagnosis.notes {
+        say!("  {note}");
+    }
     for effect in &diagnosis.effects {
         say!(
             "  {:<28} error falls by {:.1} %, p = {:.1e}",
@@ -76,6 +79,10 @@ fn print(diagnosis: &Diagnosis) {
     for (name, e) in [
         ("as described", &diagnosis.error.nominal),
         ("recalibrated", &diagnosis.error.recalibrated),
+        (
+            "recalibrated, each without its mean",
+            &diagnosis.error.recalibrated_own_offset,
+        ),
     ] {
         say!(
             "  {name}: {}, with effects {}",
@@ -99,11 +106,16 @@ fn print(diagnosis: &Diagnosis) {
             b.fitted
         );
     }
+    if diagnosis.spikes > 0 {
+        say!("left out: {} values that jump out alone", diagnosis.spikes);
+    }
     let rest = &diagnosis.remainder;
     say!(
-        "remainder: {:.1} %, neighbours correlate {:.2}, function of {:.2?}",
+        "remainder{}: {:.1} %, correlates {:.2} with its neighbours, {:.2} further on, function of {:.2?}",
+        if rest.unknown { ", not noise" } else { "" },
         rest.percent,
         rest.neighbours,
+        rest.lasting,
         rest.function_of
     );
 }

@@ -273,10 +273,14 @@ fn print_innovations(innovations: &Result<Vec<Innovations>, ReplayError>) {
 /// The effects, for the long help.
 fn library() -> String {
     format!(
-        "Effects:\n{}\nEffects of a rotor:\n{}\nEffects of a bearing:\n{}",
+        "Effects:\n{}\nEffects of a rotor:\n{}\nEffects of a bearing:\n{}\n\
+         Effects in a torque balance, and what shows them:\n{}",
         listed::<Session>(),
         listed::<RotorSession>(),
-        listed::<BearingSession>()
+        listed::<BearingSession>(),
+        (crate::balance::EFFECTS.iter())
+            .map(|e| format!("  {:<28}{}\n", e.name(), e.shown_by()))
+            .collect::<String>()
     )
 }
 

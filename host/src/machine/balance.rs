@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::rule::{Checked, finite, nonzero, one_of, positive, refuse, within};
-use crate::recording::Unit;
+use crate::recording::{Quantity, Unit};
 
 /// A drive whose torque or force is recorded together with its motion.
 ///
@@ -115,6 +115,20 @@ impl Balance {
         .into_iter()
         .flatten()
         .chain(self.loads.iter().map(|s| ("load", s)))
+    }
+}
+
+impl Balance {
+    /// Whether the position is recorded, and an angle: by its unit, or counts of
+    /// what bears a torque or turns once in 2 pi.
+    pub fn is_angle(&self) -> bool {
+        let turns = self.unit.quantity() == Quantity::Torque
+            || (self.turn).is_some_and(|turn| (turn / std::f64::consts::TAU - 1.0).abs() < 1e-3);
+        match self.position.as_ref().map(|p| p.unit.quantity()) {
+            Some(Quantity::Angle) => true,
+            Some(Quantity::Counts) => turns,
+            _ => false,
+        }
     }
 }
 

@@ -1,10 +1,11 @@
 //! Dry friction.
 
-use super::{Effect, Motion, Scale, sliding_state};
+use super::{Effect, Motion, Scale, friction_state};
 
-/// `F_c sgn(v)`, with a short distance `s` of sliding to build up.
+/// `F_c sgn(v)`, with a short distance `s` of sliding to build up; or, below a
+/// speed `v_r > 0`, fading to nothing at rest.
 ///
-/// Shape: `[s]`.
+/// Shape: `[s, v_r]`.
 pub(super) struct Coulomb;
 
 impl Effect for Coulomb {
@@ -13,19 +14,23 @@ impl Effect for Coulomb {
     }
 
     fn shapes(&self, scale: &Scale) -> Vec<Vec<f64>> {
-        scale
-            .distances(&[0.0, 1e-4])
-            .into_iter()
-            .map(|s| vec![s])
+        let kept = scale.distances(&[0.0, 1e-4]).into_iter();
+        let fading = scale.creeping(&[0.003, 0.01, 0.03, 0.1]).into_iter();
+        kept.map(|s| vec![s, 0.0])
+            .chain(fading.map(|v_r| vec![0.0, v_r]))
             .collect()
     }
 
     fn shape_length(&self) -> usize {
-        1
+        2
+    }
+
+    fn refined(&self) -> &'static [usize] {
+        &[1]
     }
 
     fn columns(&self, motion: &Motion, shape: &[f64]) -> Vec<Vec<f64>> {
-        vec![sliding_state(motion, shape[0])]
+        vec![friction_state(motion, shape[0], shape[1])]
     }
 
     fn shown_by(&self) -> &'static str {

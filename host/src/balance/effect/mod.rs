@@ -7,6 +7,7 @@ mod coulomb;
 mod delay;
 mod directional;
 mod drift;
+mod gravity;
 mod load_friction;
 mod load_shape;
 mod position_friction;
@@ -14,6 +15,7 @@ mod position_torque;
 mod presliding;
 mod ripple;
 mod shear;
+mod standstill;
 mod stribeck;
 mod thermal;
 mod wave;
@@ -61,6 +63,8 @@ pub static EFFECTS: &[&dyn Effect] = &[
     &shear::Shear,
     &load_friction::LoadFriction,
     &load_shape::LoadShape,
+    &gravity::Gravity,
+    &standstill::Standstill,
     &position_torque::PositionTorque,
     &position_friction::PositionFriction,
     &ripple::Ripple,
@@ -87,6 +91,8 @@ pub struct Scale {
     pub temperature: Option<f64>,
     /// Travel of one turn.
     pub turn: Option<f64>,
+    /// Whether the position is a recorded angle.
+    pub is_angle: bool,
     /// Resolution in time of what is judged [s].
     pub resolution_s: f64,
     /// Judged values in all recordings.
@@ -126,6 +132,7 @@ impl Scale {
                 .any(|t| (t - mean).abs() > 0.5)
                 .then_some(mean),
             turn: motions.first().and_then(|m| m.turn),
+            is_angle: motions.first().is_some_and(|m| m.is_angle),
             resolution_s: 0.5 / cutoff_hz,
             rows: motions.iter().map(|m| m.judged_times().len()).sum(),
             duration_s: motions
@@ -162,6 +169,15 @@ impl Scale {
         self.distances(&[1e-4])
     }
 
+    /// Speeds below which friction may vanish; none at steady speed, where nothing rests.
+    fn creeping(&self, parts: &[f64]) -> Vec<f64> {
+        if self.slides() && self.regime != Regime::Steady {
+            parts.iter().map(|part| part * self.speed).collect()
+        } else {
+            Vec::new()
+        }
+    }
+
     /// Centre and half width of the positions.
     fn window(&self) -> Option<[f64; 2]> {
         let half = 0.5 * (self.span.1 - self.span.0);
@@ -185,7 +201,7 @@ fn geometric(least: f64, most: f64, count: usize) -> Vec<f64> {
 /// Source: Dahl 1968, A solid friction model.
 fn sliding_state(motion: &Motion, s: f64) -> Vec<f64> {
     if motion.regime == Regime::Steady {
-        return motion.speed.iter().map(|v| v.signum()).collect();
+        return each(&motion.speed, sign);
     }
     let mut z = 0.0;
     let mut before = motion.position.first().copied().unwrap_or(0.0);
@@ -203,6 +219,24 @@ fn sliding_state(motion: &Motion, s: f64) -> Vec<f64> {
             z
         })
         .collect()
+}
+
+/// The state of friction: that of sliding, or for `v_r > 0` one that vanishes at
+/// rest, `v / sqrt(v^2 + v_r^2)`.
+///
+/// A drive that is switched off, braked, or whose integrator is reset once it
+/// stands shows no friction there, though the parts in contact keep it.
+fn friction_state(motion: &Motion, s: f64, v_r: f64) -> Vec<f64> {
+    if v_r > 0.0 {
+        each(&motion.speed, |v| v / v.hypot(v_r))
+    } else {
+        sliding_state(motion, s)
+    }
+}
+
+/// The sign of a number, 0 of 0.
+fn sign(x: f64) -> f64 {
+    if x == 0.0 { 0.0 } else { x.signum() }
 }
 
 /// The elementwise product.
