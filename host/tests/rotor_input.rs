@@ -2,6 +2,7 @@
 //! what is allowed. And rotors of other sizes than the example.
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use loadtwin::build::{self, Filter, Sensors};
 use loadtwin::machine::{Drift, Machine, MachineError};
@@ -88,6 +89,11 @@ fn what_a_rotor_may_not_be_is_said_in_one_line() {
             "walk_n_per_sqrt_s = 0",
             ["rotor.load[1].walk_n_per_sqrt_s", "0", "> 0"],
         ),
+        (
+            "rate_hz = 2000",
+            "rate_hz = 25",
+            ["rate_hz", "25", "two samples a turn, 28.0"],
+        ),
     ] {
         let refused = changed(from, to).unwrap_err().to_string();
         println!("{refused}");
@@ -154,4 +160,53 @@ fn more_drifting_sensors_than_states_are_refused() {
     assert!(refused.contains("5 channels with a drift"), "{refused}");
     machine.channels.pop();
     assert_eq!(built(&machine, Filter::Aekf), Ok(()));
+}
+
+/// Values in mm under a header that says m.
+#[test]
+fn readings_in_another_unit_get_a_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let loadtwin = |arguments: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_loadtwin"));
+        command.args(arguments).output().unwrap()
+    };
+    let (machine, right, wrong) = (
+        example().display().to_string(),
+        path("right.csv"),
+        path("wrong.csv"),
+    );
+    let simulated = loadtwin(&["simulate", &machine, "--scenario", "constant", "-o", &right]);
+    assert!(simulated.status.success());
+    let text = std::fs::read_to_string(&right).unwrap();
+    let mut lines = text.lines();
+    let header = lines.find(|line| line.starts_with("t [s]")).unwrap();
+    let sensors: Vec<bool> = header
+        .split(',')
+        .map(|name| name.starts_with('x') || name.starts_with('y'))
+        .collect();
+    let mut in_mm = format!("{header}\n");
+    for line in lines {
+        let cells = line.split(',').zip(&sensors).map(|(cell, sensor)| {
+            let mm = |metres: f64| (1000.0 * metres).to_string();
+            if *sensor {
+                mm(cell.parse().unwrap())
+            } else {
+                cell.into()
+            }
+        });
+        in_mm += &(cells.collect::<Vec<String>>().join(",") + "\n");
+    }
+    std::fs::write(&wrong, in_mm).unwrap();
+    let said = |recording: &str| {
+        let output = loadtwin(&["replay", &machine, recording, "--json"]);
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        json["consistency_note"].clone()
+    };
+    assert!(said(&right).is_null());
+    let note = said(&wrong);
+    assert!(
+        note.as_str().unwrap().contains("another unit (mm for m)"),
+        "{note}"
+    );
 }

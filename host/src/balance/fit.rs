@@ -160,7 +160,9 @@ pub fn fit(columns: &Columns, y: &[f64], table: &Table, noise_variance: f64) -> 
         if spread > 0.0 {
             let count = rows.len() as f64;
             let offset = rest.iter().sum::<f64>() / (count + noise_variance / spread);
-            rest.iter_mut().for_each(|r| *r -= offset);
+            for rest in &mut rest {
+                *rest -= offset;
+            }
         }
         for (rest, &i) in rest.iter().zip(&rows) {
             left_out[table.stretch[i]] += rest * rest;

@@ -256,7 +256,9 @@ impl Motion {
     pub fn with_loads_times(&self, factors: &[f64]) -> Self {
         let mut scaled = self.clone();
         for (load, factor) in scaled.loads.iter_mut().zip(factors) {
-            load.iter_mut().for_each(|l| *l *= factor);
+            for load in load {
+                *load *= factor;
+            }
         }
         scaled
     }

@@ -9,7 +9,7 @@ use serde_json::json;
 use super::balance;
 use super::output::say;
 use super::progress::Progress;
-use crate::balance::Request;
+use crate::balance::{self as drive, Request};
 use crate::diagnose::effect::Effect;
 use crate::diagnose::{
     self, BearingSession, Diagnosis, Innovations, Observed, RotorSession, Session, Structure,
@@ -272,15 +272,17 @@ fn print_innovations(innovations: &Result<Vec<Innovations>, ReplayError>) {
 
 /// The effects, for the long help.
 fn library() -> String {
+    let shown = |effect: &&dyn drive::effect::Effect| {
+        format!("  {:<28}{}\n", effect.name(), effect.shown_by())
+    };
+    let of_balance: String = drive::EFFECTS.iter().map(shown).collect();
     format!(
         "Effects:\n{}\nEffects of a rotor:\n{}\nEffects of a bearing:\n{}\n\
          Effects in a torque balance, and what shows them:\n{}",
         listed::<Session>(),
         listed::<RotorSession>(),
         listed::<BearingSession>(),
-        (crate::balance::EFFECTS.iter())
-            .map(|e| format!("  {:<28}{}\n", e.name(), e.shown_by()))
-            .collect::<String>()
+        of_balance
     )
 }
 

@@ -99,7 +99,12 @@ impl Replay {
                     outcome.figures.steady_samples() as f64 / outcome.figures.samples() as f64;
                 say!("by steady gains: {:.1} % of the samples", 100.0 * share);
             }
-            if let Some(note) = outcome.speeds.note() {
+            for note in outcome
+                .speeds
+                .note()
+                .into_iter()
+                .chain(outcome.figures.note())
+            {
                 say!("{note}");
             }
             print_displacements(&outcome.displacements);
@@ -257,6 +262,7 @@ pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> 
         "flags": figures.flags(),
         "virtual": outcome.displacements.nodes(),
         "speed_note": outcome.speeds.note(),
+        "consistency_note": outcome.figures.note(),
         "phasor_inversion": outcome.phasor.figures(),
         "baselines": outcome.baselines.as_ref().map(Baselines::figures),
     })

@@ -2,7 +2,8 @@
 //! same again.
 
 use super::recorded::{Recorded, derivatives};
-use super::signals::smooth;
+use super::signals::{denoised, smooth};
+use super::statistics::white_noise_std;
 use super::thin::filled;
 use super::torque::Bodies;
 use crate::gearbox::Torsion;
@@ -13,7 +14,10 @@ use crate::simulate::{Course, Demand};
 /// done again [s]: short against torsional vibrations.
 const TRACKED_S: f64 = 0.02;
 
-/// Each load as its reference tells it, or a channel that senses the load itself.
+/// Noise of a reference, part of nominal, from which its readings are no torque sample by sample.
+const NOISY: f64 = 2e-4;
+
+/// Each load as its reference tells it, without noise where that is noisy, or a channel that senses the load itself.
 pub(super) fn loads(
     machine: &Machine,
     drivetrain: &Drivetrain,
@@ -26,7 +30,13 @@ pub(super) fn loads(
         .map(|(j, load)| {
             let reference = &recorded.loads[j];
             if reference.iter().any(|v| v.is_finite()) {
-                return Some(filled(reference));
+                let told = filled(reference);
+                let noise = white_noise_std(&told);
+                return Some(if noise > NOISY * load.nominal_nm {
+                    denoised(&told, recorded.dt_s, noise)
+                } else {
+                    told
+                });
             }
             sensed(machine, recorded, &Senses::Load(load.name.clone()), None)
         })

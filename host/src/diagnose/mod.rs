@@ -198,10 +198,15 @@ impl<S: Observed> Residuals<S> {
             Verdict::Unknown => empirical::corrections(sessions, &oddities),
             _ => Vec::new(),
         };
+        // What explains too little is not named, and mends nothing.
+        let named: &[Found<S>] = match verdict {
+            Verdict::Unknown => &[],
+            _ => &selection.found,
+        };
         let errors = if unseen.is_empty() {
-            S::errors(sessions, &selection.found)
+            S::errors(sessions, named)
         } else {
-            let lasting = selection.found.iter().filter(|f| f.effect.lasts());
+            let lasting = named.iter().filter(|f| f.effect.lasts());
             S::errors(unseen, &lasting.cloned().collect::<Vec<_>>())
         };
         Diagnosis {

@@ -220,7 +220,8 @@ fn simulated(
 ) -> Result<Session, DiagnoseError> {
     let course = session.course.clone().ok_or(DiagnoseError::NoDrivetrain)?;
     let scenario = Scenario::recorded(course);
-    let simulation = sensors(Simulation::new(machine, &scenario, seed, None, &[])?);
+    let simulation = Simulation::new(machine, &scenario, seed, None, &[])?;
+    let simulation = sensors(simulation.with_reference_noise(&session.reference_noise));
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("clean.parquet");
     simulation.write(&path, |_| ())?;

@@ -159,6 +159,7 @@ fn session(
         streams,
         course,
         told,
+        reference_noise: seen.reference_noise(),
     })
 }
 

@@ -6,6 +6,7 @@ use std::f64::consts::TAU;
 use super::chain::Encoders;
 use super::recorded::{Recorded, derivatives, take_out_spikes, take_out_stuck};
 use super::signals::{Signals, smooth};
+use super::statistics::white_noise_std;
 use super::stream::{Kind, Stream};
 use super::thin::{Thin, at, filled};
 use super::torque::{Bodies, Torques};
@@ -60,6 +61,16 @@ impl Seen<'_> {
             .collect()
     }
 
+    /// Standard deviation of the noise of each reference load, part of nominal.
+    pub fn reference_noise(&self) -> Vec<f64> {
+        let noise = |load: &str| {
+            let j = self.drivetrain.loads.iter().position(|l| l.name == load)?;
+            Some(white_noise_std(&self.recorded.loads[j]) / self.drivetrain.loads[j].nominal_nm)
+        };
+        let references = self.machine.references.iter();
+        references.map(|r| noise(&r.load).unwrap_or(0.0)).collect()
+    }
+
     /// The signals that effects are made of.
     pub fn signals(&self) -> Signals {
         let (thin, recorded) = (&self.thin, &self.recorded);
@@ -83,6 +94,7 @@ impl Seen<'_> {
         let warming = recorded.warming.as_ref();
         Signals {
             dt_s,
+            means_of: thin.every,
             t: thin.times(recorded.dt_s),
             angle: filled(&thin.means(&recorded.angle)),
             speed: thin.means(&motion.speed[0]),

@@ -184,7 +184,7 @@ fn chosen<S: Observed>(
         .filter(|r| r.margin() > 0.0)
         .collect();
     worth.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
-    let best = simplest(data, &worth, found)?;
+    let best = simplest(data, sessions, &worth, found)?;
     let alike = (worth.iter())
         .filter(|other| other.effect.name() != best.effect.name())
         .filter(|other| other.count() <= best.count() || predicts_the_same(best, other))
@@ -249,6 +249,7 @@ pub(super) fn is_latent<S: Observed>(sessions: &[S], effect: &dyn Effect<S>) -> 
 /// loose before the recording began has another gain), of such the first in the library.
 fn simplest<'a, S: Observed>(
     data: &Data,
+    sessions: &[S],
     ranked: &'a [Ranked<S>],
     found: &[Found<S>],
 ) -> Option<&'a Ranked<S>> {
@@ -259,14 +260,16 @@ fn simplest<'a, S: Observed>(
     };
     ranked
         .iter()
-        .filter(|r| says_the_same(data, best, r, found))
+        .filter(|r| says_the_same(data, sessions, best, r, found))
         .min_by_key(|r| (r.count(), place(r)))
 }
 
 /// Whether `other` explains what `best` does, but for chance or, with fewer parameters, for
-/// what a form that is not quite right leaves: its own, or those `found` before.
+/// what a form that is not quite right leaves: its own, or those `found` before. A signal that is
+/// free to explain anything has to explain twice as much as one that is not.
 fn says_the_same<S: Observed>(
     data: &Data,
+    sessions: &[S],
     best: &Ranked<S>,
     other: &Ranked<S>,
     found: &[Found<S>],
@@ -277,6 +280,10 @@ fn says_the_same<S: Observed>(
         gains.map(|(k, gain)| data.squares(k, *gain)).sum()
     };
     let part = if found.is_empty() { SAME } else { SAME_BESIDE };
+    let is_free = |r: &Ranked<S>| is_latent(sessions, r.effect);
+    if is_free(other) && !is_free(best) && explained(other) < 2.0 * explained(best) {
+        return false;
+    }
     match other.count().cmp(&best.count()) {
         Ordering::Less if is_silent(data, best, other) => false,
         Ordering::Less => gap < LEAST || explained(best) < (1.0 + part) * explained(other),

@@ -33,6 +33,8 @@ pub struct Response {
 pub struct Signals {
     /// Sample period [s].
     pub dt_s: f64,
+    /// Raw samples of which one is the mean.
+    pub means_of: usize,
     /// Time, continuous over all recordings [s].
     pub t: Vec<f64>,
     /// Carrier angle, continuous over turns [rad].
@@ -241,17 +243,45 @@ pub fn smooth(x: &[f64], width: usize) -> Vec<f64> {
 /// The part of `x`, sampled every `dt_s`, up to `highest_hz`, sharply: of the cosines that it is the sum
 /// of with its own mirror image behind it, where nothing jumps.
 pub fn slow(x: &[f64], dt_s: f64, highest_hz: f64) -> Vec<f64> {
+    let highest = (highest_hz * dt_s * 2.0 * x.len() as f64) as usize;
+    filtered(x, |_| {
+        (0..=x.len())
+            .map(|bin| f64::from(u8::from(bin <= highest)))
+            .collect()
+    })
+}
+
+/// `x`, sampled every `dt_s`, without the white noise of `noise_std` in it, as far as what is left is above that:
+///
+/// `1 - n s^2 / S` of each cosine, `S` the mean of its neighbours' squares (Wiener).
+///
+/// Where noise is all there is, nothing stays: a chain that resonates there would answer to it.
+pub fn denoised(x: &[f64], dt_s: f64, noise_std: f64) -> Vec<f64> {
+    // So much more than noise is no chance, of the mean over this band.
+    const SURELY: f64 = 1.5;
+    const BAND_HZ: f64 = 0.5;
+    let n = 2.0 * x.len() as f64;
+    let width = (BAND_HZ * dt_s * n) as usize | 1;
+    filtered(x, |sizes| {
+        let squares: Vec<f64> = sizes.iter().map(Complex::norm_sqr).collect();
+        let noise = SURELY * n * noise_std * noise_std;
+        let kept = |square: &f64| (1.0 - noise / square.max(f64::MIN_POSITIVE)).max(0.0);
+        moving_mean(&squares, width).iter().map(kept).collect()
+    })
+}
+
+/// `x` with of each cosine, of which it is the sum with its own mirror image behind it, the part that
+/// `kept` says of their sizes, the slowest first.
+fn filtered(x: &[f64], kept: impl Fn(&[Complex<f64>]) -> Vec<f64>) -> Vec<f64> {
     let n = 2 * x.len();
     let mut mirrored: Vec<Complex<f64>> = (x.iter().chain(x.iter().rev()))
         .map(|x| Complex::from(*x))
         .collect();
     let mut planner = FftPlanner::new();
     planner.plan_fft_forward(n).process(&mut mirrored);
-    let highest = (highest_hz * dt_s * n as f64) as usize;
+    let kept = kept(&mirrored[..=x.len()]);
     for (bin, size) in mirrored.iter_mut().enumerate() {
-        if bin.min(n - bin) > highest {
-            *size = Complex::ZERO;
-        }
+        *size *= kept[bin.min(n - bin)];
     }
     planner.plan_fft_inverse(n).process(&mut mirrored);
     let parts = mirrored.iter().take(x.len());
@@ -292,6 +322,24 @@ mod tests {
         for i in 10..90 {
             assert!((smoothed[i] - line[i]).abs() < 1e-9);
         }
+    }
+
+    /// A wave of 1 Hz and 10 stays beside noise of 1, of which 0.1 at most stays.
+    #[test]
+    fn noise_goes_and_what_is_above_it_stays() {
+        use rand::{RngExt, SeedableRng};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        let dt_s = 0.002;
+        let wave: Vec<f64> = (0..30_000)
+            .map(|i| 10.0 * (TAU * dt_s * f64::from(i)).cos())
+            .collect();
+        let noisy: Vec<f64> = (wave.iter())
+            .map(|x| x + rng.sample::<f64, _>(rand_distr::StandardNormal))
+            .collect();
+        let left = denoised(&noisy, dt_s, 1.0);
+        let squares: f64 = (left.iter().zip(&wave)).map(|(a, b)| (a - b).powi(2)).sum();
+        let error = (squares / wave.len() as f64).sqrt();
+        assert!(error < 0.1, "{error}");
     }
 
     #[test]

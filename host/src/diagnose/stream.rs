@@ -134,6 +134,8 @@ pub struct Session {
     pub course: Option<Course>,
     /// What tells the torque.
     pub told: Told,
+    /// Standard deviation of the noise of each reference load, part of nominal.
+    pub reference_noise: Vec<f64>,
 }
 
 /// Columns of one linear parameter, one for each stream; empty where it

@@ -15,6 +15,13 @@ const LONGEST_RANGE_M: f64 = 0.1;
 impl Machine {
     /// Displacements at nodes of `rotor`, and at most one encoder on its shaft.
     pub(super) fn check_rotor_sensors(&self, rotor: &Rotor) -> Checked {
+        let turns_hz = rotor.schedule()[1] / std::f64::consts::TAU;
+        within(
+            "rate_hz",
+            self.rate_hz,
+            self.rate_hz > 2.0 * turns_hz,
+            &format!("more than two samples a turn, {:.1}", 2.0 * turns_hz),
+        )?;
         for (i, channel) in self.channels.iter().enumerate() {
             let field = |name: &str| format!("channel[{}].{name}", i + 1);
             let Senses::Displacement(at) = &channel.senses else {

@@ -9,6 +9,9 @@ use super::Sample;
 use crate::machine::Machine;
 use crate::metrics::{LoadError, Segment};
 
+/// Mean NIS that no noise, drift or small error of a description makes.
+const CONTRADICTING: f64 = 100.0;
+
 /// Errors, consistency and flags of one replay, gathered sample by sample.
 pub struct Figures {
     loads: Vec<(String, f64, LoadError)>,
@@ -103,6 +106,15 @@ impl Figures {
     /// Mean normalised innovation squared of one channel; 1 in a consistent filter.
     pub fn nis_mean(&self) -> Option<f64> {
         (self.nis.1 > 0).then(|| self.nis.0 / self.nis.1 as f64)
+    }
+
+    /// Where the readings contradict the description, that in one line.
+    pub fn note(&self) -> Option<String> {
+        let nis = self.nis_mean().filter(|nis| *nis > CONTRADICTING)?;
+        Some(format!(
+            "NIS: found {nis:.0} on average, expected 1: the readings contradict the description; is a \
+             sensor in another unit (mm for m), or its zero or sensitivity wrong?"
+        ))
     }
 
     /// How often each kind of fault was flagged, on sensors and loads together.

@@ -67,6 +67,8 @@ enum Sensed {
 struct Flange {
     load: usize,
     nominal: f64,
+    /// Standard deviation of the noise, part of nominal.
+    noise_std: f64,
     reference: Reference,
 }
 
@@ -186,6 +188,15 @@ impl Simulation {
         ))
     }
 
+    /// The same by references with noise of these standard deviations, part of nominal, where it is
+    /// more than usual.
+    pub(crate) fn with_reference_noise(mut self, stds: &[f64]) -> Self {
+        for (flange, std) in self.sampled.references.iter_mut().zip(stds) {
+            flange.noise_std = flange.noise_std.max(*std);
+        }
+        self
+    }
+
     /// The same by sensors without noise, encoders that count in parts, and without what bends
     /// the machine at random.
     pub(crate) fn exact(mut self) -> Self {
@@ -235,7 +246,7 @@ impl Sampled for TestBench {
             put(self.latched.take().unwrap_or(f64::NAN));
         }
         for flange in &self.references {
-            let noise = self.noise * REFERENCE_NOISE * self.rng.sample::<f64, _>(StandardNormal);
+            let noise = self.noise * flange.noise_std * self.rng.sample::<f64, _>(StandardNormal);
             put(flange.read(bench.load(plant, flange.load) / flange.nominal + noise));
         }
         for unit in &self.temperatures {
@@ -291,6 +302,7 @@ impl Flange {
         Self {
             load,
             nominal: drivetrain.loads[load].nominal_nm,
+            noise_std: REFERENCE_NOISE,
             reference: reference.clone(),
         }
     }

@@ -3,6 +3,7 @@
 mod mended;
 mod refused;
 mod several;
+mod unlike;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -255,7 +256,7 @@ fn an_effect_is_confirmed_beside_one_that_does_not_last() {
 #[test]
 fn a_weak_effect_is_named_beside_a_strong_one() {
     let folder = tempfile::tempdir().unwrap();
-    let effects = ["strain-nonlinearity=1.3", "thermal-drift=0.15"];
+    let effects = ["strain-nonlinearity=1.3", "thermal-drift=0.3"];
     let recording = recorded(folder.path(), "two.parquet", "steps", "90", &effects);
     let said = diagnosed(&recording, &[]);
     let found = said["effects"].as_array().unwrap();
@@ -289,28 +290,37 @@ fn what_no_candidate_explains_is_unknown() {
     assert_eq!(said["empirical_corrections"], json!([]), "{said}");
 }
 
-/// A gauge that reads `8 µm/m sin(20 torque / nominal)` too much.
-fn wavy(clean: &str, wavy: &Path) {
-    let mut to = csv::Writer::from_path(wavy).unwrap();
+/// `from` in `to`, with `change` of each value of `column`, given also those of other columns.
+fn rewritten(
+    from: &str,
+    to: &Path,
+    column: &str,
+    mut change: impl FnMut(f64, &dyn Fn(&str) -> f64) -> f64,
+) {
+    let mut to = csv::Writer::from_path(to).unwrap();
     let mut from = csv::ReaderBuilder::new()
         .comment(Some(b'#'))
-        .from_path(clean)
+        .from_path(from)
         .unwrap();
     let header = from.headers().unwrap().clone();
-    let column = |name: &str| header.iter().position(|h| h.starts_with(name)).unwrap();
-    let (gauge, torque) = (column("ta2"), column("torque_main"));
+    let place = |name: &str| header.iter().position(|h| h.starts_with(name)).unwrap();
+    let changed = place(column);
     to.write_record(&header).unwrap();
     for record in from.records() {
         let record = record.unwrap();
-        let told = |k: usize| record[k].parse::<f64>().unwrap();
-        let reads = told(gauge) + 8e-6 * (20.0 * told(torque) / 312e3).sin();
+        let told = |name: &str| record[place(name)].parse::<f64>().unwrap();
+        let value = change(told(column), &told).to_string();
         let cells = record.iter().enumerate();
-        to.write_record(cells.map(|(k, cell)| match k {
-            _ if k == gauge => reads.to_string(),
-            _ => cell.to_owned(),
-        }))
-        .unwrap();
+        to.write_record(cells.map(|(k, cell)| if k == changed { &value } else { cell }))
+            .unwrap();
     }
+}
+
+/// A gauge that reads `8 µm/m sin(20 torque / nominal)` too much.
+fn wavy(clean: &str, wavy: &Path) {
+    rewritten(clean, wavy, "ta2", |reads, told| {
+        reads + 8e-6 * (20.0 * told("torque_main") / 312e3).sin()
+    });
 }
 
 #[test]

@@ -150,13 +150,25 @@ impl Effect for ShaftOrder {
     }
 }
 
-/// Cosine and sine of an order of the carrier angle.
+/// Cosine and sine of an order of the carrier angle, as the mean of the raw samples in one has them:
+/// of `n` samples `2 x` apart `sin(n x) / (n sin(x))` is left of a wave.
 pub fn waves(session: &Session, order: f64) -> [Vec<f64>; 2] {
-    let angle = &session.signals.angle;
-    [
-        angle.iter().map(|a| (order * a).cos()).collect(),
-        angle.iter().map(|a| (order * a).sin()).collect(),
-    ]
+    let signals = &session.signals;
+    let n = signals.means_of as f64;
+    let left = |speed: &f64| {
+        let x = 0.5 * order * speed * signals.dt_s / n;
+        let whole = n * x.sin();
+        if whole.abs() < 1e-9 {
+            1.0
+        } else {
+            (n * x).sin() / whole
+        }
+    };
+    let along = |wave: fn(f64) -> f64| {
+        let samples = signals.angle.iter().zip(&signals.speed);
+        samples.map(|(a, w)| left(w) * wave(order * a)).collect()
+    };
+    [along(f64::cos), along(f64::sin)]
 }
 
 /// Whether a map is made of narrow peaks, as under passing planets.
@@ -164,4 +176,43 @@ fn is_intermittent(map: &[f64]) -> bool {
     let square = map.iter().map(|m| m * m).sum::<f64>() / map.len().max(1) as f64;
     let peak = map.iter().fold(0.0_f64, |peak, m| peak.max(m.abs()));
     peak > 2.0 * square.sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::signals::Signals;
+    use crate::diagnose::stream::Told;
+
+    /// Order 3 at 50 rad/s, 4 samples of 2 ms in a mean: sin(0.6) / (4 sin(0.15)) = 0.945 of it is left.
+    #[test]
+    fn a_wave_is_the_mean_of_the_samples_in_it() {
+        const EVERY: usize = 4;
+        let (raw_s, speed) = (0.002, 50.0);
+        let raw = |i: usize| speed * raw_s * i as f64;
+        let of_wave = |i: usize| (3.0 * raw(i)).cos();
+        let mean = |of: &dyn Fn(usize) -> f64, k: usize| {
+            (EVERY * k..EVERY * (k + 1)).map(of).sum::<f64>() / EVERY as f64
+        };
+        let session = Session {
+            signals: Signals {
+                dt_s: EVERY as f64 * raw_s,
+                means_of: EVERY,
+                angle: (0..100).map(|k| mean(&raw, k)).collect(),
+                speed: vec![speed; 100],
+                ..Signals::default()
+            },
+            streams: Vec::new(),
+            twist: Vec::new(),
+            course: None,
+            told: Told::References,
+            reference_noise: Vec::new(),
+        };
+        let [cosine, _] = waves(&session, 3.0);
+        for (k, value) in cosine.iter().enumerate() {
+            assert!((value - mean(&of_wave, k)).abs() < 1e-12, "{k}");
+        }
+        let most = cosine.iter().fold(0.0_f64, |most, c| most.max(c.abs()));
+        assert!((0.93..0.945).contains(&most), "{most}");
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::order::waves;
 use super::{Coupling, Effect, Linear, Shape};
-use crate::diagnose::stream::{Kind, Session, Stream, Term};
+use crate::diagnose::stream::{Kind, Session, Stream, Term, product};
 
 /// Which shaft an effect is in.
 pub(super) const SHAFT: Shape = Shape {
@@ -144,10 +144,14 @@ impl Effect for Ripple {
         stream.kind != Kind::Angle
     }
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
+        // What the chain does to a torque is known only as fast as it is sampled.
+        let most = 0.8 * std::f64::consts::PI / session.signals.dt_s;
+        let seen = |w: &f64| f64::from(u8::from((shape[1] * w).abs() < most));
+        let seen: Vec<f64> = session.signals.speed.iter().map(seen).collect();
         waves(session, shape[1])
             .map(|u| Term::Brake {
                 body: shape[0] as usize,
-                u,
+                u: product(&u, &seen),
                 sticks: false,
             })
             .into()
