@@ -79,10 +79,15 @@ fn recording(path: &Path, hidden: Hidden, seed: u32) {
     std::fs::write(path, text).unwrap();
 }
 
+/// Where recordings stand, of which the last is not fitted.
+fn recordings(folder: &Path) -> Vec<PathBuf> {
+    (1..=3).map(|k| folder.join(format!("{k}.csv"))).collect()
+}
+
 fn diagnose(folder: &Path, hidden: Hidden, more: &[&str]) -> Value {
     let machine = folder.join("machine.toml");
     std::fs::write(&machine, DESCRIPTION).unwrap();
-    let files: Vec<PathBuf> = (1..=3).map(|k| folder.join(format!("{k}.csv"))).collect();
+    let files = recordings(folder);
     for (k, file) in files.iter().enumerate() {
         recording(file, hidden, k as u32 + 1);
     }
@@ -207,6 +212,15 @@ fn what_nothing_explains_is_called_unknown() {
     assert!(diagnosis["remainder"]["percent"].as_f64().unwrap() > 10.0);
 }
 
+/// The description that `first` wrote leaves as it stands what `first` said of it.
+fn is_as_good_as_it_stands(second: &Value, first: &Value) {
+    let nominal = second["error"]["nominal"]["before"]["value_percent"]
+        .as_f64()
+        .unwrap();
+    let told = after(first);
+    assert!((nominal - told).abs() < 0.05, "{nominal} {told}");
+}
+
 /// The improved description needs nothing more, and is as good as it is as it stands.
 #[test]
 fn the_improved_description_is_complete() {
@@ -217,19 +231,10 @@ fn the_improved_description_is_complete() {
         |s| 0.4 * s.v.signum(),
         &["-o", improved.to_str().unwrap()],
     );
-    let files: Vec<PathBuf> = (1..=3)
-        .map(|k| folder.path().join(format!("{k}.csv")))
-        .collect();
+    let files = recordings(folder.path());
     let second = run(&improved, &files[..2], &files[2..], &[]);
     assert_eq!(second["verdict"], "none", "{second}");
-    let nominal = second["error"]["nominal"]["before"]["value_percent"]
-        .as_f64()
-        .unwrap();
-    assert!(
-        (nominal - after(&first)).abs() < 0.05,
-        "{nominal} {}",
-        after(&first)
-    );
+    is_as_good_as_it_stands(&second, &first);
 }
 
 /// A load whose gain is wrong by half: the coefficient of what depends on the load
@@ -244,20 +249,11 @@ fn an_effect_of_a_load_follows_its_gain() {
     let machine = folder.path().join("machine.toml");
     let half = DESCRIPTION.replace("name = \"load\"", "name = \"load\"\ngain = 0.5");
     std::fs::write(&machine, half).unwrap();
-    let files: Vec<PathBuf> = (1..=3)
-        .map(|k| folder.path().join(format!("{k}.csv")))
-        .collect();
+    let files = recordings(folder.path());
     let first = run(&machine, &files[..2], &files[2..], &out);
     assert_eq!(names(&first), ["load-dependent-friction"], "{first}");
     let second = run(&improved, &files[..2], &files[2..], &[]);
-    let nominal = second["error"]["nominal"]["before"]["value_percent"]
-        .as_f64()
-        .unwrap();
-    assert!(
-        (nominal - after(&first)).abs() < 0.05,
-        "{nominal} {}",
-        after(&first)
-    );
+    is_as_good_as_it_stands(&second, &first);
 }
 
 /// A bit that was lost on the way is left out, and counted.
@@ -272,9 +268,7 @@ fn a_spike_changes_nothing() {
     let cells: Vec<&str> = lines[2000].split(',').collect();
     lines[2000] = format!("{},{},1e6,{}", cells[0], cells[1], cells[3]);
     std::fs::write(&file, lines.join("\n")).unwrap();
-    let files: Vec<PathBuf> = (1..=3)
-        .map(|k| folder.path().join(format!("{k}.csv")))
-        .collect();
+    let files = recordings(folder.path());
     let machine = folder.path().join("machine.toml");
     let spiked = run(&machine, &files[..2], &files[2..], &[]);
     assert_eq!(spiked["spikes"], 1);

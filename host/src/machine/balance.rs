@@ -116,9 +116,7 @@ impl Balance {
         .flatten()
         .chain(self.loads.iter().map(|s| ("load", s)))
     }
-}
 
-impl Balance {
     /// Whether the position is recorded, and an angle: by its unit, or counts of
     /// what bears a torque or turns once in 2 pi.
     pub fn is_angle(&self) -> bool {
