@@ -52,7 +52,7 @@ fn a_minute_of_the_emulated_board_is_recomputed_bit_for_bit_on_a_real_socket() {
     let bus = TcpListener::bind("127.0.0.1:0").expect("a free port");
     let port = bus.local_addr().unwrap().port();
     board.relay(bus);
-    let guest = Command::new(format!("{rig}/can-guest"))
+    let mut guest = Command::new(format!("{rig}/can-guest"))
         .arg("--mcu")
         .arg(port.to_string())
         .arg(format!("{rig}/can-mcu"))
@@ -66,7 +66,11 @@ fn a_minute_of_the_emulated_board_is_recomputed_bit_for_bit_on_a_real_socket() {
     // The first frame that the board sends must find the twin there.
     let latest = Instant::now() + PATIENCE;
     while !out.join("listening").exists() {
-        assert!(Instant::now() < latest, "nobody listens on slcan0");
+        let ended = guest.try_wait().expect("the guest is ours");
+        assert!(
+            ended.is_none() && Instant::now() < latest,
+            "nobody listens on slcan0; the guest: {ended:?}"
+        );
         thread::sleep(Duration::from_millis(50));
     }
     let mut sensors = board.sensors();
