@@ -36,7 +36,7 @@ const LONGEST_GAP: u32 = 100;
 const PATIENCE: u16 = 25;
 
 /// Steps of the table by which the speed may move before the matrices follow.
-const FOLLOW: f32 = 1.0 / 32.0;
+const FOLLOW: f32 = 1.0 / 128.0;
 
 /// Part of the speeds' range beyond its ends that is still estimated.
 const MARGIN: f32 = 0.02;
@@ -271,7 +271,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         if encoder.is_none() {
             return self.constant;
         }
-        self.follow(&mut state.active, state.shaft.speed);
+        self.follow(&mut state.active, motion.speed);
         // The turn of one of the samples that were lost.
         let each = motion.turned / samples as f32;
         Turn {

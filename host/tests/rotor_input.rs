@@ -104,6 +104,18 @@ fn what_a_rotor_may_not_be_is_said_in_one_line() {
     }
 }
 
+/// Beside bearings that hold the shaft.
+#[test]
+fn a_damper_need_not_hold_the_shaft() {
+    let damper = "node = 20
+stiffness_n_per_m = [[0, 5e3], [-5e3, 0]]
+damping_n_s_per_m = [[200, 0], [0, 200]]";
+    let first = "[[rotor.bearing]]\nnode = 4";
+    let machine = changed(first, &format!("[[rotor.bearing]]\n{damper}\n\n{first}")).unwrap();
+    assert_eq!(machine.rotor.as_ref().unwrap().bearings.len(), 3);
+    assert_eq!(built(&machine, Filter::Aekf), Ok(()));
+}
+
 /// Builds the image with all sensors and starts the line; what `build` says where it refuses.
 fn built(machine: &Machine, filter: Filter) -> Result<(), String> {
     let sensors = Sensors::choose(machine, None).unwrap().filtered_by(filter);

@@ -162,6 +162,8 @@ pub struct ShaftEncoder {
     pub angle_gain: f32,
     /// Part of it that the tracked speed takes [1/s], > 0.
     pub speed_gain: f32,
+    /// Part of it that the tracked acceleration takes [1/s^2], > 0.
+    pub acceleration_gain: f32,
 }
 
 impl RotorChannel {
@@ -259,7 +261,12 @@ impl RotorModel<'_> {
             if !(1..=32).contains(&encoder.counter.bits) {
                 return Err(Error::OutOfRange("encoder bits"));
             }
-            positive([encoder.angle_gain, encoder.speed_gain], "encoder gain")?;
+            let gains = [
+                encoder.angle_gain,
+                encoder.speed_gain,
+                encoder.acceleration_gain,
+            ];
+            positive(gains, "encoder gain")?;
         }
         self.index.as_ref().map_or(Ok(()), IndexPulse::check)
     }

@@ -17,6 +17,9 @@ use crate::machine::{Kind, Machine};
 use crate::rotor::RotorPlan;
 use crate::seal::seal;
 
+/// Part of a start's motion that a reduction may lose without a word.
+const MUCH_LOST: f64 = 0.1;
+
 /// Make the model image that firmware and host run.
 #[derive(Debug, Args)]
 pub struct Build {
@@ -71,6 +74,17 @@ impl Build {
             }
             _ => None,
         };
+        let reduction_note = (reduction.as_ref())
+            .filter(|r| r.error_m > MUCH_LOST * r.peak_m)
+            .map(|r| {
+                format!(
+                    "the reduction loses {:.0} % of a start's motion at {:.1} rad/s, more than {:.0} %: \
+                     estimates err by that until it has died out",
+                    100.0 * r.error_m / r.peak_m,
+                    r.speed_rad_s,
+                    100.0 * MUCH_LOST
+                )
+            });
         let seconds = started.elapsed().as_secs_f64();
         if as_json {
             let names = |names: Vec<&String>| json!(names);
@@ -89,6 +103,7 @@ impl Build {
                     "peak_um": 1e6 * r.peak_m,
                     "speed_rad_s": r.speed_rad_s,
                 })),
+                "reduction_note": reduction_note,
                 "seconds": seconds,
             });
             say!("{report}");
@@ -110,6 +125,9 @@ impl Build {
                     1e6 * r.peak_m,
                     r.speed_rad_s
                 );
+            }
+            if let Some(note) = reduction_note {
+                say!("{note}");
             }
         }
         Ok(())

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use nalgebra::{Matrix2, Matrix4};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -107,7 +108,7 @@ pub type Coefficients = [[f64; 2]; 2];
 pub struct RotorBearing {
     /// Node that it holds.
     pub node: usize,
-    /// Stiffness [N/m], the determinant of its symmetric part not 0.
+    /// Stiffness [N/m]; that of all bearings together holds the shaft.
     pub stiffness_n_per_m: Option<Coefficients>,
     /// Damping [N s/m].
     #[serde(default)]
@@ -197,7 +198,7 @@ const MOST_ELEMENTS: usize = 1000;
 /// Loads of a rotor, two components each: what its filter has states for.
 pub const MOST_LOADS: usize = 2;
 
-/// Part of the stiffest entry below which a bearing holds nothing.
+/// Part of the stiffest below which a stiffness holds nothing.
 const SINGULAR: f64 = 1e-9;
 
 impl Rotor {
@@ -329,7 +330,7 @@ impl Rotor {
                     "[[xx, xy], [yx, yy]] in N/m, or a table over speed",
                 )?,
                 (Some(stiffness), []) => {
-                    holds(&field("stiffness_n_per_m"), stiffness)?;
+                    all_finite(&field("stiffness_n_per_m"), stiffness)?;
                     all_finite(&field("damping_n_s_per_m"), &bearing.damping_n_s_per_m)?;
                 }
                 (None, table) => {
@@ -343,7 +344,7 @@ impl Rotor {
                             "speeds in rising order",
                         )?;
                         last = at.speed_rad_s;
-                        holds(&field("stiffness_n_per_m"), &at.stiffness_n_per_m)?;
+                        all_finite(&field("stiffness_n_per_m"), &at.stiffness_n_per_m)?;
                         all_finite(&field("damping_n_s_per_m"), &at.damping_n_s_per_m)?;
                     }
                 }
@@ -357,7 +358,54 @@ impl Rotor {
             format!("bearings at {} nodes", nodes.len()),
             nodes.len() >= 2,
             "at 2 nodes or more: with fewer the rotor is not held",
-        )
+        )?;
+        let told = (self.bearings.iter()).flat_map(|b| b.table.iter().map(|at| at.speed_rad_s));
+        for speed in told.chain([self.speed_rad_s]) {
+            // A seal or a damper need not hold the shaft, where bearings beside it do.
+            if self.is_held_at(speed) {
+                continue;
+            }
+            for (i, bearing) in self.bearings.iter().enumerate() {
+                let field = match bearing.table.as_slice() {
+                    [] => format!("rotor.bearing[{}].stiffness_n_per_m", i + 1),
+                    _ => format!("rotor.bearing[{}].table at {speed} rad/s", i + 1),
+                };
+                holds(&field, &bearing.at(speed).0)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether the bearings together hold a rigid shaft, displaced by `x` and tilted by `a`.
+    ///
+    /// `sum J' K J` over the bearings is positive definite, `J (x, a) = x + s a`, with `s` the
+    /// bearing's place in lengths of the shaft.
+    fn is_held_at(&self, speed_rad_s: f64) -> bool {
+        let places: Vec<f64> = (self.sections.iter())
+            .flat_map(|s| std::iter::repeat_n(s.length_m / s.elements as f64, s.elements))
+            .scan(0.0, |end, length| {
+                *end += length;
+                Some(*end)
+            })
+            .collect();
+        let length = places.last().copied().unwrap_or(1.0);
+        let mut held = Matrix4::<f64>::zeros();
+        for bearing in &self.bearings {
+            let k = Matrix2::from(bearing.at(speed_rad_s).0);
+            let k = 0.5 * (k + k.transpose());
+            let place = match bearing.node {
+                0 => 0.0,
+                node => places[node - 1] / length,
+            };
+            for (row, a) in [1.0, place].into_iter().enumerate() {
+                for (column, b) in [1.0, place].into_iter().enumerate() {
+                    let mut block = held.fixed_view_mut::<2, 2>(2 * row, 2 * column);
+                    block += a * b * k;
+                }
+            }
+        }
+        let stiffness = held.symmetric_eigenvalues();
+        stiffness.min() > SINGULAR * stiffness.max()
     }
 
     fn check_loads(&self) -> Checked {

@@ -138,13 +138,19 @@ impl RotorPlan {
         Ok(tables)
     }
 
+    /// Gains of a filter of which every pole is `rest`.
+    ///
+    /// Source: Brookner, Tracking and Kalman Filtering Made Easy (1998), section 1.4,
+    /// critically damped g-h-k filter.
     fn shaft_encoder(&self, encoder: &Encoder, rate_hz: f64) -> ShaftEncoder {
         let bandwidth = (TRACKING * rate_hz).min(TRACKING_HZ);
         let rest = (-std::f64::consts::TAU * bandwidth * self.dt_s).exp();
+        let (gone, dt) = (1.0 - rest, self.dt_s);
         ShaftEncoder {
             counter: encoder.counter(1.0),
-            angle_gain: (1.0 - rest * rest) as f32,
-            speed_gain: ((1.0 - rest).powi(2) / self.dt_s) as f32,
+            angle_gain: (1.0 - rest.powi(3)) as f32,
+            speed_gain: (1.5 * gone * gone * (1.0 + rest) / dt) as f32,
+            acceleration_gain: (gone.powi(3) / (dt * dt)) as f32,
         }
     }
 

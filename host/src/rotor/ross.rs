@@ -95,6 +95,24 @@ pub fn read_ross(path: &Path, rotor: &mut Rotor) -> Result<(), RossError> {
     Ok(())
 }
 
+/// The name of `told` in `materials`, where it is added unless it is there: a name that a
+/// material of other numbers has gets a number.
+fn among(materials: &mut Vec<Material>, told: Material) -> String {
+    let first = told.name.clone();
+    let mut told = told;
+    for k in 2.. {
+        match materials.iter().find(|m| m.name == told.name) {
+            Some(same) if *same == told => break,
+            Some(_) => told.name = format!("{first} {k}"),
+            None => {
+                materials.push(told.clone());
+                break;
+            }
+        }
+    }
+    told.name
+}
+
 struct Element<'a> {
     name: &'a str,
     fields: &'a Map<String, Value>,
@@ -139,6 +157,10 @@ impl Element<'_> {
                 ));
             }
         }
+        let method = self.fields.get("shear_method_calc").and_then(Value::as_str);
+        if method.is_some_and(|method| method != "cowper") {
+            return Err(self.unsupported("another shear coefficient; allowed: \"cowper\""));
+        }
         let Some(Value::Object(fields)) = self.fields.get("material") else {
             return Err(RossError::Lacks {
                 element: self.name.into(),
@@ -155,19 +177,16 @@ impl Element<'_> {
             (None, Some(shear_pa)) => young_pa / (2.0 * shear_pa) - 1.0,
             (None, None) => material.number("G_s")?,
         };
-        let name = fields
-            .get("name")
+        let name = (fields.get("name"))
             .and_then(Value::as_str)
-            .unwrap_or("shaft")
-            .to_owned();
-        if !materials.iter().any(|m| m.name == name) {
-            materials.push(Material {
-                name: name.clone(),
-                young_pa,
-                density_kg_per_m3: material.number("rho")?,
-                poisson,
-            });
-        }
+            .unwrap_or("shaft");
+        let told = Material {
+            name: name.to_owned(),
+            young_pa,
+            density_kg_per_m3: material.number("rho")?,
+            poisson,
+        };
+        let name = among(materials, told);
         Ok(Section {
             length_m: self.number("L")?,
             elements: 1,
@@ -245,5 +264,25 @@ impl Element<'_> {
                     .collect(),
             }
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn materials_of_one_name_are_told_apart_by_their_numbers() {
+        let steel = |young_pa: f64| Material {
+            name: "steel".into(),
+            young_pa,
+            density_kg_per_m3: 7800.0,
+            poisson: 0.3,
+        };
+        let mut materials = Vec::new();
+        let names =
+            [2.1e11, 2.0e11, 2.1e11, 2.0e11, 1.9e11].map(|e| among(&mut materials, steel(e)));
+        assert_eq!(names, ["steel", "steel 2", "steel", "steel 2", "steel 3"]);
+        assert_eq!(materials.len(), 3);
     }
 }
