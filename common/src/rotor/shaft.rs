@@ -7,6 +7,9 @@ use crate::phase::Phase;
 /// scaled from sample to sample [rad/s].
 const SLOWEST: f32 = 1.0;
 
+/// In place of the number of readings: enough for the encoder's own gains.
+const SETTLED: u16 = u16::MAX;
+
 /// The tracked shaft.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shaft {
@@ -15,7 +18,8 @@ pub struct Shaft {
     pub speed: f32,
     /// [rad/s^2]
     acceleration: f32,
-    readings: u8,
+    /// How many there were, or [`SETTLED`].
+    readings: u16,
 }
 
 /// What the shaft did in one sample.
@@ -54,10 +58,15 @@ impl Shaft {
     /// `reading` by the encoder's gains.
     ///
     /// `err = reading - angle`, `angle += a err`, `speed += b err`, `acceleration += c err`: a
-    /// run-up at a constant acceleration is followed without lag. The first two readings set
-    /// angle and speed; where one is missing, the speed is held.
+    /// run-up at a constant acceleration is followed without lag. Where a reading is missing, the
+    /// speed is held.
     ///
-    /// Source: Kalata, The tracking index, IEEE Trans. Aerosp. Electron. Syst. 20 (1984).
+    /// The first reading sets the angle; until as many are there as the encoder's gains look
+    /// back on, the line through all of them is followed, of `n` before this one:
+    /// `a = (4 n + 2) / ((n + 1) (n + 2))`, `b = 6 / ((n + 1) (n + 2) dt)`, `c = 0`.
+    ///
+    /// Source: Kalata, The tracking index, IEEE Trans. Aerosp. Electron. Syst. 20 (1984);
+    /// Brookner, Tracking and Kalman Filtering Made Easy (1998), section 1.2.10, growing memory.
     pub fn advance(
         &mut self,
         dt: f32,
@@ -70,45 +79,56 @@ impl Shaft {
         let gained = self.acceleration * span;
         let mut turned = (before + 0.5 * gained) * span;
         self.speed += gained;
-        if let (Some(reading), Some(encoder)) = (reading, encoder) {
-            let error = match self.readings {
-                0 => 0.0,
-                _ => reading
-                    .since(self.angle.turned_by(Phase::from_rad(turned)))
-                    .to_rad(),
-            };
-            match self.readings {
-                0 => self.angle = reading,
-                1 => {
-                    turned += error;
-                    self.speed = turned / span;
-                }
-                _ => {
-                    turned += encoder.angle_gain * error;
-                    self.speed += encoder.speed_gain * error;
-                    self.acceleration += encoder.acceleration_gain * error;
-                }
-            }
-            let first = self.readings == 0;
-            self.readings = self.readings.saturating_add(1).min(2);
-            if first {
+        let settled = self.readings == SETTLED;
+        match (reading, encoder) {
+            (Some(reading), Some(_)) if self.readings == 0 => {
+                self.angle = reading;
+                self.readings = 1;
                 return Motion {
                     turned,
                     speed: self.speed,
                     growth: 1.0,
                 };
             }
-        } else {
-            self.acceleration = 0.0;
+            (Some(reading), Some(encoder)) => {
+                let error = reading
+                    .since(self.angle.turned_by(Phase::from_rad(turned)))
+                    .to_rad();
+                let [angle_gain, speed_gain, acceleration_gain] = self.gains(span, encoder);
+                turned += angle_gain * error;
+                self.speed += speed_gain * error;
+                self.acceleration += acceleration_gain * error;
+            }
+            _ => self.acceleration = 0.0,
         }
         self.angle = self.angle.turned_by(Phase::from_rad(turned));
-        let slow = self.speed.abs() < SLOWEST || before.abs() < SLOWEST || self.readings == 1;
-        let ratio = if slow { 1.0 } else { self.speed / before };
+        // Before, its speed is found, and does not change.
+        let held = !settled || self.speed.abs() < SLOWEST || before.abs() < SLOWEST;
+        let ratio = if held { 1.0 } else { self.speed / before };
         Motion {
             turned,
             speed: 0.5 * (before + self.speed),
             growth: ratio * ratio,
         }
+    }
+
+    /// `[a, b, c]` for a reading `span` [s] after the last one.
+    fn gains(&mut self, span: f32, encoder: &ShaftEncoder) -> [f32; 3] {
+        if self.readings != SETTLED {
+            let n = f32::from(self.readings);
+            let spread = (n + 1.0) * (n + 2.0);
+            let growing = [(4.0 * n + 2.0) / spread, 6.0 / (spread * span), 0.0];
+            if growing[0] > encoder.angle_gain {
+                self.readings = self.readings.saturating_add(1);
+                return growing;
+            }
+            self.readings = SETTLED;
+        }
+        [
+            encoder.angle_gain,
+            encoder.speed_gain,
+            encoder.acceleration_gain,
+        ]
     }
 }
 
@@ -154,6 +174,21 @@ mod tests {
         let speed = run_up(&mut shaft, 2000);
         assert!((shaft.speed - speed).abs() < 0.01, "{shaft:?}, {speed}");
         assert!((shaft.acceleration - 40.0).abs() < 1.0, "{shaft:?}");
+    }
+
+    /// Of 60 counts a turn, at 37 rad/s: a sample moves on by none or by one.
+    #[test]
+    fn few_counts_a_turn_tell_the_speed_from_many_readings() {
+        let mut shaft = Shaft::new(80.0);
+        for k in 0..200 {
+            let turns = f64::from(k) * f64::from(DT) * 37.0 / core::f64::consts::TAU;
+            let counts = libm::floor(60.0 * turns) % 60.0;
+            let angle = (counts / 60.0 * core::f64::consts::TAU) as f32;
+            shaft.advance(DT, 1, Some(Phase::from_rad(angle)), Some(&encoder()));
+            if k >= 20 {
+                assert!((shaft.speed - 37.0).abs() < 5.0, "{k}: {shaft:?}");
+            }
+        }
     }
 
     #[test]

@@ -21,9 +21,14 @@ const FULL_SCALE: f64 = 16.0;
 /// Standard deviation at which an estimate is no longer valid, in nominal loads.
 const VALID_STD: f64 = 1.0;
 
-/// Bandwidth of the tracked speed, in sample rates, at most [Hz].
+/// Bandwidth of the tracked speed, in sample rates, at most [Hz], and where an encoder tells the
+/// angle as closely as this [turns].
 const TRACKING: f64 = 0.01;
 const TRACKING_HZ: f64 = 20.0;
+const TRACKED_TURNS: f64 = QUANTISED / 4096.0;
+
+/// Standard deviation of a count that is rounded: `1 / sqrt 12`.
+const QUANTISED: f64 = 0.29;
 
 impl RotorPlan {
     /// The image's payload, as postcard bytes.
@@ -138,12 +143,15 @@ impl RotorPlan {
         Ok(tables)
     }
 
-    /// Gains of a filter of which every pole is `rest`.
+    /// Gains of a filter of which every pole is `rest`; slower where the encoder is coarse, by
+    /// the cube root, as the best one for accelerations that change alike would be.
     ///
     /// Source: Brookner, Tracking and Kalman Filtering Made Easy (1998), section 1.4,
-    /// critically damped g-h-k filter.
+    /// critically damped g-h-k filter; Kalata 1984, tracking index.
     fn shaft_encoder(&self, encoder: &Encoder, rate_hz: f64) -> ShaftEncoder {
-        let bandwidth = (TRACKING * rate_hz).min(TRACKING_HZ);
+        let turns = encoder.noise_std_counts.unwrap_or(QUANTISED) / encoder.counts_per_turn.abs();
+        let coarse = (TRACKED_TURNS / turns).min(1.0).cbrt();
+        let bandwidth = (TRACKING * rate_hz).min(TRACKING_HZ * coarse);
         let rest = (-std::f64::consts::TAU * bandwidth * self.dt_s).exp();
         let (gone, dt) = (1.0 - rest, self.dt_s);
         ShaftEncoder {
