@@ -9,6 +9,7 @@ The second is the reference for the reduced maps: it shares nothing with
 each planet's between the nodes of the mesh, by the shape functions of the edge
 on which it stands.
 """
+import os
 import sys
 import tomllib
 from math import atan2, cos, degrees, dist, pi, radians, sin, tan, tau
@@ -37,7 +38,10 @@ def read_mesh():
             sets.setdefault(name, []).extend(int(n) for n in line.replace(" ", "").strip().split(",") if n)
         if keep:
             kept.append(line)
-    open("solids.inp", "w").writelines(kept)
+    # Whole at any time: both decks may be made at once.
+    part = f"solids.{os.getpid()}"
+    open(part, "w").writelines(kept)
+    os.replace(part, "solids.inp")
     return nodes, sets
 
 
