@@ -5,12 +5,11 @@ use std::thread;
 use std::time::Duration;
 
 use loadtwin::build::Filter;
-use loadtwin_common::frame::Frame;
 use loadtwin_common::image::Image;
 use loadtwin_common::line::Line;
 use loadtwin_tests::descriptions::{Variant, variants};
-use loadtwin_tests::emulator::Emulator;
-use loadtwin_tests::gearbox::{is_estimate, on_host};
+
+use crate::line;
 
 /// Of each variant; `LOADTWIN_SECONDS` sets another.
 const SECONDS: f64 = 3.0;
@@ -19,20 +18,7 @@ const SECONDS: f64 = 3.0;
 fn compare(variant: &Variant, seconds: f64) {
     let name = &variant.name;
     let samples = variant.samples(seconds);
-    let mut expected = on_host(&variant.image, &samples, false);
-    expected.retain(is_estimate);
-
-    let board = Emulator::start(&variant.image);
-    let bus = board.bus();
-    let sent = board.sensors().send_all(samples.clone());
-    let frames: Vec<Frame> = bus.filter(is_estimate).collect();
-    let end = board.end(Duration::from_secs(20));
-    assert!(end.status.success(), "{name}: {}\n{}", end.status, end.log);
-    sent.join().unwrap();
-
-    let differ = frames.iter().zip(&expected).position(|(b, h)| b != h);
-    assert_eq!(differ, None, "{name}: first frame that differs");
-    assert_eq!(frames.len(), expected.len(), "{name}");
+    let frames = line::compare(name, &variant.image, &samples, Duration::from_secs(20));
     // Loads come every few samples, sensors less often.
     assert!(
         2 * frames.len() >= samples.len(),
@@ -40,8 +26,8 @@ fn compare(variant: &Variant, seconds: f64) {
         frames.len()
     );
 
-    let mut line = Line::try_build(Image::from_bytes(&variant.image).unwrap()).unwrap();
-    let steady = samples.iter().filter(|raw| line.step(raw).steady).count();
+    let mut host = Line::try_build(Image::from_bytes(&variant.image).unwrap()).unwrap();
+    let steady = samples.iter().filter(|raw| host.step(raw).steady).count();
     assert!(steady > 0 || variant.filter != Filter::Steady, "{name}");
     println!(
         "{name}: {} samples, {steady} by steady gains, {} frames equal",

@@ -8,14 +8,17 @@ use loadtwin_tests::emulator::Emulator;
 use loadtwin_tests::gearbox::{self, is_estimate, on_host};
 use loadtwin_tests::rotor;
 
-/// The board's frames are those of the host.
-fn compare(image: &[u8], samples: &[RawSample]) {
+const WITHIN: Duration = Duration::from_secs(10);
+
+/// Runs `samples` on both sides: the board's frames, which are those of the host. The board
+/// ends `within` a time.
+pub fn compare(name: &str, image: &[u8], samples: &[RawSample], within: Duration) -> Vec<Frame> {
     let board = Emulator::start(image);
     let bus = board.bus();
     let sent = board.sensors().send_all(samples.to_vec());
     let frames: Vec<Frame> = bus.filter(is_estimate).collect();
-    let end = board.end(Duration::from_secs(10));
-    assert!(end.status.success(), "{}\n{}", end.status, end.log);
+    let end = board.end(within);
+    assert!(end.status.success(), "{name}: {}\n{}", end.status, end.log);
     sent.join().unwrap();
 
     let mut expected = on_host(image, samples, false);
@@ -24,19 +27,21 @@ fn compare(image: &[u8], samples: &[RawSample]) {
         .iter()
         .zip(&expected)
         .position(|(board, host)| board != host);
-    assert_eq!(differ, None, "first frame that differs");
-    assert!(!frames.is_empty());
-    assert_eq!(frames.len(), expected.len());
+    assert_eq!(differ, None, "{name}: first frame that differs");
+    assert!(!frames.is_empty(), "{name}");
+    assert_eq!(frames.len(), expected.len(), "{name}");
+    frames
 }
 
 #[test]
 fn a_minute_of_samples_gives_the_same_payloads_on_the_board_and_on_the_host() {
-    compare(&gearbox::image(), &gearbox::samples(60_000));
+    let samples = gearbox::samples(60_000);
+    compare("gearbox", &gearbox::image(), &samples, WITHIN);
 }
 
 #[test]
 fn a_rotor_through_its_critical_speed_gives_the_same_payloads_too() {
     let machine = rotor::machine();
     let samples = rotor::samples(&machine, 2.0);
-    compare(&rotor::image(&machine), &samples);
+    compare("rotor", &rotor::image(&machine), &samples, WITHIN);
 }
