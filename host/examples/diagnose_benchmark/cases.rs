@@ -62,6 +62,7 @@ pub enum Kind {
 }
 
 /// One recording, and another of the same machine that takes no part in the fit.
+#[derive(Clone)]
 pub struct Case {
     pub machine: usize,
     pub kind: Kind,
@@ -167,6 +168,24 @@ impl Case {
     ) -> Result<(), Box<dyn Error>> {
         self.write(machine, self.profile, self.seeds[0], seen)?;
         self.write(machine, self.unseen_profile, self.seeds[1], unseen)
+    }
+
+    /// The same with the next profile in which the recording that is to be diagnosed shows each of
+    /// the effects, so that the label says what it holds; as it was drawn where none does.
+    pub fn shown(&self, machine: &Machine) -> Result<Self, Box<dyn Error>> {
+        let drawn = PROFILES.iter().position(|profile| *profile == self.profile);
+        let mut profiles = PROFILES;
+        profiles.rotate_left(drawn.unwrap_or(0));
+        for profile in profiles {
+            let case = Self {
+                profile,
+                ..self.clone()
+            };
+            if case.shows(machine)? {
+                return Ok(case);
+            }
+        }
+        Ok(self.clone())
     }
 
     /// Whether the recording that is to be diagnosed shows each of the effects: the same recording

@@ -15,6 +15,8 @@ pub struct Row {
     pub machine: usize,
     pub kind: Kind,
     pub profile: String,
+    /// The profile drawn at first, in which the recording may not have shown its effects.
+    pub drawn: String,
     /// Effects as `name=strength`, spaces between.
     pub truth: String,
     /// Whether the recording differs from the same one without each of the effects.
@@ -115,6 +117,7 @@ pub struct Score {
     pub false_alarms: Rate,
     pub unknown_outside: Rate,
     pub unknown_inside: Rate,
+    redrawn: usize,
     recovered: Vec<f64>,
     confusion: BTreeMap<(String, String), usize>,
     wrong: Vec<String>,
@@ -135,6 +138,7 @@ impl Score {
 
     fn add(&mut self, row: &Row) {
         let unknown = row.verdict == "unknown";
+        self.redrawn += usize::from(row.profile != row.drawn);
         let truth = row.truth();
         let mut wanted: Vec<&str> = truth.iter().map(|t| t.0).collect();
         let right = match row.kind {
@@ -194,7 +198,11 @@ impl fmt::Display for Score {
         for ((truth, said), n) in &self.confusion {
             writeln!(f, "{truth:<26}{said:<26}{n:>4}")?;
         }
-        writeln!(f)?;
+        let redrawn = self.redrawn;
+        writeln!(
+            f,
+            "\nwith another profile, as the one drawn did not show the effect: {redrawn}"
+        )?;
         self.first_strong
             .write(f, "first right, strength 0.3 and more")?;
         self.first_weak.write(f, "first right, weaker")?;

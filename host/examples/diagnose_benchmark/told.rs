@@ -9,9 +9,14 @@ use loadtwin::machine::Machine;
 use crate::cases::{Case, Kind};
 use crate::score::Row;
 
-/// Simulates the case, diagnoses it without its label, then with the true
+/// Simulates the case, in a profile that shows it, diagnoses it without its label, then with the true
 /// effects as the only candidates.
-pub fn told(number: usize, case: &Case, machine: &Machine) -> Result<Row, Box<dyn Error>> {
+pub fn told(number: usize, drawn: &Case, machine: &Machine) -> Result<Row, Box<dyn Error>> {
+    let case = if drawn.kind == Kind::Outside {
+        drawn.clone()
+    } else {
+        drawn.shown(machine)?
+    };
     let folder = tempfile::tempdir()?;
     let (seen, unseen) = (
         folder.path().join("seen.parquet"),
@@ -50,6 +55,7 @@ pub fn told(number: usize, case: &Case, machine: &Machine) -> Result<Row, Box<dy
         machine: case.machine,
         kind: case.kind,
         profile: case.profile.to_owned(),
+        drawn: drawn.profile.to_owned(),
         truth: case.truth(),
         shows: case.kind == Kind::Outside || case.shows(machine)?,
         verdict: diagnosis.verdict.word().to_owned(),

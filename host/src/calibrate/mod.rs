@@ -270,7 +270,9 @@ fn warming(machine: &Machine, recording: &Path) -> Result<Option<Vec<f64>>, Cali
         };
         temperatures.extend(column);
     }
-    Ok(Some(thermometer.warming(&temperatures)))
+    Ok(Some(
+        thermometer.warming(&temperatures, 1.0 / machine.rate_hz),
+    ))
 }
 
 fn is_words(reader: &Reader, channel: &Channel) -> bool {

@@ -3,7 +3,7 @@
 use super::effect::Effect;
 use super::fit::Prior;
 use super::observed::{Nuisance, Observed};
-use super::select::Found;
+use super::select::{Found, is_latent};
 use super::stream::Columns;
 
 pub(super) fn joined<S>(sessions: &[S], of: impl Fn(&S) -> Vec<f64>) -> Vec<f64> {
@@ -100,9 +100,20 @@ fn in_stream<'a, S: Observed>(sessions: &[S], part: impl Fn(usize) -> &'a Vec<f6
 
 /// Nuisances, and each effect found with parameters free in each stream.
 pub(super) fn base_columns<S: Observed>(sessions: &[S], found: &[Found<S>]) -> Vec<Vec<Prior>> {
-    let mut base = nuisances(sessions, found);
-    for f in found {
-        let columns = columns(sessions, f.effect, &f.shape, &f.parameters);
+    with_effects(
+        nuisances(sessions, found),
+        found,
+        columns_of(sessions, found),
+    )
+}
+
+/// `base`, and the `columns` of each effect found with parameters free in each stream.
+pub(super) fn with_effects<S: Observed>(
+    mut base: Vec<Vec<Prior>>,
+    found: &[Found<S>],
+    columns: Vec<Vec<Columns>>,
+) -> Vec<Vec<Prior>> {
+    for (f, columns) in found.iter().zip(columns) {
         for (linear, columns) in f.effect.linear().iter().zip(columns) {
             for (k, column) in columns.into_iter().enumerate() {
                 if !column.is_empty() {
@@ -115,6 +126,48 @@ pub(super) fn base_columns<S: Observed>(sessions: &[S], found: &[Found<S>]) -> V
         }
     }
     base
+}
+
+/// Columns of each effect found: `[effect][parameter][stream]`. A signal that is free is that of
+/// what the other effects leave: told from all, it would be theirs as well.
+pub(super) fn columns_of<S: Observed>(sessions: &[S], found: &[Found<S>]) -> Vec<Vec<Columns>> {
+    let of = |sessions: &[S], f: &Found<S>| columns(sessions, f.effect, &f.shape, &f.parameters);
+    let all: Vec<Vec<Columns>> = found.iter().map(|f| of(sessions, f)).collect();
+    let (latent, told): (Vec<usize>, Vec<usize>) =
+        (0..found.len()).partition(|i| is_latent(sessions, found[*i].effect));
+    if latent.is_empty() || told.is_empty() {
+        return all;
+    }
+    let left = less(sessions, told.iter().map(|i| (&found[*i], &all[*i])));
+    let mut all = all;
+    for i in latent {
+        all[i] = of(&left, &found[i]);
+    }
+    all
+}
+
+/// `sessions` without what those found predict by their columns.
+fn less<'a, S: Observed>(
+    sessions: &[S],
+    found: impl Iterator<Item = (&'a Found<S>, &'a Vec<Columns>)> + Clone,
+) -> Vec<S> {
+    let mut left = sessions.to_vec();
+    for k in 0..sessions[0].streams().len() {
+        let mut from = 0;
+        for session in &mut left {
+            let mut residual = session.residual(k).to_vec();
+            for (f, columns) in found.clone() {
+                for (column, value) in columns.iter().zip(&f.parameters[k]) {
+                    for (r, c) in residual.iter_mut().zip(column[k].iter().skip(from)) {
+                        *r -= value * c;
+                    }
+                }
+            }
+            from += residual.len();
+            session.set_residual(k, residual);
+        }
+    }
+    left
 }
 
 /// Columns of an effect over all sessions, taken as linear about `parameters`

@@ -35,6 +35,11 @@ pub fn write(
         description.set_in("drivetrain.bending", "time_s", six_digits(time_s));
     }
     write_encoders(&mut description, &machine.encoders, &changed.encoders);
+    if let Some((was, is)) = machine.thermometer().zip(changed.thermometer())
+        && was.lag_s != is.lag_s
+    {
+        description.set_number("auxiliary", &is.name, "lag_s", is.lag_s);
+    }
     description.write_with_gauges(machine, &changed, path)?;
     Ok(absent)
 }

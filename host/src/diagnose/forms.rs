@@ -65,7 +65,7 @@ impl<'a, S: Observed> Forms<'a, S> {
         let explained: Vec<Vec<f64>> = (trial.streams.iter().enumerate())
             .map(|(k, gain)| self.explained(k, gain.max(0.0)))
             .collect();
-        let forms = self.forms(trial, &explained);
+        let forms = self.forms(trial, times > 1.0, &explained);
         let (mut score, mut brought, mut before) = (trial.score, 0.0, 0.0);
         for (k, gain) in trial.streams.iter().enumerate() {
             if *gain <= 0.02 * most {
@@ -107,8 +107,9 @@ impl<'a, S: Observed> Forms<'a, S> {
     ///
     /// What acts on each gauge by itself has the same form in all of them, and leaves no more than
     /// what there is beside it: the gauge of which it leaves least, as a part, speaks for the others.
-    /// Not so of a signal that is free: it follows the gauge that shows it best.
-    fn forms(&self, candidate: &Trial, explained: &[Vec<f64>]) -> Vec<f64> {
+    /// Not so of a signal that is free: it follows the gauge that shows it best. Nor where the
+    /// candidate is free, which may take what a form leaves of one gauge only.
+    fn forms(&self, candidate: &Trial, is_free: bool, explained: &[Vec<f64>]) -> Vec<f64> {
         let at_most = |i: usize| {
             let parts = explained.iter().zip(&candidate.streams).enumerate();
             let parts = parts.map(|(k, (explained, gain))| {
@@ -120,7 +121,11 @@ impl<'a, S: Observed> Forms<'a, S> {
         let form = |(i, f): (usize, &Found<S>)| {
             let form = f.effect.form(&self.sessions[0]).powi(2);
             let same = f.effect.coupling() == Coupling::Own && !is_latent(self.sessions, f.effect);
-            if same { form.min(at_most(i)) } else { form }
+            if same && !is_free {
+                form.min(at_most(i))
+            } else {
+                form
+            }
         };
         self.found.iter().enumerate().map(form).collect()
     }

@@ -44,11 +44,6 @@ impl<S: Observed> Ranked<S> {
     pub fn margin(&self) -> f64 {
         self.trial.score - self.threshold
     }
-
-    /// How many numbers it may choose.
-    pub(super) fn count(&self) -> usize {
-        self.effect.linear().len() + self.effect.shape().len()
-    }
 }
 
 /// Candidates on the grid of their shapes, the best evidence first; without
@@ -176,7 +171,7 @@ fn by_chance(trial: &Trial, draws: &[f64], candidates: usize) -> f64 {
 
 /// Takes from the evidence what latent degrees of freedom cost; a signal that is free to
 /// explain anything has to explain twice as much.
-fn charge<S: Observed>(effect: &dyn Effect<S>, sessions: &[S], trial: &mut Trial) {
+pub(super) fn charge<S: Observed>(effect: &dyn Effect<S>, sessions: &[S], trial: &mut Trial) {
     let latent: f64 = sessions.iter().map(|s| effect.latent(s)).sum();
     if latent > 0.0 {
         let samples: f64 = sessions.iter().map(|s| s.speed().len() as f64).sum();

@@ -113,7 +113,8 @@ impl Recorded {
             }
         }
         let temperature = thermometer.filter(|_| has_temperature).zip(columns.last());
-        let warming = temperature.map(|(thermometer, column)| thermometer.warming(column));
+        let warming = temperature
+            .map(|(thermometer, column)| thermometer.warming(column, 1.0 / machine.rate_hz));
         columns.truncate(machine.channels.len() + machine.encoders.len());
         let counts = columns.split_off(machine.channels.len());
         for ((channel, words), column) in machine.channels.iter().zip(words).zip(&mut columns) {

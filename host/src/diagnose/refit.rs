@@ -2,12 +2,12 @@
 
 use faer::Mat;
 
-use super::columns::{columns, joined, nuisances};
+use super::columns::{columns_of, joined, nuisances};
 use super::effect::Coupling;
 use super::fit::Prior;
 use super::observed::Observed;
 use super::rank::RELINEARISED;
-use super::select::Found;
+use super::select::{Found, is_latent};
 use super::stream::Columns;
 use super::sums::{Eliminated, products, solved};
 
@@ -37,17 +37,15 @@ pub(super) fn refit<S: Observed>(
             })
             .collect();
     }
-    let turns = if found.iter().all(|f| f.effect.is_linear()) {
+    let linear = |f: &Found<S>| f.effect.is_linear() && !is_latent(sessions, f.effect);
+    let turns = if found.len() == 1 && found[0].effect.is_linear() || found.iter().all(linear) {
         1
     } else {
         RELINEARISED
     };
     let mut nuisance = Vec::new();
     for _ in 0..turns {
-        let all: Vec<Vec<Columns>> = found
-            .iter()
-            .map(|f| columns(sessions, f.effect, &f.shape, &f.parameters))
-            .collect();
+        let all = columns_of(sessions, found);
         let normals: Vec<Normal> = (0..streams)
             .map(|k| {
                 let weight = sessions[0].noise_std(k).powi(-2);
@@ -189,10 +187,7 @@ pub(super) fn rest<S: Observed>(
     nuisance: &[Vec<f64>],
 ) -> Vec<Vec<Vec<f64>>> {
     let base = nuisances(sessions, found);
-    let all: Vec<Vec<Columns>> = found
-        .iter()
-        .map(|f| columns(sessions, f.effect, &f.shape, &f.parameters))
-        .collect();
+    let all = columns_of(sessions, found);
     let mut rests = vec![Vec::new(); sessions.len()];
     for k in 0..sessions[0].streams().len() {
         let mut rest = joined(sessions, |s| s.residual(k).to_vec());

@@ -3,13 +3,13 @@
 
 use std::cmp::Ordering;
 
-use super::columns::{base_columns, columns};
+use super::columns::{base_columns, columns_of, nuisances, with_effects};
 use super::effect::Effect;
 use super::fit::{Base, Data, Trial};
 use super::forms::{Forms, cleared};
 use super::null::Draws;
 use super::observed::Observed;
-use super::rank::{LEAST, Ranked, rank, refine, same};
+use super::rank::{LEAST, Ranked, charge, rank, refine, same};
 use super::refit::{refit, rest, without};
 use super::shape::best_shape;
 use super::stream::Session;
@@ -187,7 +187,9 @@ fn chosen<S: Observed>(
     let best = simplest(data, sessions, &worth, found)?;
     let alike = (worth.iter())
         .filter(|other| other.effect.name() != best.effect.name())
-        .filter(|other| other.count() <= best.count() || predicts_the_same(best, other))
+        .filter(|other| {
+            other.effect.numbers() <= best.effect.numbers() || predicts_the_same(best, other)
+        })
         .filter(|other| indistinct(best, other))
         .map(|other| other.effect.name())
         .collect();
@@ -197,7 +199,8 @@ fn chosen<S: Observed>(
     })
 }
 
-/// Effects for which another is better, once what was found later is in the model.
+/// Effects for which another is better, once what was found later is in the model; not beside a
+/// signal that is free, which takes what the effect explained as well.
 fn exchange<S: Observed>(
     data: &Data,
     sessions: &[S],
@@ -207,6 +210,10 @@ fn exchange<S: Observed>(
     for i in 0..found.len().saturating_sub(1) {
         let mut others = found.clone();
         let before = others.remove(i);
+        let is_free = |f: &Found<S>| is_latent(sessions, f.effect);
+        if others.iter().any(is_free) && !is_free(&before) {
+            continue;
+        }
         let ranked = beside(data, sessions, &others, candidates);
         let better = chosen(data, sessions, &ranked, &others);
         if let Some(better) = better.filter(|b| b.effect.name() != before.effect.name()) {
@@ -261,12 +268,12 @@ fn simplest<'a, S: Observed>(
     ranked
         .iter()
         .filter(|r| says_the_same(data, sessions, best, r, found))
-        .min_by_key(|r| (r.count(), place(r)))
+        .min_by_key(|r| (r.effect.numbers(), place(r)))
 }
 
 /// Whether `other` explains what `best` does, but for chance or, with fewer parameters, for
 /// what a form that is not quite right leaves: its own, or those `found` before. A signal that is
-/// free to explain anything has to explain twice as much as one that is not.
+/// free to explain anything has to explain more than the form of `best` may leave.
 fn says_the_same<S: Observed>(
     data: &Data,
     sessions: &[S],
@@ -281,15 +288,31 @@ fn says_the_same<S: Observed>(
     };
     let part = if found.is_empty() { SAME } else { SAME_BESIDE };
     let is_free = |r: &Ranked<S>| is_latent(sessions, r.effect);
-    if is_free(other) && !is_free(best) && explained(other) < 2.0 * explained(best) {
+    if is_free(other) && !is_free(best) && !exceeds(data, &sessions[0], best, other) {
         return false;
     }
-    match other.count().cmp(&best.count()) {
+    match (other.effect.numbers()).cmp(&best.effect.numbers()) {
         Ordering::Less if is_silent(data, best, other) => false,
         Ordering::Less => gap < LEAST || explained(best) < (1.0 + part) * explained(other),
         Ordering::Equal => gap < same(best.trial.score),
         Ordering::Greater => false,
     }
+}
+
+/// Whether the free signal of `other` explains more beyond `best`, in squares over those of a clean
+/// machine, than twice what the form of `best` may be off by.
+fn exceeds<S: Observed>(data: &Data, session: &S, best: &Ranked<S>, other: &Ranked<S>) -> bool {
+    let (mut beyond, mut explained) = (0.0, 0.0);
+    for (k, excess) in best.trial.excess.iter().enumerate() {
+        let all = 1.0 + excess;
+        let left = |r: &Ranked<S>| {
+            let part = data.squares(k, r.trial.streams[k].max(0.0)) / data.independent(k);
+            all / (1.0 + part)
+        };
+        beyond += left(best) - left(other);
+        explained += all - left(best);
+    }
+    beyond > 2.0 * best.effect.form(session).powi(2) * explained
 }
 
 /// Whether `other` explains nothing of a residual of which `best` explains more than it leaves.
@@ -329,16 +352,15 @@ fn settle<S: Observed>(data: &Data, sessions: &[S], found: &mut Vec<Found<S>>) {
     }
 }
 
-/// Takes out, the worst first, effects that leave most of the excess that they act on beside the others.
+/// Takes out effects that leave most of the excess that they act on beside the others; of several
+/// first that of which the evidence beside the others is least.
 fn drop_mimics<S: Observed>(data: &Data, sessions: &[S], found: &mut Vec<Found<S>>) {
     while found.len() > 1 {
-        let parts =
-            (0..found.len()).map(|i| cleared(data, &beside_others(data, sessions, found, i).1));
-        let worst = parts.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
-        match worst {
-            Some((i, part)) if part < OF_EXCESS => found.remove(i),
-            _ => break,
-        };
+        let trials = (0..found.len()).map(|i| beside_others(data, sessions, found, i).1);
+        let mimics = (trials.enumerate()).filter(|(_, trial)| cleared(data, trial) < OF_EXCESS);
+        let least = mimics.min_by(|a, b| a.1.score.total_cmp(&b.1.score));
+        let Some((i, _)) = least else { break };
+        found.remove(i);
         refit(sessions, found, None);
     }
 }
@@ -350,16 +372,18 @@ fn beside_others<S: Observed>(
     found: &[Found<S>],
     i: usize,
 ) -> (Base, Trial) {
+    let mut all = columns_of(sessions, found);
+    let columns = all.remove(i);
     let mut others = found.to_vec();
     let f = others.remove(i);
-    let base = data.base(base_columns(sessions, &others));
-    let columns = columns(sessions, f.effect, &f.shape, &f.parameters);
-    let trial = data.trial(
+    let base = data.base(with_effects(nuisances(sessions, &others), &others, all));
+    let mut trial = data.trial(
         &data.with_nuisances(&base, sessions, f.effect, &f.shape),
         f.effect,
         &f.shape,
         &columns,
         Some(&f.overdispersion),
     );
+    charge(f.effect, sessions, &mut trial);
     (base, trial)
 }

@@ -227,11 +227,13 @@ impl Plan {
             }
             (row, Role::Drive)
         } else if channel.senses == Senses::Temperature {
+            let described = thermometer.map(|t| t.lag_s).filter(|lag_s| *lag_s > 0.0);
+            let time_s = described.unwrap_or(WARMING_S);
             let role = Role::Temperature {
                 at_zero: thermometer
                     .and_then(Auxiliary::zero_k)
                     .map(|zero| zero as f32),
-                rate: (1.0 - (-self.dt_s / WARMING_S).exp()) as f32,
+                rate: (1.0 - (-self.dt_s / time_s).exp()) as f32,
             };
             (vec![0.0; self.states()], role)
         } else {

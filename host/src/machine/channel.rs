@@ -237,6 +237,9 @@ impl Hysteresis {
     }
 }
 
+/// Longest `lag_s` of a thermometer [s].
+pub const SLOWEST_S: f64 = 3600.0;
+
 /// Longest `late_s` [s].
 pub const LATEST_S: f64 = 0.2;
 
@@ -265,6 +268,18 @@ pub fn lag(u: impl IntoIterator<Item = f64>, dt_s: f64, time_s: f64) -> Vec<f64>
         z
     };
     u.into_iter().map(follow).collect()
+}
+
+/// What follows `u` by `dz/dt = (u - z) / time`, from where `u` begins; `u` itself without `time`.
+pub fn followed(u: impl IntoIterator<Item = f64>, dt_s: f64, time_s: f64) -> Vec<f64> {
+    let mut u = u.into_iter().peekable();
+    let first = u.peek().copied().unwrap_or(0.0);
+    if time_s > 0.0 {
+        let above = lag(u.map(|u| u - first), dt_s, time_s);
+        above.into_iter().map(|z| first + z).collect()
+    } else {
+        u.collect()
+    }
 }
 
 /// What a gauge reads beside `y` when it is `w` warmer than when its zero was taken:
@@ -362,6 +377,9 @@ pub struct Auxiliary {
     /// Value at which the gauges' zeros hold [unit]; that of the first sample where absent, as
     /// of gauges that are zeroed before each recording.
     pub at_zero: Option<f64>,
+    /// Time constant with which the gauges follow it [s]: it sits elsewhere.
+    #[serde(default)]
+    pub lag_s: f64,
 }
 
 impl Auxiliary {
@@ -370,9 +388,9 @@ impl Auxiliary {
         Some(self.unit.to_si(self.at_zero?))
     }
 
-    /// How much warmer it is than where zeros hold, of a recording's temperatures [K]; where one
-    /// is missing, as before, and at the start as first known.
-    pub fn warming(&self, temperatures: &[f64]) -> Vec<f64> {
+    /// How much warmer the gauges are than where zeros hold [K], of a recording's temperatures [K],
+    /// one each `dt_s`; where one is missing, as before, and at the start as first known.
+    pub fn warming(&self, temperatures: &[f64], dt_s: f64) -> Vec<f64> {
         let known = || temperatures.iter().copied().find(|t| t.is_finite());
         let zero = self.zero_k().or_else(known).unwrap_or(0.0);
         let mut last = known().unwrap_or(zero);
@@ -382,7 +400,7 @@ impl Auxiliary {
             }
             last - zero
         };
-        temperatures.iter().map(&mut held).collect()
+        followed(temperatures.iter().map(&mut held), dt_s, self.lag_s)
     }
 
     /// As a channel that the board samples, in kelvin; none without converter.
@@ -452,6 +470,7 @@ mod tests {
             unit: "°C".parse::<Unit>().unwrap(),
             adc: Some(adc),
             at_zero: None,
+            lag_s: 0.0,
         }
         .sampled()
         .unwrap();

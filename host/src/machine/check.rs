@@ -8,7 +8,7 @@ use super::error::Violation;
 use super::rule::{
     Checked, at_least, at_most, finite, names, nonzero, one_of, positive, range, refuse, within,
 };
-use super::{Bearing, Channel, Drivetrain, Kind, LATEST_S, Machine, Senses};
+use super::{Bearing, Channel, Drivetrain, Kind, LATEST_S, Machine, SLOWEST_S, Senses};
 
 /// Channels and encoders of one sensor set.
 const MAX_CHANNELS: usize = loadtwin_common::raw::MAX_CHANNELS;
@@ -105,6 +105,7 @@ impl Machine {
     fn check_thermometer(&self) -> Checked {
         for (i, auxiliary) in self.auxiliaries.iter().enumerate() {
             let field = |name: &str| format!("auxiliary[{}].{name}", i + 1);
+            range(&field("lag_s"), auxiliary.lag_s, 0.0, SLOWEST_S)?;
             if let Some(at_zero) = auxiliary.at_zero {
                 finite(&field("at_zero"), at_zero)?;
             }

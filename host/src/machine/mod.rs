@@ -30,7 +30,7 @@ pub use balance::{Balance, BalanceEffect, Regime, Signal};
 pub use bearing::{BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, SHAPES};
 pub use channel::{
     Adc, Auxiliary, Channel, Creep, Displacement, Drift, Group, Hysteresis, LATEST_S, Place,
-    Reference, Senses, Thermal, earlier, lag,
+    Reference, SLOWEST_S, Senses, Thermal, earlier, followed, lag,
 };
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, MOST_INERTIAS, Shaft};
 pub use encoder::{Eccentricity, Encoder, Index};
@@ -161,6 +161,11 @@ impl Machine {
     /// The temperature that the gauges answer to: the first that a recording may carry.
     pub fn thermometer(&self) -> Option<&Auxiliary> {
         (self.auxiliaries.iter()).find(|a| a.unit.quantity() == Quantity::Temperature)
+    }
+
+    /// The same, to change it.
+    pub fn thermometer_mut(&mut self) -> Option<&mut Auxiliary> {
+        (self.auxiliaries.iter_mut()).find(|a| a.unit.quantity() == Quantity::Temperature)
     }
 
     /// The encoder whose count the index pulse latches.

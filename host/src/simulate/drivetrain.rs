@@ -340,6 +340,8 @@ fn gauge(
             described,
             offset: channel.offset,
             at_zero: machine.thermometer().and_then(Auxiliary::zero_k),
+            lag_s: machine.thermometer().map_or(0.0, |t| t.lag_s),
+            warming: None,
         }));
     }
     if channel.late_s > 0.0 {

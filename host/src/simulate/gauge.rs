@@ -105,6 +105,10 @@ pub(super) struct Thermal {
     pub offset: f64,
     /// Temperature at which the zero holds [K]; that at the start where absent.
     pub at_zero: Option<f64>,
+    /// Time constant with which the gauge follows [s].
+    pub lag_s: f64,
+    /// How much warmer the gauge is, once known [K].
+    pub warming: Option<f64>,
 }
 
 impl Disturbance for Thermal {
@@ -113,7 +117,10 @@ impl Disturbance for Thermal {
             zero_per_k,
             gain_per_k,
         } = self.described;
-        let warming = (self.at_zero).map_or(moment.warming, |zero| moment.temperature - zero);
+        let around = (self.at_zero).map_or(moment.warming, |zero| moment.temperature - zero);
+        let rate = 1.0 - (-moment.dt / self.lag_s).exp();
+        let warming = self.warming.map_or(around, |z| z + rate * (around - z));
+        self.warming = Some(warming);
         reading + warming * (zero_per_k + gain_per_k * (reading - self.offset))
     }
 }

@@ -32,6 +32,10 @@ impl Effect for GaugeCreep {
     fn grid(&self, _: &Session) -> Vec<Vec<f64>> {
         each(&[3.0, 6.0, 12.0, 25.0, 50.0, 100.0])
     }
+    /// Creep goes on over decades of time, of which one exponential is a part.
+    fn form(&self, _: &Session) -> f64 {
+        0.3
+    }
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
         let signals = &session.signals;
         let level = signals.level.iter().copied();
@@ -70,6 +74,10 @@ impl Effect for Drift {
     }
     fn grid(&self, _: &Session) -> Vec<Vec<f64>> {
         one_shape()
+    }
+    /// Hardly any drift is straight.
+    fn form(&self, _: &Session) -> f64 {
+        0.3
     }
     fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
         let t = &session.signals.t;

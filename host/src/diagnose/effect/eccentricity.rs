@@ -5,6 +5,9 @@ use super::{Coupling, Effect, Linear, Shape};
 use crate::diagnose::stream::{Kind, Session, Term};
 use crate::machine::{self, Encoder, Machine};
 
+/// Standard deviation of what errs twice per turn [rad of the main shaft].
+const TWICE_RAD: f64 = 0.0005;
+
 /// `a cos(r angle) + b sin(r angle) + c` on the angle of an inertia with speed
 /// ratio `r`; `c` is what the index pulse takes of it, less what all maps told.
 pub struct Eccentricity;
@@ -75,6 +78,17 @@ impl Effect for Eccentricity {
             about: about.clone(),
         })
         .into()
+    }
+    /// A disc that errs once per turn errs twice as well, a little.
+    fn nuisances(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
+        let body = shape[0] as usize;
+        let waves = waves(session, 2.0 * session.signals.ratios[body]);
+        let error = |wave: Vec<f64>| Term::Angle {
+            body,
+            u: wave.iter().map(|w| TWICE_RAD * w).collect(),
+            about: vec![0.0; wave.len()],
+        };
+        waves.map(error).into()
     }
     fn mend_machine(
         &self,

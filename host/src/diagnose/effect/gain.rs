@@ -124,6 +124,10 @@ impl Effect for Nonlinearity {
     fn grid(&self, _: &Session) -> Vec<Vec<f64>> {
         one_shape()
     }
+    /// Hardly any is a parabola.
+    fn form(&self, _: &Session) -> f64 {
+        0.25
+    }
     fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
         let level = &session.signals.level;
         let column = |s: &Stream| product(&s.reading, level);

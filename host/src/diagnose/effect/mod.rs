@@ -76,6 +76,11 @@ pub trait Effect<S: Observed = Session>: Sync {
         &[]
     }
 
+    /// How many numbers it may choose: what explains the same with fewer is the simpler one.
+    fn numbers(&self) -> usize {
+        self.linear().len() + self.shape().len()
+    }
+
     /// Shapes from which the search starts; none where the recording cannot
     /// show the effect.
     fn grid(&self, session: &S) -> Vec<Vec<f64>>;

@@ -1,10 +1,22 @@
 //! Zeros and responses that move with temperature.
 
-use super::{Effect, GaugeModel, Linear, Shape, each, one_shape};
+use super::{Effect, GaugeModel, Linear, Shape, each};
 use crate::diagnose::stream::{Session, Term};
-use crate::machine::lag;
+use crate::machine::{Machine, followed, lag};
 
-/// `scale a (T - T0)`.
+/// How slowly gauges follow the thermometer, which sits elsewhere.
+const LAG: Shape = Shape {
+    name: "time in which gauges follow",
+    unit: "s",
+    bounds: (AT_ONCE_S, 300.0),
+    step: 0.5,
+    logarithmic: true,
+};
+
+/// A lag that nothing tells from none [s].
+const AT_ONCE_S: f64 = 0.3;
+
+/// `scale a w`, `dw/dt = (T - T0 - w) / lag`.
 pub struct Drift;
 
 impl Effect for Drift {
@@ -20,23 +32,32 @@ impl Effect for Drift {
             prior_std: 0.05,
         }]
     }
+    fn shape(&self) -> &'static [Shape] {
+        &[LAG]
+    }
+    fn numbers(&self) -> usize {
+        self.linear().len()
+    }
     fn grid(&self, session: &Session) -> Vec<Vec<f64>> {
         recorded(session)
     }
-    fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
-        vec![Term::Zero(warming(session))]
+    fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
+        vec![Term::Zero(warming(session, shape[0]))]
     }
     fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
         let zero_per_k = parameters[0] * gauge.full_scale;
         let sampled = gauge.thermal.as_mut();
         sampled.map(|t| t.zero_per_k += zero_per_k).is_some()
     }
+    fn mend_machine(&self, _: &Session, shape: &[f64], _: &[f64], machine: &mut Machine) -> bool {
+        follows(machine, shape[0])
+    }
     fn experiment(&self) -> &'static str {
         "warming up and cooling down without load"
     }
 }
 
-/// `reading a (T - T0)`.
+/// `reading a w`, with `w` as of [`Drift`].
 pub struct Gain;
 
 impl Effect for Gain {
@@ -52,15 +73,24 @@ impl Effect for Gain {
             prior_std: 0.05,
         }]
     }
+    fn shape(&self) -> &'static [Shape] {
+        &[LAG]
+    }
+    fn numbers(&self) -> usize {
+        self.linear().len()
+    }
     fn grid(&self, session: &Session) -> Vec<Vec<f64>> {
         recorded(session)
     }
-    fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
-        vec![Term::Gain(warming(session))]
+    fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
+        vec![Term::Gain(warming(session, shape[0]))]
     }
     fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
         let sampled = gauge.thermal.as_mut();
         sampled.map(|t| t.gain_per_k += parameters[0]).is_some()
+    }
+    fn mend_machine(&self, _: &Session, shape: &[f64], _: &[f64], machine: &mut Machine) -> bool {
+        follows(machine, shape[0])
     }
     fn experiment(&self) -> &'static str {
         "the same torque ramp, cold and warm"
@@ -116,13 +146,25 @@ impl Effect for Unrecorded {
     }
 }
 
+/// Lags, where a temperature was recorded.
 fn recorded(session: &Session) -> Vec<Vec<f64>> {
     match &session.signals.warming {
-        Some(_) => one_shape(),
+        Some(_) => each(&[AT_ONCE_S, 4.0, 12.0, 40.0]),
         None => Vec::new(),
     }
 }
 
-fn warming(session: &Session) -> Vec<f64> {
-    session.signals.warming.clone().unwrap_or_default()
+/// How much warmer the gauges are [K], where they follow the thermometer in `lag_s`.
+fn warming(session: &Session, lag_s: f64) -> Vec<f64> {
+    let signals = &session.signals;
+    let measured = signals.warming.iter().flatten().copied();
+    followed(measured, signals.dt_s, lag_s)
+}
+
+/// Takes it into the description that gauges follow `lag_s` more slowly: two lags, one after the
+/// other, are one as long as both. False where the board has no thermometer.
+fn follows(machine: &mut Machine, lag_s: f64) -> bool {
+    let sampled = machine.thermometer_mut().filter(|t| t.adc.is_some());
+    let later = if lag_s > AT_ONCE_S { lag_s } else { 0.0 };
+    sampled.map(|t| t.lag_s += later).is_some()
 }
