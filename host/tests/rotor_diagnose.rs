@@ -174,3 +174,33 @@ fn the_lobes_of_a_surface_are_named_at_one_speed() {
     let silent = said["cannot_show"].as_array().unwrap();
     assert!(silent.iter().any(|name| name == "runout"), "{said}");
 }
+
+/// A fan that overhangs, run up by a torque that stays along the bearings' axis, which the description
+/// does not say: what that adds to the stiffness is no effect.
+#[test]
+fn how_a_rotor_is_driven_is_no_effect() {
+    let folder = tempfile::tempdir().unwrap();
+    let described = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/rotor/overhung.toml");
+    let text = std::fs::read_to_string(&described).unwrap();
+    let real = folder.path().join("real.toml");
+    std::fs::write(
+        &real,
+        text.replace("[rotor]", "[rotor]\nacceleration_stiffness = 1"),
+    )
+    .unwrap();
+    let seen = simulated(
+        &real.display().to_string(),
+        folder.path(),
+        "run-up",
+        "3",
+        &[],
+    );
+    let output = loadtwin(&[
+        "diagnose",
+        "--json",
+        &described.display().to_string(),
+        &seen,
+    ]);
+    let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(said["verdict"], "none", "{said}");
+}

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use loadtwin::build::{self, Filter, Sensors};
-use loadtwin::machine::{Drift, Machine, MachineError};
+use loadtwin::machine::{BearingAt, Drift, Machine, MachineError, RotorBearing};
+use loadtwin::rotor::{RotorModel, RotorPlan, modes};
 use loadtwin_common::image::Image;
 use loadtwin_common::line::Line;
 
@@ -221,4 +222,80 @@ fn readings_in_another_unit_get_a_line() {
         note.as_str().unwrap().contains("another unit (mm for m)"),
         "{note}"
     );
+}
+
+/// A seal in the middle whose cross-coupling grows with the speed: `build` and `replay` say where a
+/// motion grows, and there one does.
+#[test]
+fn a_rotor_that_is_unstable_as_described_gets_a_line() {
+    let mut machine = machine();
+    let rotor = machine.rotor.as_mut().unwrap();
+    rotor.schedule_rad_s = Some([20.0, 180.0]);
+    rotor.bearings.push(RotorBearing {
+        node: 17,
+        stiffness_n_per_m: None,
+        damping_n_s_per_m: [[0.0; 2]; 2],
+        table: [(0.0, 0.0), (200.0, 2e3)]
+            .map(|(speed_rad_s, coupled)| BearingAt {
+                speed_rad_s,
+                stiffness_n_per_m: [[0.0, coupled], [-coupled, 0.0]],
+                damping_n_s_per_m: [[0.0; 2]; 2],
+            })
+            .to_vec(),
+    });
+    let rotor = machine.rotor.as_ref().unwrap();
+    let sensors = Sensors::choose(&machine, None).unwrap();
+    let plan = RotorPlan::new(&machine, rotor, &sensors.channels).unwrap();
+    let found = plan.instability().unwrap();
+    let [from, to] = found.from_to_rad_s;
+    let model = RotorModel::new(rotor);
+    let most = |speed: f64| {
+        (modes(&model, speed, 8).unwrap().into_iter())
+            .map(|mode| mode.eigenvalue)
+            .max_by(|a, b| a.re.total_cmp(&b.re))
+            .unwrap()
+    };
+    println!("{found:?}");
+    assert!(from > 25.0 && to == 180.0, "{found:?}");
+    assert!(most(0.97 * from).re < 0.0 && most(1.03 * from).re > 0.0);
+    let fastest = most(found.speed_rad_s);
+    assert!(
+        (found.growth_per_s - fastest.re).abs() < 1e-3 * fastest.re,
+        "{fastest:?}"
+    );
+    assert!((found.frequency_rad_s - fastest.im).abs() < 1e-4 * fastest.im);
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (stable, unstable) = (example().display().to_string(), path("unstable.toml"));
+    let seal = "\n[[rotor.bearing]]\nnode = 17\nstiffness_n_per_m = [[0, 1e3], [-1e3, 0]]\n\
+                damping_n_s_per_m = [[0, 0], [0, 0]]\n";
+    let text = std::fs::read_to_string(example()).unwrap();
+    let text = text.replace("# Recordings begin", &format!("{seal}\n# Recordings begin"));
+    std::fs::write(&unstable, text).unwrap();
+    let said = |arguments: &[&str]| -> serde_json::Value {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_loadtwin"));
+        let output = command.args(arguments).output().unwrap();
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let (image, recording) = (path("rotor.img"), path("rotor.parquet"));
+    let mut simulate = Command::new(env!("CARGO_BIN_EXE_loadtwin"));
+    simulate.args([
+        "simulate",
+        &stable,
+        "--scenario",
+        "constant",
+        "-o",
+        &recording,
+    ]);
+    assert!(simulate.status().unwrap().success());
+    for (machine, grows) in [(&stable, false), (&unstable, true)] {
+        let built = said(&["build", machine, "-o", &image, "--json"]);
+        let replayed = said(&["replay", machine, &recording, "--json"]);
+        assert_eq!(built["instability"].is_object(), grows, "{built}");
+        for told in [built, replayed] {
+            let note = told["stability_note"].as_str().unwrap_or_default();
+            assert_eq!(note.contains("unstable at 88.0 rad/s"), grows, "{told}");
+        }
+    }
 }

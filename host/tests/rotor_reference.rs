@@ -220,6 +220,139 @@ fn an_imported_rotor_is_that_of_ross() {
     }
 }
 
+/// Of rigid motions: nothing of a shift, and of tilts the whole polar inertia. ROSS has all of it
+/// in one plane, and against its own `G`.
+#[test]
+fn the_stiffness_of_acceleration_is_half_of_g_where_ross_has_one_plane_of_it() {
+    let rotor = rotor("B");
+    let model = RotorModel::new(&rotor);
+    let n = model.len();
+    let mut ross = faer::Mat::<f64>::zeros(n, n);
+    for row in table("accelerating.csv") {
+        let at = |cell: &str| cell.parse::<usize>().unwrap();
+        ross[(at(&row[0]), at(&row[1]))] = number(&row[2]);
+    }
+    let length = rotor.sections[0].length_m / rotor.sections[0].elements as f64;
+    let motion = |of: fn(f64) -> [f64; 4]| {
+        faer::Mat::from_fn(n, 1, |i, _| of(length * (i / 4) as f64)[i % 4])
+    };
+    let (alpha, beta) = (
+        motion(|s| [0.0, -s, 1.0, 0.0]),
+        motion(|s| [s, 0.0, 0.0, 1.0]),
+    );
+    let over = |m: &faer::Mat<f64>, a: &faer::Mat<f64>, b: &faer::Mat<f64>| {
+        (a.transpose() * (m * b))[(0, 0)]
+    };
+    let own = model.accelerating_stiffness();
+    let section = &rotor.sections[0];
+    let shaft = rotor.materials[0].density_kg_per_m3 * std::f64::consts::PI / 32.0
+        * section.outer_m.powi(4)
+        * section.length_m;
+    let polar = shaft + rotor.discs.iter().map(|d| d.polar_kg_m2).sum::<f64>();
+    let same = |a: f64, b: f64| assert!((a - b).abs() < 1e-9 * polar, "{a} {b}");
+    same(over(&ross, &beta, &alpha), polar);
+    same(over(&ross, &alpha, &beta), 0.0);
+    same(over(&own, &alpha, &beta), 0.5 * polar);
+    same(over(&own, &beta, &alpha), -0.5 * polar);
+    let shift = motion(|_| [1.0, 1.0, 0.0, 0.0]);
+    for m in [&own, &ross] {
+        same((m * &shift).norm_max(), 0.0);
+    }
+}
+
+/// A disc that is sped up, by the equations of Euler: by a torque along its own axis, along
+/// that of the bearings, or half of each.
+#[test]
+fn a_disc_that_is_sped_up_tilts_as_by_the_equations_of_euler() {
+    let cross = |a: [f64; 3], b: [f64; 3]| {
+        [
+            a[1] * b[2] - a[2] * b[1],
+            a[2] * b[0] - a[0] * b[2],
+            a[0] * b[1] - a[1] * b[0],
+        ]
+    };
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let (spring, acceleration, start, dt) = (20.0, 200.0, 50.0, 1e-5);
+    let mut ends = Vec::new();
+    for part in [0.0, 0.5, 1.0] {
+        let mut rotor = rotor("B");
+        rotor.acceleration_stiffness = part;
+        let with = RotorModel::new(&rotor);
+        let tilt = 4 * rotor.discs[0].node + 2;
+        rotor.discs.clear();
+        let without = RotorModel::new(&rotor);
+        let block = |of: &dyn Fn(&RotorModel) -> faer::Mat<f64>| {
+            (of(&with) - of(&without))
+                .submatrix(tilt, tilt, 2, 2)
+                .to_owned()
+        };
+        let (m, g) = (block(&|r| r.mass.clone()), block(&|r| r.gyroscopic.clone()));
+        let kst = block(&|r| r.accelerating_stiffness());
+        let (diametral, polar) = (m[(0, 0)], g[(0, 1)]);
+        // (alpha, beta, alpha', beta') at a time.
+        let linear = |t: f64, x: &[f64; 9]| {
+            let speed = start + acceleration * t;
+            let of = |i: usize| {
+                let turned: f64 = (0..2)
+                    .map(|j| speed * g[(i, j)] * x[2 + j] + acceleration * kst[(i, j)] * x[j])
+                    .sum();
+                -(spring * x[i] + turned) / diametral
+            };
+            [x[2], x[3], of(0), of(1), 0.0, 0.0, 0.0, 0.0, 0.0]
+        };
+        // Axis, its derivative, and the spin.
+        let euler = |_: f64, x: &[f64; 9]| {
+            let (e, v, spin) = ([x[0], x[1], x[2]], [x[3], x[4], x[5]], x[6]);
+            let along =
+                |i: usize| polar * acceleration * ((1.0 - part) * e[i] + part * [0.0, 0.0, 1.0][i]);
+            let tilted = [spring * e[1], -spring * e[0], 0.0];
+            let moment = [0, 1, 2].map(|i| along(i) + tilted[i]);
+            let (turned, carried) = (cross(e, moment), cross(e, v));
+            let a = [0, 1, 2]
+                .map(|i| -dot(v, v) * e[i] - (turned[i] - polar * spin * carried[i]) / diametral);
+            [
+                v[0],
+                v[1],
+                v[2],
+                a[0],
+                a[1],
+                a[2],
+                dot(moment, e) / polar,
+                0.0,
+                0.0,
+            ]
+        };
+        let run = |of: &dyn Fn(f64, &[f64; 9]) -> [f64; 9], mut x: [f64; 9]| {
+            for step in 0..100_000 {
+                let t = f64::from(step) * dt;
+                let moved =
+                    |k: &[f64; 9], h: f64| -> [f64; 9] { std::array::from_fn(|i| x[i] + h * k[i]) };
+                let a = of(t, &x);
+                let b = of(t + 0.5 * dt, &moved(&a, 0.5 * dt));
+                let c = of(t + 0.5 * dt, &moved(&b, 0.5 * dt));
+                let d = of(t + dt, &moved(&c, dt));
+                x = std::array::from_fn(|i| {
+                    x[i] + dt / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i])
+                });
+            }
+            x
+        };
+        let small = 1e-4;
+        let told = run(&linear, [small, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        // alpha = -e_y.
+        let mut first = [0.0; 9];
+        (first[1], first[2], first[6]) = (-small, f64::sqrt(1.0 - small * small), start);
+        let right = run(&euler, first);
+        let right = [-right[1], right[0]];
+        let off = (told[0] - right[0]).hypot(told[1] - right[1]);
+        println!("{part}: {told:?} {right:?}");
+        assert!(off < 1e-6 * small, "{part}: {off:e}");
+        ends.push(right);
+    }
+    let apart = (ends[0][0] - ends[2][0]).hypot(ends[0][1] - ends[2][1]);
+    assert!(apart > 0.1 * 1e-4, "{apart:e}");
+}
+
 /// 200 nodes, 60 speeds, from the description on.
 #[test]
 fn a_campbell_diagram_of_200_nodes_takes_two_seconds() {

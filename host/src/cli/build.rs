@@ -68,12 +68,13 @@ impl Build {
             file.finish()
         });
         written.with_context(|| self.output.display().to_string())?;
-        let reduction = match machine.kind() {
-            Some(Kind::Rotor(rotor)) => {
-                Some(RotorPlan::new(&machine, rotor, &sensors.channels)?.reduction_error())
-            }
+        let plan = match machine.kind() {
+            Some(Kind::Rotor(rotor)) => Some(RotorPlan::new(&machine, rotor, &sensors.channels)?),
             _ => None,
         };
+        let reduction = plan.as_ref().map(RotorPlan::reduction_error);
+        let instability = plan.as_ref().and_then(RotorPlan::instability);
+        let stability_note = instability.map(|found| found.note());
         let reduction_note = (reduction.as_ref())
             .filter(|r| r.error_m > MUCH_LOST * r.peak_m)
             .map(|r| {
@@ -104,6 +105,8 @@ impl Build {
                     "speed_rad_s": r.speed_rad_s,
                 })),
                 "reduction_note": reduction_note,
+                "instability": instability,
+                "stability_note": stability_note,
                 "seconds": seconds,
             });
             say!("{report}");
@@ -126,7 +129,7 @@ impl Build {
                     r.speed_rad_s
                 );
             }
-            if let Some(note) = reduction_note {
+            for note in reduction_note.into_iter().chain(stability_note) {
                 say!("{note}");
             }
         }

@@ -104,6 +104,7 @@ impl Replay {
                 .note()
                 .into_iter()
                 .chain(outcome.figures.note())
+                .chain(outcome.displacements.note())
             {
                 say!("{note}");
             }
@@ -263,6 +264,7 @@ pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> 
         "virtual": outcome.displacements.nodes(),
         "speed_note": outcome.speeds.note(),
         "consistency_note": outcome.figures.note(),
+        "stability_note": outcome.displacements.note(),
         "phasor_inversion": outcome.phasor.figures(),
         "baselines": outcome.baselines.as_ref().map(Baselines::figures),
     })

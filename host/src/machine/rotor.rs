@@ -10,7 +10,7 @@ use super::rule::{Checked, at_least, listed, one_of, positive, range, refuse, un
 
 /// A shaft of beam elements with discs, bearings and forces.
 ///
-/// `M q'' + (C + speed G) q' + K q = S f`, four degrees of freedom at a node:
+/// `M q'' + (C + speed G) q' + (K + speed' K_st) q = S f`, four degrees of freedom at a node:
 /// `x`, `y`, and the rotations about them. Nodes count from 0 at the left end of
 /// the first section; each element adds one.
 ///
@@ -27,6 +27,12 @@ pub struct Rotor {
     /// A model of the shaft, its discs and its bearings as ROSS saves it
     /// (TOML or JSON), in place of `section`, `disc` and `bearing`.
     pub ross_model: Option<PathBuf>,
+    /// What each rad/s^2 of angular acceleration adds to the stiffness, as a part of `G`, 0 to 1.
+    /// Torque in the shaft turns with the shaft, which leaves 0.5; where the shaft tilts at the
+    /// drive it is more if the drive's torque stays along the bearings' axis, less if it turns with
+    /// the shaft.
+    #[serde(default = "one_half")]
+    pub acceleration_stiffness: f64,
     /// Materials of the shaft.
     #[serde(default, rename = "material")]
     pub materials: Vec<Material>,
@@ -235,6 +241,12 @@ impl Rotor {
             self.speed_rad_s,
             (low..=high).contains(&self.speed_rad_s),
             &format!("within the schedule, {low} to {high}"),
+        )?;
+        range(
+            "rotor.acceleration_stiffness",
+            self.acceleration_stiffness,
+            0.0,
+            1.0,
         )?;
         self.check_shaft()?;
         for (i, disc) in self.discs.iter().enumerate() {
@@ -522,6 +534,10 @@ fn all_finite(field: &str, matrix: &Coefficients) -> Checked {
         is,
         &listed(&["finite numbers"]),
     )
+}
+
+fn one_half() -> f64 {
+    0.5
 }
 
 fn one_element() -> usize {

@@ -110,6 +110,11 @@ impl Displacements {
         self.orbits.iter().flat_map(Orbits::sections).collect()
     }
 
+    /// One line where the rotor as described is unstable.
+    pub fn note(&self) -> Option<String> {
+        Some(self.plan.as_ref()?.instability()?.note())
+    }
+
     /// Largest displacement of the recording at any node [m].
     pub fn peak_m(&self) -> f64 {
         self.peak

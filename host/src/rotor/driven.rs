@@ -19,6 +19,12 @@ const SPEEDS: usize = 33;
 /// `A` and `B` over a sample.
 type Step = (Mat<f64>, Mat<f64>);
 
+/// [`Step`] at a steady speed, and what the highest acceleration adds to `A`.
+struct Steps {
+    steady: Step,
+    accelerated: Mat<f64>,
+}
+
 /// How a shaft turns, sample by sample.
 #[derive(Clone, Debug)]
 pub struct Turning {
@@ -44,11 +50,13 @@ pub struct TurningForce {
 }
 
 /// A rotor under forces that turn, from sample to sample:
-/// `x+ = A(speed) x + B(speed) f`, `y = h z`, `x = (z, z')`.
+/// `x+ = A(speed, speed') x + B(speed) f`, `y = h z`, `x = (z, z')`.
 pub struct DrivenRotor {
     forces: Vec<TurningForce>,
     speeds: Range<f64>,
-    steps: Vec<Step>,
+    /// The highest angular acceleration, either way [rad/s^2].
+    acceleration: f64,
+    steps: Vec<Steps>,
     /// Row of each sensor over `z`.
     rows: Vec<Vec<f64>>,
     modes: usize,
@@ -85,6 +93,8 @@ impl DrivenRotor {
             .collect();
         let lowest = turning.speed.iter().copied().fold(f64::INFINITY, f64::min);
         let highest = turning.speed.iter().copied().fold(0.0, f64::max);
+        let acceleration =
+            (turning.acceleration.iter()).fold(0.0, |most: f64, a| most.max(a.abs()));
         let count = if highest - lowest > 1e-6 * highest {
             SPEEDS
         } else {
@@ -94,12 +104,22 @@ impl DrivenRotor {
         let steps = (0..count)
             .map(|k| {
                 let speed = lowest + step * k as f64;
-                held(&model, &reduced, speed, forces, &inputs, turning.dt_s)
+                let at = |acceleration: f64| {
+                    let turns = (speed, acceleration);
+                    held(&model, &reduced, turns, forces, &inputs, turning.dt_s)
+                };
+                let steady = at(0.0);
+                let accelerated = at(acceleration).0 - &steady.0;
+                Steps {
+                    steady,
+                    accelerated,
+                }
             })
             .collect();
         Ok(Self {
             forces: forces.to_vec(),
             speeds: lowest..highest,
+            acceleration,
             steps,
             rows,
             modes: reduced.len().min(MODES),
@@ -109,7 +129,7 @@ impl DrivenRotor {
     /// What each sensor reads under each force of unit size, in phase with the shaft and a
     /// quarter turn later, then of each motion before the first sample: `[column][sensor]`.
     pub fn columns(&self, turning: &Turning) -> Vec<Vec<Vec<f64>>> {
-        let (n, driven) = (self.steps[0].0.nrows(), 2 * self.forces.len());
+        let (n, driven) = (self.steps[0].accelerated.nrows(), 2 * self.forces.len());
         let count = driven + 2 * self.modes;
         let mut x = Mat::<f64>::zeros(n, count);
         for mode in 0..self.modes {
@@ -126,7 +146,7 @@ impl DrivenRotor {
 
     /// What each sensor reads with `sizes` of the columns.
     pub fn reading(&self, turning: &Turning, sizes: &[f64]) -> Vec<Vec<f64>> {
-        let (n, driven) = (self.steps[0].0.nrows(), 2 * self.forces.len());
+        let (n, driven) = (self.steps[0].accelerated.nrows(), 2 * self.forces.len());
         let mut x = Mat::<f64>::zeros(n, 1);
         for mode in 0..self.modes {
             x[(mode, 0)] = sizes[driven + mode];
@@ -153,7 +173,7 @@ impl DrivenRotor {
                 }
             }
             let next = turning.speed[(i + 1).min(samples - 1)];
-            let (a, b) = self.step(0.5 * (turning.speed[i] + next));
+            let (a, b) = self.step(0.5 * (turning.speed[i] + next), turning.acceleration[i]);
             x = a * &x;
             push(&self.pushed(&b, turning, i), &mut x);
         }
@@ -175,21 +195,25 @@ impl DrivenRotor {
         pushed
     }
 
-    /// `A` and `B` at a speed, between those of the table.
-    fn step(&self, speed: f64) -> Step {
+    /// `A` and `B` at a speed and an acceleration, between those of the table.
+    fn step(&self, speed: f64, acceleration: f64) -> Step {
         let last = self.steps.len() - 1;
-        if last == 0 {
-            return self.steps[0].clone();
-        }
         let span = (self.speeds.end - self.speeds.start) / last as f64;
-        let place = ((speed - self.speeds.start) / span).clamp(0.0, last as f64);
-        let low = (place as usize).min(last - 1);
-        let part = place - low as f64;
-        let between = |of: fn(&Step) -> &Mat<f64>| {
-            let (low, high) = (of(&self.steps[low]), of(&self.steps[low + 1]));
-            Scale(1.0 - part) * low + Scale(part) * high
+        let place = if last == 0 {
+            0.0
+        } else {
+            ((speed - self.speeds.start) / span).clamp(0.0, last as f64)
         };
-        (between(|s| &s.0), between(|s| &s.1))
+        let low = (place as usize).min(last.saturating_sub(1));
+        let part = place - low as f64;
+        let (low, high) = (&self.steps[low], &self.steps[(low + 1).min(last)]);
+        let between =
+            |of: fn(&Steps) -> &Mat<f64>| Scale(1.0 - part) * of(low) + Scale(part) * of(high);
+        let mut a = between(|s| &s.steady.0);
+        if acceleration != 0.0 {
+            a += Scale(acceleration / self.acceleration) * between(|s| &s.accelerated);
+        }
+        (a, between(|s| &s.steady.1))
     }
 }
 
@@ -207,13 +231,14 @@ impl TurningForce {
     }
 }
 
-/// `A` and `B` over a sample for forces that turn within it, exact at a steady speed.
+/// `A` and `B` over a sample at `(speed, speed')` for forces that turn within it, exact at a
+/// steady speed.
 ///
 /// Source: Van Loan, IEEE Trans. Autom. Control 23 (1978).
 fn held(
     model: &RotorModel,
     reduced: &Reduced,
-    speed: f64,
+    (speed, acceleration): (f64, f64),
     forces: &[TurningForce],
     inputs: &[Vec<f64>],
     dt_s: f64,
@@ -221,6 +246,8 @@ fn held(
     let (r, m) = (reduced.len(), inputs.len());
     let n = 2 * r;
     let mut a = reduced.motion(model, speed, dt_s, m);
+    let mut pulled = a.submatrix_mut(r, 0, r, r);
+    pulled -= Scale(acceleration * dt_s) * reduced.accelerating_stiffness();
     for (j, input) in inputs.iter().enumerate() {
         for (i, value) in reduced.row(input).iter().enumerate() {
             a[(r + i, n + j)] = value * dt_s;

@@ -16,9 +16,6 @@ pub(super) struct Eigenpairs {
     values: Vec<c64>,
     vectors: Mat<c64>,
     factor: PartialPivLu<c64>,
-    /// Those that swing, `Im s > |Re s|`, one of each two. What bearings damp more is over
-    /// within a turn, and has no second motion that its speed could be told from.
-    swinging: Vec<usize>,
 }
 
 impl Eigenpairs {
@@ -44,9 +41,6 @@ impl Eigenpairs {
         let values: Vec<c64> = (0..2 * r).map(|k| eigen.S()[k]).collect();
         let vectors = Mat::from_fn(2 * r, 2 * r, |i, k| eigen.U()[(i, k)] * unit[i]);
         Ok(Self {
-            swinging: (0..2 * r)
-                .filter(|k| values[*k].im > values[*k].re.abs())
-                .collect(),
             values,
             factor: vectors.partial_piv_lu(),
             vectors,
@@ -54,9 +48,10 @@ impl Eigenpairs {
         })
     }
 
-    /// How many there are to choose from.
-    pub fn len(&self) -> usize {
-        self.swinging.len()
+    /// The eigenvalue of what decays least, or grows most.
+    pub fn least_damped(&self) -> c64 {
+        let least = (self.values.iter().copied()).max_by(|a, b| a.re.total_cmp(&b.re));
+        least.unwrap_or_default()
     }
 
     /// `c` of `x = sum_k c_k u_k`, for each column of `x`.
@@ -67,36 +62,95 @@ impl Eigenpairs {
             }))
     }
 
-    /// The `count` that have most of what follows `starts`, a column each.
+    /// How many of them swing.
+    pub fn swinging(&self) -> usize {
+        self.values.iter().filter(|s| swings(**s)).count()
+    }
+
+    /// Those that have most of what follows `starts`, a column each, in `count` coordinates; with
+    /// or without what does not swing.
     ///
     /// `|c_k|^2 |z_k|^2 / (1 / 10 s - Re s_k)`, summed over the starts: the square of the
     /// displacement over the time that it lasts.
-    pub fn leading(&self, starts: &Mat<f64>, count: usize) -> Vec<usize> {
+    pub fn leading(&self, starts: &Mat<f64>, count: usize, all: bool) -> Vec<usize> {
         let c = self.shares(starts);
         let square = |z: c64| z.re * z.re + z.im * z.im;
-        let mut ranked: Vec<(usize, f64)> = (self.swinging.iter())
-            .map(|k| {
+        let mut ranked: Vec<(usize, f64)> = (self.values.iter().enumerate())
+            .filter(|(_, s)| swings(**s) || all && s.im >= 0.0)
+            .map(|(k, s)| {
                 let column = 0..self.a.nrows() / 2;
-                let size: f64 = column.map(|i| square(self.vectors[(i, *k)])).sum();
-                let begun: f64 = (0..c.ncols()).map(|j| square(c[(*k, j)])).sum();
-                let decay = (-self.values[*k].re).max(0.0);
-                (*k, size * begun / (1.0 / COUNTS_S + decay))
+                let size: f64 = column.map(|i| square(self.vectors[(i, k)])).sum();
+                let begun: f64 = (0..c.ncols()).map(|j| square(c[(k, j)])).sum();
+                let left = size * begun / (1.0 / COUNTS_S + (-s.re).max(0.0));
+                // Conjugate ones have as much, in as many coordinates where they do not swing.
+                (k, if swings(*s) { 2.0 * left } else { left })
             })
             .collect();
         ranked.sort_by(|a, b| b.1.total_cmp(&a.1));
-        ranked.into_iter().take(count).map(|(k, _)| k).collect()
+        let mut room = count;
+        (ranked.into_iter())
+            .map(|(k, _)| k)
+            .filter(|k| {
+                let taken = self.coordinates(*k);
+                let fits = taken <= room;
+                room -= if fits { taken } else { 0 };
+                fits
+            })
+            .collect()
     }
 
-    /// Real basis of what `kept` span, two columns for each, of displacements of size 1.
-    pub fn basis(&self, kept: &[usize]) -> Mat<f64> {
+    /// How many coordinates a motion takes: what swings has a displacement and a speed in one. What
+    /// does not has its speed from its displacement; in a coordinate with another such motion it could not be
+    /// told from it, where films at several bearings are alike.
+    fn coordinates(&self, k: usize) -> usize {
+        let s = self.values[k];
+        if swings(s) || s.im == 0.0 { 1 } else { 2 }
+    }
+
+    /// Real basis of what `kept` span, of displacements of size 1.
+    pub fn span(&self, kept: &[usize]) -> Mat<f64> {
         let rows = self.a.nrows();
-        let sizes: Vec<f64> = (kept.iter())
-            .map(|k| self.vectors.col(*k).subrows(0, rows / 2).norm_l2())
+        let columns: Vec<Vec<f64>> = (kept.iter())
+            .flat_map(|k| {
+                let size = self.vectors.col(*k).subrows(0, rows / 2).norm_l2();
+                let part = |of: fn(c64) -> f64| -> Vec<f64> {
+                    (0..rows)
+                        .map(|i| of(self.vectors[(i, *k)]) / size)
+                        .collect()
+                };
+                let imaginary = (self.values[*k].im > 0.0).then(|| part(|u| u.im));
+                [part(|u| u.re)].into_iter().chain(imaginary)
+            })
             .collect();
-        Mat::from_fn(rows, 2 * kept.len(), |i, j| {
-            let value = self.vectors[(i, kept[j / 2])];
-            (if j % 2 == 0 { value.re } else { value.im }) / sizes[j / 2]
-        })
+        Mat::from_fn(rows, columns.len(), |i, j| columns[j][i])
+    }
+
+    /// `(z, z')`, two columns for each coordinate of `kept`, and the derivative of each: what `kept`
+    /// span, then the displacements of what does not swing with speeds that decay as fast as the
+    /// fastest of `kept` moves.
+    pub fn basis(&self, kept: &[usize]) -> (Mat<f64>, Mat<f64>) {
+        let (span, r) = (self.span(kept), self.a.nrows() / 2);
+        let alone: Vec<usize> = (kept.iter().copied())
+            .filter(|k| !swings(self.values[*k]))
+            .collect();
+        let (shapes, rate) = (self.span(&alone), self.fastest(kept));
+        let beside = |span: &Mat<f64>, factor: f64| {
+            Mat::from_fn(2 * r, span.ncols() + shapes.ncols(), |i, j| {
+                match j.checked_sub(span.ncols()) {
+                    None => span[(i, j)],
+                    Some(j) if i < r => factor * shapes[(i, j)],
+                    Some(j) => -rate * factor * shapes[(i - r, j)],
+                }
+            })
+        };
+        (beside(&span, 1.0), beside(&(&self.a * &span), -rate))
+    }
+
+    /// Largest `|s|` of `kept` [1/s].
+    pub fn fastest(&self, kept: &[usize]) -> f64 {
+        (kept.iter())
+            .map(|k| self.values[*k].re.hypot(self.values[*k].im))
+            .fold(0.0, f64::max)
     }
 
     /// What `kept` and their conjugates have of each column of `x`.
@@ -104,13 +158,21 @@ impl Eigenpairs {
         let c = self.shares(x);
         Mat::from_fn(x.nrows(), x.ncols(), |i, j| {
             (kept.iter())
-                .map(|k| 2.0 * (self.vectors[(i, *k)] * c[(*k, j)]).re)
+                .map(|k| {
+                    let share = (self.vectors[(i, *k)] * c[(*k, j)]).re;
+                    if self.values[*k].im > 0.0 {
+                        2.0 * share
+                    } else {
+                        share
+                    }
+                })
                 .sum()
         })
     }
+}
 
-    /// `A x`.
-    pub fn derivative(&self, x: &Mat<f64>) -> Mat<f64> {
-        &self.a * x
-    }
+/// Whether a motion swings, of each conjugate two the one with `Im s > 0`; what bearings damp more
+/// is over within a turn.
+fn swings(s: c64) -> bool {
+    s.im > s.re.abs()
 }

@@ -219,6 +219,39 @@ mod tests {
         assert!((momentum[0] + momentum[4] - mass).abs() < 1e-12 * mass);
     }
 
+    /// ROSS 2.3.0, `ShaftElement(L=2, idl=0, odl=0.02).Kst()` of that material: rows of `x` and
+    /// `beta` over `y` and `alpha`, against the sign of `G` and without shear, which is little here.
+    #[test]
+    fn what_acceleration_adds_to_the_stiffness_is_that_of_ross_but_for_its_sign() {
+        let slender = ShaftElement {
+            length_m: 2.0,
+            outer_m: 0.02,
+            inner_m: 0.0,
+            ..ELEMENT
+        };
+        let g = slender.matrices().gyroscopic;
+        let (near, tilt, turn, far) = (
+            7.360_751_587e-5,
+            1.226_791_931e-5,
+            3.271_445_150e-5,
+            -8.178_612_875e-6,
+        );
+        let ross = [
+            (0, [-near, tilt, near, tilt]),
+            (3, [-tilt, turn, tilt, far]),
+            (4, [near, -tilt, -near, -tilt]),
+            (7, [-tilt, far, tilt, turn]),
+        ];
+        for (row, values) in ross {
+            for (column, value) in [1, 2, 5, 6].into_iter().zip(values) {
+                assert!(
+                    (g[row][column] + value).abs() < 1e-3 * near,
+                    "{row} {column}"
+                );
+            }
+        }
+    }
+
     /// A cantilever under a force at its end: `F l^3 / (3 E I) + F l / (kappa G A)`.
     #[test]
     fn a_cantilever_sags_as_by_hand() {

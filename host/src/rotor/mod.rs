@@ -13,6 +13,7 @@ mod plan;
 mod reduction;
 mod response;
 mod ross;
+mod stability;
 mod truncation;
 pub mod tune;
 mod unbalance;
@@ -30,6 +31,7 @@ pub use plan::RotorPlan;
 pub use reduction::{Reduced, ReductionError};
 pub use response::TimeResponse;
 pub use ross::{RossError, read_ross};
+pub use stability::Instability;
 pub use unbalance::{Unbalance, unbalance_response};
 
 /// Why a rotor cannot be computed.

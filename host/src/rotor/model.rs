@@ -10,11 +10,8 @@ use crate::machine::{Rotor, RotorBearing};
 /// Degrees of freedom beyond the diagonal that a row reaches: an element's 8.
 pub(super) const BAND: usize = 2 * NODE - 1;
 
-/// `M q'' + (C + speed G) q' + K q = f` over `4 x` nodes degrees of freedom:
+/// `M q'' + (C + speed G) q' + (K + speed' K_st) q = f` over `4 x` nodes degrees of freedom:
 /// node by node `x`, `y`, `alpha`, `beta`.
-///
-/// Terms with the angular acceleration are left out: they are `speed' G / 2` against
-/// `K`, a part of 1e-5 at 100 rad/s^2 on a shaft that a run-up bends.
 ///
 /// Source: Rezende et al. 2023, eq. (1).
 #[derive(Clone, Debug)]
@@ -29,6 +26,8 @@ pub struct RotorModel {
     shaft_damping: Mat<f64>,
     /// Stiffness of the shaft.
     shaft_stiffness: Mat<f64>,
+    /// `K_st` as a part of `G`.
+    accelerating: f64,
     bearings: Vec<RotorBearing>,
 }
 
@@ -43,6 +42,7 @@ impl RotorModel {
             gyroscopic: Mat::zeros(n, n),
             shaft_damping: Mat::zeros(n, n),
             shaft_stiffness: Mat::zeros(n, n),
+            accelerating: rotor.acceleration_stiffness,
             bearings: rotor.bearings.clone(),
         };
         let mut node = 0;
@@ -121,6 +121,28 @@ impl RotorModel {
     /// `C + speed G` at a speed [rad/s].
     pub fn turning_damping(&self, speed_rad_s: f64) -> Mat<f64> {
         self.damping(speed_rad_s) + faer::Scale(speed_rad_s) * &self.gyroscopic
+    }
+
+    /// `K_st = c G`: what `K` gains for each rad/s^2 of angular acceleration [N m s^2/rad^2], with
+    /// `c = 1/2` unless described otherwise.
+    ///
+    /// Of the angular momentum `I_p speed t` of a slice, along its axis `t = (beta, -alpha, 1)`, the
+    /// change has `speed G q'` and `speed' G q` across the shaft. Torque in the shaft, `T t`,
+    /// balances the second but for `T dt/ds`; where both planes bend by a shape `f` that is
+    /// `integral T f f' ds = [T f^2] / 2 - integral T' f^2 / 2` with `T' = I_p speed'`: half of
+    /// `speed' G` is left. `[T f^2] / 2` at the end that is driven comes to it where the torque
+    /// stays along the axis of the bearings, is taken from it where it turns with the shaft, and
+    /// is not there where a joint shares its bend between both (a semitangential torque, the
+    /// Lagrangian `speed (q' . G q) / 2`).
+    ///
+    /// ROSS 2.3.0 has `Kst` in one of the two planes alone, as for a spin counted about one
+    /// fixed axis, with the other sign than its own `G`, and without shear: no rotor that is
+    /// the same in every direction has it.
+    ///
+    /// Source: Ziegler, Principles of Structural Stability (1968), torques that turn; Zorzi,
+    /// Nelson, The dynamics of rotor-bearing systems with axial torque, J. Mech. Design 102 (1980).
+    pub fn accelerating_stiffness(&self) -> Mat<f64> {
+        faer::Scale(self.accelerating) * &self.gyroscopic
     }
 
     /// Nodes that bearings hold.

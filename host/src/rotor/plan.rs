@@ -10,6 +10,7 @@ use super::discrete::{Discrete, discrete, held, moved, turned};
 use super::image::bytes;
 use super::model::RotorModel;
 use super::reduction::ReductionError;
+use super::stability::Instability;
 use super::truncation::{Coordinates, Ports, Truncated, truncated};
 use crate::build::BuildError;
 use crate::machine::{Channel, Drift, LoadKind, Machine, Rotor, Senses};
@@ -306,6 +307,16 @@ impl RotorPlan {
             }
         }
         error
+    }
+
+    /// Where the rotor as described is unstable, at the speeds of the tables and the machine's.
+    pub fn instability(&self) -> Option<Instability> {
+        let least = self.rotors.iter();
+        Instability::among(
+            least
+                .map(|rotor| (rotor.speed_rad_s, rotor.least_damped))
+                .collect(),
+        )
     }
 
     /// Q and the covariance before the first sample, in the scale of the filter.

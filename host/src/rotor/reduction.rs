@@ -10,12 +10,14 @@ use super::modes::undamped_modes;
 /// Part of a vector that the others must leave over for it to count.
 const NEW: f64 = 1e-6;
 
-/// A reduced rotor, `q = T z`, `T' M T = I`, `z'' + (C + speed G) z' + K z = T' f`.
+/// A reduced rotor, `q = T z`, `T' M T = I`,
+/// `z'' + (C + speed G) z' + (K + speed' K_st) z = T' f`.
 #[derive(Clone, Debug)]
 pub struct Reduced {
     /// `T`, degrees of freedom x kept.
     pub basis: Mat<f64>,
     gyroscopic: Mat<f64>,
+    accelerating: Mat<f64>,
 }
 
 /// The largest difference between the whole and the reduced rotor.
@@ -62,6 +64,7 @@ impl Reduced {
     pub fn on(model: &RotorModel, basis: Mat<f64>) -> Self {
         Self {
             gyroscopic: project(&basis, &model.gyroscopic),
+            accelerating: project(&basis, &model.accelerating_stiffness()),
             basis,
         }
     }
@@ -79,6 +82,11 @@ impl Reduced {
     /// `K` at a speed [rad/s].
     pub fn stiffness(&self, model: &RotorModel, speed_rad_s: f64) -> Mat<f64> {
         project(&self.basis, &model.stiffness(speed_rad_s))
+    }
+
+    /// `K_st`, as [`RotorModel::accelerating_stiffness`].
+    pub fn accelerating_stiffness(&self) -> &Mat<f64> {
+        &self.accelerating
     }
 
     /// `C + speed G` at a speed [rad/s].

@@ -15,6 +15,9 @@ use super::unbalance::forced_response;
 /// Undamped modes beyond four times the eigenpairs kept that these are computed in.
 const SPARE: usize = 24;
 
+/// Part of a motion that the coordinates and their speeds must tell.
+const TOLD: f64 = 0.01;
+
 /// Displacements that the reduced rotor is told in, `z = L q`, the same at every speed.
 ///
 /// `L = T' M + (H T)^+ (H - H T T' M)`, `T' M T = I`, `L T = I`: every reading `H q` is
@@ -43,6 +46,8 @@ pub(super) struct Coordinates {
 pub(super) struct Truncated {
     /// Speed [rad/s].
     pub speed_rad_s: f64,
+    /// The eigenvalue of what decays least in the whole rotor, or grows most.
+    pub least_damped: c64,
     /// `K`.
     pub stiffness: Mat<f64>,
     /// `C`, with what gyroscopic terms do.
@@ -138,30 +143,71 @@ pub(super) fn truncated(
     let whole: Vec<Whole> = (turning.par_iter())
         .map(|speed| Whole::new(model, &fine, *speed, ports))
         .collect::<Result<_, _>>()?;
-    let count = whole
-        .iter()
-        .fold(count, |count, whole| count.min(whole.pairs.len()));
-    if count == 0 {
-        return Err(RotorError::NoEigenvalues);
-    }
-    let nominal = &whole[speeds.len()];
-    let first = nominal.pairs.leading(&nominal.motion, count);
-    let shapes = nominal.pairs.basis(&first);
-    let coordinates = Coordinates::new(model, &fine, speed_rad_s, &shapes, ports.sensors)?;
-    let mut kept = vec![first; whole.len()];
-    let above = speeds.partition_point(|speed| *speed < speed_rad_s);
-    let up: Vec<usize> = (above..speeds.len()).collect();
-    for way in [up, (0..above).rev().collect()] {
-        let mut last = shapes.clone();
-        for k in way {
-            kept[k] = whole[k].pairs.leading(&last, count);
-            last = whole[k].pairs.basis(&kept[k]);
+    // What does not swing is left to the residual only where the coordinates do not tell it.
+    let mut best: Option<(f64, Reduction)> = None;
+    for all in [true, false] {
+        let least = (whole.iter().map(|whole| whole.pairs.swinging())).min();
+        let most = if all { fine.len() } else { least.unwrap_or(0) };
+        let count = count.min(most);
+        let found = reduction(model, &fine, &whole, ports.sensors, count, all)?;
+        let told = found.as_ref().map_or(0.0, |(told, _)| *told);
+        best = match best {
+            Some((most, best)) if most >= told => Some((most, best)),
+            _ => found,
+        };
+        if told > TOLD {
+            break;
         }
     }
-    let truncated = (whole.into_iter().zip(&kept))
-        .map(|(whole, kept)| whole.truncated(&fine, &coordinates, kept))
-        .collect();
-    Ok((coordinates, truncated))
+    best.map(|(_, reduction)| reduction)
+        .ok_or(RotorError::NoEigenvalues)
+}
+
+/// Coordinates, and the rotor in them at each speed.
+type Reduction = (Coordinates, Vec<Truncated>);
+
+/// The `whole` rotor, at rising speeds and then at its own, in `count` coordinates with or without
+/// what does not swing, and what they tell of the motion that they tell least of; none where
+/// there are not so many motions.
+fn reduction(
+    model: &RotorModel,
+    fine: &Reduced,
+    whole: &[Whole],
+    sensors: &[Vec<f64>],
+    count: usize,
+    all: bool,
+) -> Result<Option<(f64, Reduction)>, RotorError> {
+    let Some((nominal, others)) = whole.split_last() else {
+        return Ok(None);
+    };
+    let first = nominal.pairs.leading(&nominal.motion, count, all);
+    let (shapes, _) = nominal.pairs.basis(&first);
+    if count == 0 || shapes.ncols() != 2 * count {
+        return Ok(None);
+    }
+    let speed_rad_s = nominal.speed_rad_s;
+    let coordinates = Coordinates::new(model, fine, speed_rad_s, &shapes, sensors)?;
+    let begun = nominal.pairs.span(&first);
+    let mut kept = vec![first; whole.len()];
+    let above = others.partition_point(|other| other.speed_rad_s < speed_rad_s);
+    let up: Vec<usize> = (above..others.len()).collect();
+    for way in [up, (0..above).rev().collect()] {
+        let mut last = begun.clone();
+        for k in way {
+            kept[k] = whole[k].pairs.leading(&last, count, all);
+            last = whole[k].pairs.span(&kept[k]);
+        }
+    }
+    let mut least: f64 = 1.0;
+    let mut at_speeds = Vec::with_capacity(whole.len());
+    for (whole, kept) in whole.iter().zip(&kept) {
+        let Some((told, truncated)) = whole.truncated(fine, &coordinates, kept) else {
+            return Ok(None);
+        };
+        least = least.min(told);
+        at_speeds.push(truncated);
+    }
+    Ok(Some((least, (coordinates, at_speeds))))
 }
 
 /// The whole rotor at a speed: eigenpairs on a fine basis, and steady motion.
@@ -195,17 +241,37 @@ impl Whole {
     /// In the eigenpairs `kept`, whose `x = (q, q')` span `X`: `(z, z') = U c`, `z'' = L q''` of
     /// `A X c`, so that `[-K -C] = L (A X)_q'' U^-1`; `B = Z W^2 + C Z W + K Z` for the steady
     /// `Z = L G`, and `N = G - Y (Z, Z W)`.
-    fn truncated(self, fine: &Reduced, coordinates: &Coordinates, kept: &[usize]) -> Truncated {
-        let (r, count) = (fine.len(), kept.len());
+    ///
+    /// With the smallest singular value of `U` over orthonormal motions, speeds in units of the
+    /// fastest: what of the motion that is told least well is told. None where `kept` fit
+    /// other coordinates.
+    fn truncated(
+        &self,
+        fine: &Reduced,
+        coordinates: &Coordinates,
+        kept: &[usize],
+    ) -> Option<(f64, Truncated)> {
+        let (r, count) = (fine.len(), coordinates.squares.len());
         let upper = |m: &Mat<f64>| m.subrows(0, r).to_owned();
         let lower = |m: &Mat<f64>| m.subrows(r, r).to_owned();
         let told = &coordinates.rows * &fine.basis;
         let both = |m: &Mat<f64>| stacked(&(&told * upper(m)), &(&told * lower(m)));
-        let x = self.pairs.basis(kept);
+        let (x, derivative) = self.pairs.basis(kept);
+        if x.ncols() != 2 * count {
+            return None;
+        }
+        let rate = self.pairs.fastest(kept);
+        let alike = |m: &Mat<f64>| stacked(&upper(m), &(Scale(1.0 / rate) * lower(m)));
+        let orthonormal = alike(&x).qr().compute_thin_Q();
+        let within = stacked(
+            &(&told * upper(&orthonormal)),
+            &(&told * lower(&orthonormal)),
+        );
+        let least = within.singular_values().ok()?.last().copied()?;
         // Solved from the right.
         let u = both(&x).transpose().partial_piv_lu();
         let over = |m: Mat<f64>| u.solve(m.transpose()).transpose().to_owned();
-        let pulled = over(&told * lower(&self.pairs.derivative(&x)));
+        let pulled = over(&told * lower(&derivative));
         let stiffness = Scale(-1.0) * pulled.subcols(0, count);
         let damping = Scale(-1.0) * pulled.subcols(count, count);
         let free = over(&fine.basis * upper(&x));
@@ -214,18 +280,20 @@ impl Whole {
         let state = stacked(&steady, &moving);
         let forced = &self.whirls - &free * &state;
         let part = self.pairs.part(kept, &self.motion);
-        Truncated {
+        let truncated = Truncated {
             speed_rad_s: self.speed_rad_s,
+            least_damped: self.pairs.least_damped(),
             input: &moving * &self.turning + &damping * &moving + &stiffness * &steady,
             stiffness,
             damping,
-            turning: self.turning,
+            turning: self.turning.clone(),
             shapes: stacked(&free.transpose().to_owned(), &forced.transpose().to_owned()),
             residual: &self.whirls - &fine.basis * upper(&part),
             begins: state - both(&part),
-            whirls: self.whirls,
+            whirls: self.whirls.clone(),
             steady,
-        }
+        };
+        Some((least, truncated))
     }
 }
 

@@ -14,7 +14,7 @@ use super::draw::Draw;
 use super::error::SimulateError;
 use super::recorder::{Recorder, Sampled, check_duration};
 use super::rotor_effect::{Placed, RotorEffect};
-use super::rotor_plant::Plant;
+use super::rotor_plant::{Moment, Plant};
 use crate::machine::{Machine, Rotor, Senses};
 use crate::recording::{OutputColumn, Unit};
 
@@ -32,6 +32,9 @@ pub const ROTOR_SCENARIOS: [(&str, &str); 2] = [
 
 /// Largest angle of the fastest mode in one Runge-Kutta step [rad].
 const STEP_RAD: f64 = 0.5;
+
+/// Largest exponent of a decay in one step, less than the 2.78 up to which the steps are stable.
+const STEP_DECAY: f64 = 2.0;
 
 /// A force that the plant applies at one node.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -210,7 +213,8 @@ impl<'a> RotorSimulation<'a> {
             machine: machine.name.clone(),
         })?;
         let dt = 1.0 / machine.rate_hz;
-        let steps = (plant.fastest() * dt / STEP_RAD).ceil().max(1.0) as usize;
+        let steps = (plant.fastest() * dt / STEP_RAD).max(plant.damped() * dt / STEP_DECAY);
+        let steps = steps.ceil().max(1.0) as usize;
         let (seed, duration_s) = (scenario.seed, scenario.duration_s);
         let [from, to] = scenario.speeds_rad_s;
         let course = if from == to { "constant" } else { "run-up" };
@@ -331,7 +335,11 @@ impl Sampled for TurningRotor<'_> {
             let t = row as f64 * self.dt + step as f64 * h;
             let at = |part: f64| {
                 let motion = self.motion(t + part * h);
-                (motion.speed, self.forces(&motion))
+                Moment {
+                    speed: motion.speed,
+                    acceleration: motion.acceleration,
+                    forces: self.forces(&motion),
+                }
             };
             let moments = [at(0.0), at(0.5), at(1.0)];
             self.plant.step(h, &moments);

@@ -28,6 +28,8 @@ pub(super) struct Plant {
     /// Damping and gyroscopic coupling of the modes, row by row.
     damping: Vec<f64>,
     gyroscopic: Vec<f64>,
+    /// `K_st` as a part of `G`.
+    accelerating: f64,
     /// What bearings add to stiffness and damping at each speed of their tables.
     bearings: Vec<(RotorBearing, [Vec<f64>; 2])>,
     speed: f64,
@@ -39,6 +41,16 @@ pub(super) struct Plant {
     rest: Vec<Vec<f64>>,
     z: Vec<f64>,
     v: Vec<f64>,
+}
+
+/// How the shaft turns at one moment, and what acts on it.
+pub(super) struct Moment {
+    /// [rad/s]
+    pub speed: f64,
+    /// [rad/s^2]
+    pub acceleration: f64,
+    /// Along x and y of each load, then of what pulls [N].
+    pub forces: Vec<f64>,
 }
 
 /// A force beside the loads, by its components along x and y.
@@ -116,6 +128,7 @@ impl Plant {
         Some(Self {
             damping: project(&matrices.damping),
             gyroscopic: project(&matrices.gyroscopic),
+            accelerating: rotor.acceleration_stiffness,
             squares,
             bearings,
             speed: rotor.speed_rad_s,
@@ -132,6 +145,21 @@ impl Plant {
         self.squares.iter().copied().fold(0.0, f64::max).sqrt()
     }
 
+    /// A bound of the fastest decay that dampers make [1/s]: the norm of `C`, at any speed.
+    pub fn damped(&self) -> f64 {
+        let tables = self.bearings.iter().filter(|(b, _)| !b.table.is_empty());
+        let more: f64 = tables
+            .map(|(bearing, shapes)| {
+                let largest = (bearing.table.iter())
+                    .flat_map(|at| at.damping_n_s_per_m.as_flattened())
+                    .fold(0.0, |most: f64, c| most.max(c.abs()));
+                let seen: f64 = shapes.iter().map(|shape| dot(shape, shape)).sum();
+                2.0 * largest * seen
+            })
+            .sum();
+        dot(&self.damping, &self.damping).sqrt() + more
+    }
+
     /// Displacements at the nodes of the description [m].
     pub fn displacements(&self, forces: &[f64]) -> Vec<f64> {
         (self.shapes.iter().zip(&self.rest))
@@ -140,7 +168,7 @@ impl Plant {
     }
 
     /// One Runge-Kutta step of fourth order over `h` [s].
-    pub fn step(&mut self, h: f64, moments: &[(f64, Vec<f64>); 3]) {
+    pub fn step(&mut self, h: f64, moments: &[Moment; 3]) {
         let (z, v) = (self.z.clone(), self.v.clone());
         let moved = |base: &[f64], by: &[f64], part: f64| -> Vec<f64> {
             base.iter().zip(by).map(|(a, b)| a + part * h * b).collect()
@@ -158,14 +186,20 @@ impl Plant {
         }
     }
 
-    fn acceleration(&self, z: &[f64], v: &[f64], (speed, forces): &(f64, Vec<f64>)) -> Vec<f64> {
+    /// `z'' = -K z - C z' - G (speed z' + c speed' z) + forces`.
+    fn acceleration(&self, z: &[f64], v: &[f64], moment: &Moment) -> Vec<f64> {
         let n = z.len();
+        let (speed, forces) = (moment.speed, &moment.forces);
+        let along = self.accelerating * moment.acceleration;
+        let carried: Vec<f64> = (v.iter().zip(z))
+            .map(|(v, z)| speed * v + along * z)
+            .collect();
         let mut a: Vec<f64> = (0..n)
             .map(|i| {
                 let row = i * n..(i + 1) * n;
                 let damped = dot(&self.damping[row.clone()], v);
-                let turned = dot(&self.gyroscopic[row], v);
-                -self.squares[i] * z[i] - damped - speed * turned
+                let turned = dot(&self.gyroscopic[row], &carried);
+                -self.squares[i] * z[i] - damped - turned
             })
             .collect();
         for (input, force) in self.inputs.iter().zip(forces) {
@@ -174,7 +208,7 @@ impl Plant {
             }
         }
         for (bearing, shapes) in self.bearings.iter().filter(|(b, _)| !b.table.is_empty()) {
-            let ((k, c), (k0, c0)) = (bearing.at(*speed), bearing.at(self.speed));
+            let ((k, c), (k0, c0)) = (bearing.at(speed), bearing.at(self.speed));
             let (x, w) = (
                 shapes.each_ref().map(|shape| dot(shape, z)),
                 shapes.each_ref().map(|shape| dot(shape, v)),

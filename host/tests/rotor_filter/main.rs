@@ -2,6 +2,7 @@
 //! and through its first critical speed.
 
 mod bound;
+mod damped;
 
 use std::f64::consts::PI;
 use std::path::Path;

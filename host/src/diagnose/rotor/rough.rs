@@ -13,6 +13,8 @@ pub enum Rough {
     BearingDamping(usize),
     /// Stiffness of the bearing of this number.
     BearingStiffness(usize),
+    /// Stiffness of angular acceleration, which depends on how the rotor is driven.
+    Acceleration,
 }
 
 impl Rough {
@@ -20,7 +22,7 @@ impl Rough {
     pub fn all(rotor: &Rotor) -> Vec<Self> {
         let bearings = (0..rotor.bearings.len())
             .flat_map(|i| [Self::BearingDamping(i), Self::BearingStiffness(i)]);
-        [Self::Young, Self::Damping]
+        [Self::Young, Self::Damping, Self::Acceleration]
             .into_iter()
             .chain(bearings)
             .collect()
@@ -38,6 +40,7 @@ impl Rough {
             Self::Young => 2e-3,
             Self::Damping | Self::BearingDamping(_) => 0.1,
             Self::BearingStiffness(_) => 5e-3,
+            Self::Acceleration => 0.7,
         }
     }
 
@@ -52,6 +55,7 @@ impl Rough {
                 section.alpha_per_s *= factor;
                 section.beta_s *= factor;
             }),
+            Self::Acceleration => rotor.acceleration_stiffness *= factor,
             Self::BearingDamping(i) => {
                 let bearing = &mut rotor.bearings[i];
                 let table = bearing.table.iter_mut().map(|at| &mut at.damping_n_s_per_m);
