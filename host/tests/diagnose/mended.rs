@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::{diagnosed, diagnosed_as, loadtwin, machine, recorded, recorded_of};
 
 /// Error of the main shaft's torque by the filter [% of nominal].
-fn nmae(machine: &str, recording: &str, sensors: &str) -> f64 {
+pub fn nmae(machine: &str, recording: &str, sensors: &str) -> f64 {
     nmae_of("main_shaft", machine, recording, sensors)
 }
 

@@ -2,10 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
+use loadtwin::machine::Machine;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
+use super::mended::nmae;
 use super::{diagnosed, diagnosed_as, machine, recorded, recorded_of, rewritten};
 
 /// The example with `from` written as `to`.
@@ -66,4 +68,71 @@ fn noisy_references_are_no_effect() {
     }
     let said = diagnosed(&recording, &[]);
     assert_eq!(said["verdict"], "none", "{said}");
+}
+
+/// What follows `u`, one value each 2 ms, in `time_s`.
+fn following(time_s: f64) -> impl FnMut(f64) -> f64 {
+    let mut z = None;
+    move |u| {
+        let before = *z.get_or_insert(u);
+        *z.insert(before + 0.002 / time_s * (u - before))
+    }
+}
+
+/// A machine that warms by 4 K while a gauge follows the thermometer in 15 s: told with that time,
+/// and the line follows as late.
+#[test]
+fn a_gauge_that_follows_the_thermometer_late_is_named_with_its_lag() {
+    let folder = tempfile::tempdir().unwrap();
+    let clean = recorded(folder.path(), "clean.csv", "turbulent", "90", &[]);
+    let (warm, late) = (
+        folder.path().join("warm.csv"),
+        folder.path().join("late.csv"),
+    );
+    rewritten(&clean, &warm, "housing_temperature", |_, told| {
+        20.0 + 4.0 * (1.0 - (-told("t [") / 25.0).exp())
+    });
+    let mut follow = following(15.0);
+    rewritten(&warm.display().to_string(), &late, "ta2", |reads, told| {
+        reads + 5e-6 * (follow(told("housing_temperature")) - 20.0)
+    });
+    let late = late.display().to_string();
+    let out = folder.path().join("better.toml");
+    let said = diagnosed(&late, &["--out", &out.display().to_string()]);
+    assert_eq!(said["verdict"], "effect", "{said}");
+    assert_eq!(said["effects"][0]["name"], "thermal-drift", "{said}");
+    let better = Machine::load(&out).unwrap();
+    let lag_s = better.thermometer().unwrap().lag_s;
+    assert!((lag_s / 15.0 - 1.0).abs() < 0.1, "{lag_s}");
+    let error = |machine: &Path| nmae(&machine.display().to_string(), &late, "torque-arm-3");
+    let at_once = folder.path().join("at-once.toml");
+    let text = std::fs::read_to_string(&out).unwrap();
+    let without: Vec<&str> = text.lines().filter(|l| !l.starts_with("lag_s")).collect();
+    assert_eq!(without.len() + 1, text.lines().count());
+    std::fs::write(&at_once, without.join("\n")).unwrap();
+    assert!(error(&out) < error(&at_once));
+    assert!(error(&out) < error(&machine()));
+}
+
+/// Creep over decades of time, which one exponential is only a part of: a signal that is free
+/// explains more, and is not what it is.
+#[test]
+fn creep_over_decades_is_no_free_load() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut recording = recorded(folder.path(), "clean.csv", "turbulent", "90", &[]);
+    for gauge in ["ta1", "ta2", "ta3"] {
+        let creeping = folder.path().join(format!("{gauge}.csv"));
+        let mut parts = [2.0, 6.0, 18.0, 54.0].map(following);
+        for part in &mut parts {
+            part(0.0);
+        }
+        rewritten(&recording, &creeping, gauge, |reads, told| {
+            let level = told("torque_main") / 312e3;
+            let crept: f64 = parts.iter_mut().map(|part| part(level)).sum();
+            reads + 3e-6 * crept
+        });
+        recording = creeping.display().to_string();
+    }
+    let said = diagnosed(&recording, &[]);
+    assert_eq!(said["effects"][0]["name"], "gauge-creep", "{said}");
 }
