@@ -85,7 +85,12 @@ impl Table {
     /// Whether each of `recordings` can have an offset of its own: not where one
     /// is the only one, or a single value.
     fn has_offsets(&self, recordings: usize) -> bool {
-        recordings > 1 && self.len() > FEWEST_ROWS_WITH_OFFSET * recordings
+        recordings > 1 && self.has_means(recordings)
+    }
+
+    /// Whether the mean of each of `recordings` is not all that there is of it.
+    pub fn has_means(&self, recordings: usize) -> bool {
+        self.len() > FEWEST_ROWS_WITH_OFFSET * recordings
     }
 
     /// Rows.

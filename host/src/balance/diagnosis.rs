@@ -106,7 +106,8 @@ pub struct BeforeAfter {
 pub struct Figure {
     /// RMS of what is unexplained [% of the drive's RMS].
     pub value_percent: f64,
-    /// 95 % interval by resampling stretches.
+    /// 95 % prediction interval: the error on as many other recordings, as long, of the
+    /// same kind of motion.
     pub interval_percent: [f64; 2],
 }
 

@@ -3,9 +3,6 @@
 
 use std::path::PathBuf;
 
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
-
 use super::Request;
 use super::design::{self, Table};
 use super::diagnosis::{
@@ -17,6 +14,7 @@ use super::motion::Motion;
 use super::remainder::Remainder;
 use super::selection::Selection;
 use crate::machine::{Balance, BalanceEffect};
+use crate::metrics::{Stretch, prediction_factor, relative_variance};
 
 /// Ratio from which a validation is an extrapolation.
 const FAR_BEYOND: f64 = 2.0;
@@ -26,9 +24,6 @@ const POSITION_BEYOND: f64 = 1.2;
 
 /// Part of the drive's RMS above which a contribution of the wrong sign is told.
 const WRONG_SIGN: f64 = 0.1;
-
-/// Resamples of the interval of an error.
-const RESAMPLES: usize = 1000;
 
 /// Everything that was fitted, and its errors.
 pub(super) struct Outcome {
@@ -274,18 +269,26 @@ fn in_recalibrated_loads(effects: &mut [BalanceEffect], fitted: &[Motion], facto
     }
 }
 
+/// Rows of each recording.
+fn rows_by_recording(table: &Table) -> Vec<f64> {
+    let mut rows = vec![0.0; table.recording.iter().max().map_or(0, |r| r + 1)];
+    for &k in &table.recording {
+        rows[k] += 1.0;
+    }
+    rows
+}
+
 /// A residual without the mean that it has in each recording.
 fn centred(rest: &[f64], table: &Table) -> Vec<f64> {
-    let mut sums = vec![(0.0, 0.0); table.recording.iter().max().map_or(0, |r| r + 1)];
+    let rows = rows_by_recording(table);
+    let mut means = vec![0.0; rows.len()];
     for (r, &k) in rest.iter().zip(&table.recording) {
-        sums[k].0 += r;
-        sums[k].1 += 1.0;
+        means[k] += r / rows[k];
     }
-    let of = |k: usize| sums[k].0 / sums[k].1;
     let recordings = table.recording.iter();
     rest.iter()
         .zip(recordings)
-        .map(|(r, &k)| r - of(k))
+        .map(|(r, &k)| r - means[k])
         .collect()
 }
 
@@ -386,28 +389,46 @@ fn nominal_coefficients(balance: &Balance) -> Vec<f64> {
     c
 }
 
-/// RMS of a residual over that of the drive, with its interval by resampling
-/// stretches with replacement.
+/// RMS of a residual over that of the drive, with the interval in which it is on as
+/// many other recordings.
+///
+/// Power `p = p_own + p_rest`, of the mean that each recording has of its own and of what
+/// is about it. Of an offset each recording of `n_k` rows shows one draw, normal about 0:
+/// relative variance of `p` is `(p_own / p)^2 2 sum n_k^2 / (sum n_k)^2 + (p_rest / p)^2 v`,
+/// with `v` from stretch to stretch.
 fn figure(rest: &[f64], table: &Table) -> Figure {
-    let stretches = table.stretch.iter().max().map_or(1, |s| s + 1);
-    let mut sums = vec![(0.0, 0.0); stretches];
-    for (i, r) in rest.iter().enumerate() {
-        let sum = &mut sums[table.stretch[i]];
-        sum.0 += r * r;
-        sum.1 += table.drive[i] * table.drive[i];
-    }
-    let percent = |drawn: &mut dyn Iterator<Item = (f64, f64)>| {
-        let (rest, drive) = drawn.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
-        100.0 * (rest / drive).sqrt()
+    let rows = rows_by_recording(table);
+    let about = if table.has_means(rows.len()) {
+        centred(rest, table)
+    } else {
+        rest.to_vec()
     };
-    let value_percent = percent(&mut sums.iter().copied());
-    let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let mut drawn: Vec<f64> = (0..RESAMPLES)
-        .map(|_| percent(&mut (0..stretches).map(|_| sums[rng.random_range(0..stretches)])))
-        .collect();
-    drawn.sort_by(f64::total_cmp);
+    let mut stretches: Vec<Stretch> = Vec::new();
+    for (i, r) in about.iter().enumerate() {
+        if table.stretch[i] == stretches.len() {
+            stretches.push(Stretch {
+                recording: table.recording[i],
+                error: 0.0,
+                size: 0.0,
+            });
+        }
+        let stretch = &mut stretches[table.stretch[i]];
+        stretch.error += r * r;
+        stretch.size += table.drive[i] * table.drive[i];
+    }
+    let power = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>();
+    let whole = power(rest);
+    let part = if whole > 0.0 {
+        power(&about) / whole
+    } else {
+        1.0
+    };
+    let of_offsets = 2.0 * power(&rows) / rows.iter().sum::<f64>().powi(2);
+    let variance = (1.0 - part).powi(2) * of_offsets + part * part * relative_variance(&stretches);
+    let factor = prediction_factor(variance).sqrt();
+    let value_percent = 100.0 * (whole / power(&table.drive)).sqrt();
     Figure {
         value_percent,
-        interval_percent: [drawn[RESAMPLES / 40], drawn[RESAMPLES - 1 - RESAMPLES / 40]],
+        interval_percent: [value_percent / factor, value_percent * factor],
     }
 }

@@ -68,7 +68,7 @@ impl Observed for Session {
     }
 
     fn errors(sessions: &[Self], found: &[Found]) -> LoadErrors {
-        load_errors(sessions, found, SEED)
+        load_errors(sessions, found)
     }
 
     fn dt_s(&self) -> f64 {

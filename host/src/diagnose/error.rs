@@ -1,25 +1,24 @@
 //! What the residuals mean for the load: error before and after.
 
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
 use super::refit::rest;
 use super::select::Found;
 use super::stream::{Kind, Session, Told};
+use crate::metrics::{Stretch, prediction_factor, relative_variance};
 
-/// Blocks of the bootstrap [s].
+/// Blocks that errors are summed over [s].
 const BLOCK_S: f64 = 2.0;
 
-/// Resamples of the bootstrap.
-const RESAMPLES: usize = 400;
+/// Stretches of all recordings whose differences say how much an error varies.
+const STRETCHES: usize = 16;
 
-/// A figure with what 95 % of the resampled recordings say.
+/// A figure with the interval in which 95 of 100 are on other recordings as long.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Interval {
     /// Mean absolute error [% of the nominal torque].
     pub value_percent: Option<f64>,
-    /// From 2.5 % to 97.5 % of the resamples.
+    /// The interval.
     pub interval_percent: Option<[f64; 2]>,
 }
 
@@ -44,10 +43,10 @@ pub struct LoadErrors {
 impl LoadErrors {
     /// Of blocks without and with what was found, each by its sum and its count, where nothing
     /// is calibrated anew.
-    pub(super) fn as_described(before: &[(f64, f64)], after: &[(f64, f64)], seed: u64) -> Self {
+    pub(super) fn as_described(before: &[(f64, f64)], after: &[(f64, f64)]) -> Self {
         let pair = |before, after| Pair {
-            before: means(before, seed),
-            after: means(after, seed),
+            before: means(before),
+            after: means(after),
         };
         Self {
             nominal: pair(before, after),
@@ -60,7 +59,7 @@ impl LoadErrors {
 ///
 /// Sample by sample the torque is that which explains the gauges best:
 /// `sum(m r / s^2) / sum(m^2 / s^2)`.
-pub fn load_errors(sessions: &[Session], found: &[Found], seed: u64) -> LoadErrors {
+pub fn load_errors(sessions: &[Session], found: &[Found]) -> LoadErrors {
     let nominal: Vec<Vec<Vec<f64>>> = sessions
         .iter()
         .map(|s| s.streams.iter().map(|k| k.residual.clone()).collect())
@@ -69,7 +68,7 @@ pub fn load_errors(sessions: &[Session], found: &[Found], seed: u64) -> LoadErro
     let zeros = vec![Vec::new(); sessions[0].streams.len()];
     let with_effects = rest(sessions, found, &zeros);
     let again = |residuals: &[Vec<Vec<f64>>]| recalibrated(sessions, residuals);
-    let figure = |residuals: &[Vec<Vec<f64>>]| interval(sessions, residuals, seed);
+    let figure = |residuals: &[Vec<Vec<f64>>]| interval(sessions, residuals);
     LoadErrors {
         nominal: Pair {
             before: figure(&nominal),
@@ -117,7 +116,7 @@ fn recalibrated(sessions: &[Session], residuals: &[Vec<Vec<f64>>]) -> Vec<Vec<Ve
     out
 }
 
-fn interval(sessions: &[Session], residuals: &[Vec<Vec<f64>>], seed: u64) -> Interval {
+fn interval(sessions: &[Session], residuals: &[Vec<Vec<f64>>]) -> Interval {
     // Sum and count of each block.
     let mut blocks: Vec<(f64, f64)> = Vec::new();
     for (session, residual) in sessions.iter().zip(residuals) {
@@ -134,11 +133,12 @@ fn interval(sessions: &[Session], residuals: &[Vec<Vec<f64>>], seed: u64) -> Int
     if sessions.iter().any(|s| s.told != Told::References) {
         blocks.clear();
     }
-    means(&blocks, seed)
+    means(&blocks)
 }
 
-/// Mean of blocks, each by its sum and its count, with its interval [%]; none without blocks.
-fn means(blocks: &[(f64, f64)], seed: u64) -> Interval {
+/// Mean of blocks, each by its sum and its count, with the interval in which it is on other
+/// recordings as long [%]; none without blocks.
+fn means(blocks: &[(f64, f64)]) -> Interval {
     let blocks: Vec<(f64, f64)> = blocks.iter().copied().filter(|b| b.1 > 0.0).collect();
     if blocks.is_empty() {
         return Interval {
@@ -146,22 +146,22 @@ fn means(blocks: &[(f64, f64)], seed: u64) -> Interval {
             interval_percent: None,
         };
     }
-    let mean = |of: &mut dyn Iterator<Item = (f64, f64)>| {
-        let (sum, n) = of.fold((0.0, 0.0), |(s, n), b| (s + b.0, n + b.1));
-        100.0 * sum / n
-    };
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut resampled: Vec<f64> = (0..RESAMPLES)
-        .map(|_| {
-            let mut drawn = (0..blocks.len()).map(|_| blocks[rng.random_range(0..blocks.len())]);
-            mean(&mut drawn)
+    // Stretches longer than what an error stays alike over.
+    let stretches: Vec<Stretch> = blocks
+        .chunks(blocks.len().div_ceil(STRETCHES))
+        .map(|blocks| Stretch {
+            recording: 0,
+            error: blocks.iter().map(|b| b.0).sum(),
+            size: blocks.iter().map(|b| b.1).sum(),
         })
         .collect();
-    resampled.sort_by(f64::total_cmp);
-    let quantile = |q: f64| resampled[((RESAMPLES - 1) as f64 * q).round() as usize];
+    let sum = |of: fn(&Stretch) -> f64| stretches.iter().map(of).sum::<f64>();
+    let value = 100.0 * sum(|s| s.error) / sum(|s| s.size);
+    // A mean square varies twice as much as a mean size, in parts of itself.
+    let factor = prediction_factor(4.0 * relative_variance(&stretches)).sqrt();
     Interval {
-        value_percent: Some(mean(&mut blocks.iter().copied())),
-        interval_percent: Some([quantile(0.025), quantile(0.975)]),
+        value_percent: Some(value),
+        interval_percent: Some([value / factor, value * factor]),
     }
 }
 

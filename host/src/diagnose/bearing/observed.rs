@@ -151,7 +151,7 @@ impl Observed for BearingSession {
                 .flat_map(|(session, rest)| session.blocks_of(&rest))
                 .collect()
         };
-        LoadErrors::as_described(&blocks(&[]), &blocks(found), SEED)
+        LoadErrors::as_described(&blocks(&[]), &blocks(found))
     }
 
     fn dt_s(&self) -> f64 {

@@ -78,7 +78,7 @@ impl Observed for RotorSession {
                 .flat_map(|(session, rest)| session.blocks_of(&rest))
                 .collect()
         };
-        LoadErrors::as_described(&blocks(&[]), &blocks(found), SEED)
+        LoadErrors::as_described(&blocks(&[]), &blocks(found))
     }
 
     fn dt_s(&self) -> f64 {
