@@ -138,7 +138,11 @@ pub(super) fn columns_of<S: Observed>(sessions: &[S], found: &[Found<S>]) -> Vec
     if latent.is_empty() || told.is_empty() {
         return all;
     }
-    let left = less(sessions, told.iter().map(|i| (&found[*i], &all[*i])));
+    let told: Vec<(&Found<S>, &[Columns])> = told
+        .iter()
+        .map(|i| (&found[*i], all[*i].as_slice()))
+        .collect();
+    let left = less(sessions, &told);
     let mut all = all;
     for i in latent {
         all[i] = of(&left, &found[i]);
@@ -147,16 +151,13 @@ pub(super) fn columns_of<S: Observed>(sessions: &[S], found: &[Found<S>]) -> Vec
 }
 
 /// `sessions` without what those found predict by their columns.
-fn less<'a, S: Observed>(
-    sessions: &[S],
-    found: impl Iterator<Item = (&'a Found<S>, &'a Vec<Columns>)> + Clone,
-) -> Vec<S> {
+fn less<S: Observed>(sessions: &[S], found: &[(&Found<S>, &[Columns])]) -> Vec<S> {
     let mut left = sessions.to_vec();
     for k in 0..sessions[0].streams().len() {
         let mut from = 0;
         for session in &mut left {
             let mut residual = session.residual(k).to_vec();
-            for (f, columns) in found.clone() {
+            for (f, columns) in found {
                 for (column, value) in columns.iter().zip(&f.parameters[k]) {
                     for (r, c) in residual.iter_mut().zip(column[k].iter().skip(from)) {
                         *r -= value * c;
