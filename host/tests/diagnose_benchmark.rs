@@ -14,6 +14,7 @@ mod told;
 use std::path::Path;
 
 use loadtwin::machine::Machine;
+use rayon::prelude::*;
 
 use rate::Rate;
 use score::Score;
@@ -29,7 +30,7 @@ fn what_is_not_told_is_found() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/gearbox/machine.toml");
     let (machines, cases) = cases::drawn(&Machine::load(&path).unwrap(), 1, SEED);
     let rows: Vec<_> = NUMBERS
-        .iter()
+        .par_iter()
         .map(|number| {
             let case = &cases[*number];
             told::told(*number, case, &machines[case.machine]).unwrap()

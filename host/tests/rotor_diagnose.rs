@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use loadtwin::machine::Machine;
+use rayon::prelude::*;
 use serde_json::Value;
 
 fn example() -> PathBuf {
@@ -23,12 +24,12 @@ const NUMBERS: [usize; 3] = [1, 7, 11];
 fn what_is_not_told_of_a_rotor_is_found() {
     let (rotors, cases) = cases::drawn(&Machine::load(&example()).unwrap(), 1, SEED);
     assert!(cases.len() == cases::OF_EACH);
-    for number in NUMBERS {
+    NUMBERS.into_par_iter().for_each(|number| {
         let case = &cases[number];
         let (right, said) = case.told(&rotors[case.rotor]).unwrap();
         println!("{}: {said}", case.truth());
         assert!(right, "{}: {said}", case.truth());
-    }
+    });
 }
 
 fn loadtwin(arguments: &[&str]) -> Output {
