@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::recording::Unit;
+use crate::recording::{Quantity, Unit};
 use crate::strain::{MV_PER_V, StrainBridge};
 
 /// An analogue channel.
@@ -383,6 +383,11 @@ pub struct Auxiliary {
 }
 
 impl Auxiliary {
+    /// Whether it is a temperature.
+    pub fn is_temperature(&self) -> bool {
+        self.unit.quantity() == Quantity::Temperature
+    }
+
     /// Where the gauges' zeros hold [K]; none where that is the first sample.
     pub fn zero_k(&self) -> Option<f64> {
         Some(self.unit.to_si(self.at_zero?))

@@ -110,7 +110,7 @@ impl Machine {
                 finite(&field("at_zero"), at_zero)?;
             }
             if let Some(sampled) = auxiliary.sampled() {
-                let known = auxiliary.unit.quantity() == Quantity::Temperature;
+                let known = auxiliary.is_temperature();
                 within(
                     &field("adc"),
                     "one",

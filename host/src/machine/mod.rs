@@ -16,6 +16,7 @@ mod friction;
 mod gears;
 mod kind;
 mod rotor;
+mod rotor_bearing;
 mod rotor_sensors;
 mod rule;
 
@@ -38,12 +39,10 @@ pub use error::{MachineError, Violation};
 pub use friction::{CREEP, Friction};
 pub use gears::{Gears, Helical, Planetary, ShaftBearing};
 pub use kind::{Kind, NamedLoad};
-pub use rotor::{
-    BearingAt, Coefficients, Disc, LoadKind, MOST_LOADS, Material, Reduction, Rotor, RotorBearing,
-    RotorLoad, Section,
-};
+pub use rotor::{Disc, LoadKind, MOST_LOADS, Material, Reduction, Rotor, RotorLoad, Section};
+pub use rotor_bearing::{BearingAt, Coefficients, RotorBearing};
 
-use crate::recording::{CsvLayout, Quantity};
+use crate::recording::CsvLayout;
 
 /// A machine: its mechanics, its sensors, its recordings.
 ///
@@ -160,12 +159,12 @@ impl Default for Tuning {
 impl Machine {
     /// The temperature that the gauges answer to: the first that a recording may carry.
     pub fn thermometer(&self) -> Option<&Auxiliary> {
-        (self.auxiliaries.iter()).find(|a| a.unit.quantity() == Quantity::Temperature)
+        self.auxiliaries.iter().find(|a| a.is_temperature())
     }
 
     /// The same, to change it.
     pub fn thermometer_mut(&mut self) -> Option<&mut Auxiliary> {
-        (self.auxiliaries.iter_mut()).find(|a| a.unit.quantity() == Quantity::Temperature)
+        self.auxiliaries.iter_mut().find(|a| a.is_temperature())
     }
 
     /// The encoder whose count the index pulse latches.
