@@ -14,7 +14,7 @@ use super::motion::Motion;
 use super::remainder::Remainder;
 use super::selection::Selection;
 use crate::machine::{Balance, BalanceEffect};
-use crate::metrics::{Stretch, prediction_factor, relative_variance};
+use crate::metrics::{Stretch, prediction_interval, relative_variance};
 
 /// Ratio from which a validation is an extrapolation.
 const FAR_BEYOND: f64 = 2.0;
@@ -425,10 +425,9 @@ fn figure(rest: &[f64], table: &Table) -> Figure {
     };
     let of_offsets = 2.0 * power(&rows) / rows.iter().sum::<f64>().powi(2);
     let variance = (1.0 - part).powi(2) * of_offsets + part * part * relative_variance(&stretches);
-    let factor = prediction_factor(variance).sqrt();
     let value_percent = 100.0 * (whole / power(&table.drive)).sqrt();
     Figure {
         value_percent,
-        interval_percent: [value_percent / factor, value_percent * factor],
+        interval_percent: prediction_interval(value_percent, variance),
     }
 }

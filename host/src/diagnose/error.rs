@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::refit::rest;
 use super::select::Found;
 use super::stream::{Kind, Session, Told};
-use crate::metrics::{Stretch, prediction_factor, relative_variance};
+use crate::metrics::{Stretch, prediction_interval, relative_variance};
 
 /// Blocks that errors are summed over [s].
 const BLOCK_S: f64 = 2.0;
@@ -158,10 +158,10 @@ fn means(blocks: &[(f64, f64)]) -> Interval {
     let sum = |of: fn(&Stretch) -> f64| stretches.iter().map(of).sum::<f64>();
     let value = 100.0 * sum(|s| s.error) / sum(|s| s.size);
     // A mean square varies twice as much as a mean size, in parts of itself.
-    let factor = prediction_factor(4.0 * relative_variance(&stretches)).sqrt();
+    let variance = 4.0 * relative_variance(&stretches);
     Interval {
         value_percent: Some(value),
-        interval_percent: Some([value / factor, value * factor]),
+        interval_percent: Some(prediction_interval(value, variance)),
     }
 }
 

@@ -10,4 +10,4 @@ pub use autocorrelation::{Autocorrelation, LAGS};
 pub use error::{ErrorFigures, LoadError, Segment};
 pub use histogram::Histogram;
 pub use nis::{NisConsistency, chi_squared_bounds, chi_squared_quantile};
-pub use prediction::{Stretch, prediction_factor, relative_variance};
+pub use prediction::{Stretch, prediction_interval, relative_variance};

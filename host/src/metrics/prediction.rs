@@ -60,13 +60,20 @@ pub fn relative_variance(stretches: &[Stretch]) -> f64 {
     variance.max(squares) * n / (n - 1.0) * (student(freedom) / NORMAL).powi(2)
 }
 
+/// 95 % interval of a root mean square on other recordings, as many and as long, where its square
+/// here has that relative variance.
+pub fn prediction_interval(root: f64, relative_variance: f64) -> [f64; 2] {
+    let factor = prediction_factor(relative_variance).sqrt();
+    [root / factor, root * factor]
+}
+
 /// Factor that a mean square of other recordings, as many and as long, is not above, nor its
 /// inverse below, in 95 of 100 cases: the quantile of Fisher's F for `2 / v` degrees of freedom
 /// on both sides, which a sum of squares with the relative variance `v` is taken to have; `v`
 /// above 4 counts as 4, for which the factor is beyond any use.
 ///
 /// Source: Satterthwaite 1946, An approximate distribution of estimates of variance components.
-pub fn prediction_factor(relative_variance: f64) -> f64 {
+fn prediction_factor(relative_variance: f64) -> f64 {
     let half = (1.0 / relative_variance).max(0.25);
     // Logarithms are normal long before the function below runs out of digits.
     if half > 1e3 {
