@@ -132,40 +132,63 @@ pub(super) fn with_effects<S: Observed>(
 /// what the other effects leave: told from all, it would be theirs as well.
 pub(super) fn columns_of<S: Observed>(sessions: &[S], found: &[Found<S>]) -> Vec<Vec<Columns>> {
     let of = |sessions: &[S], f: &Found<S>| columns(sessions, f.effect, &f.shape, &f.parameters);
-    let all: Vec<Vec<Columns>> = found.iter().map(|f| of(sessions, f)).collect();
+    let mut all: Vec<Vec<Columns>> = found.iter().map(|f| of(sessions, f)).collect();
     let (latent, told): (Vec<usize>, Vec<usize>) =
         (0..found.len()).partition(|i| is_latent(sessions, found[*i].effect));
     if latent.is_empty() || told.is_empty() {
         return all;
     }
-    let told: Vec<(&Found<S>, &[Columns])> = told
-        .iter()
-        .map(|i| (&found[*i], all[*i].as_slice()))
-        .collect();
-    let left = less(sessions, &told);
-    let mut all = all;
+    let effects = told.iter().map(|i| (&found[*i], all[*i].as_slice()));
+    let left = less(sessions, &[], &[], &effects.collect::<Vec<_>>());
+    let left = leaving(sessions, left);
     for i in latent {
         all[i] = of(&left, &found[i]);
     }
     all
 }
 
-/// `sessions` without what those found predict by their columns.
-fn less<S: Observed>(sessions: &[S], found: &[(&Found<S>, &[Columns])]) -> Vec<S> {
-    let mut left = sessions.to_vec();
+/// Residuals of `sessions` less `base` times `nuisance` and less effects by their columns:
+/// `[session][stream]`.
+pub(super) fn less<S: Observed>(
+    sessions: &[S],
+    base: &[Vec<Prior>],
+    nuisance: &[Vec<f64>],
+    effects: &[(&Found<S>, &[Columns])],
+) -> Vec<Vec<Vec<f64>>> {
+    let mut rests = vec![Vec::new(); sessions.len()];
     for k in 0..sessions[0].streams().len() {
-        let mut from = 0;
-        for session in &mut left {
-            let mut residual = session.residual(k).to_vec();
-            for (f, columns) in found {
-                for (column, value) in columns.iter().zip(&f.parameters[k]) {
-                    for (r, c) in residual.iter_mut().zip(column[k].iter().skip(from)) {
-                        *r -= value * c;
-                    }
-                }
+        let mut rest = joined(sessions, |s| s.residual(k).to_vec());
+        let mut subtract = |column: &[f64], by: f64| {
+            for (r, c) in rest.iter_mut().zip(column) {
+                *r -= by * c;
             }
-            from += residual.len();
-            session.set_residual(k, residual);
+        };
+        for (priors, values) in base.iter().zip(nuisance).skip(k).take(1) {
+            for (prior, value) in priors.iter().zip(values) {
+                subtract(&prior.column, *value);
+            }
+        }
+        for (f, columns) in effects {
+            for (column, value) in columns.iter().zip(&f.parameters[k]) {
+                subtract(&column[k], *value);
+            }
+        }
+        let mut rest = rest.as_slice();
+        for (session, rests) in sessions.iter().zip(&mut rests) {
+            let (own, others) = rest.split_at(session.residual(k).len());
+            rests.push(own.to_vec());
+            rest = others;
+        }
+    }
+    rests
+}
+
+/// `sessions` with `rests` (`[session][stream]`) as their residuals.
+pub(super) fn leaving<S: Observed>(sessions: &[S], rests: Vec<Vec<Vec<f64>>>) -> Vec<S> {
+    let mut left = sessions.to_vec();
+    for (session, rest) in left.iter_mut().zip(rests) {
+        for (k, rest) in rest.into_iter().enumerate() {
+            session.set_residual(k, rest);
         }
     }
     left

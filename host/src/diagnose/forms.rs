@@ -168,7 +168,7 @@ pub(super) fn cleared(data: &Data, trial: &Trial) -> f64 {
 
 /// What is left of an `excess` over the mean square of a clean machine, once `explained` times
 /// what is left in the end is explained.
-fn left(excess: f64, explained: f64) -> f64 {
+pub(super) fn left(excess: f64, explained: f64) -> f64 {
     (1.0 + excess) / (1.0 + explained) - 1.0
 }
 

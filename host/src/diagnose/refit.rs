@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use super::columns::{columns_of, joined, nuisances};
+use super::columns::{columns_of, joined, leaving, less, nuisances};
 use super::effect::Coupling;
 use super::fit::Prior;
 use super::observed::Observed;
@@ -188,30 +188,8 @@ pub(super) fn rest<S: Observed>(
 ) -> Vec<Vec<Vec<f64>>> {
     let base = nuisances(sessions, found);
     let all = columns_of(sessions, found);
-    let mut rests = vec![Vec::new(); sessions.len()];
-    for k in 0..sessions[0].streams().len() {
-        let mut rest = joined(sessions, |s| s.residual(k).to_vec());
-        let mut subtract = |column: &[f64], by: f64| {
-            for (r, c) in rest.iter_mut().zip(column) {
-                *r -= by * c;
-            }
-        };
-        for (prior, value) in base[k].iter().zip(&nuisance[k]) {
-            subtract(&prior.column, *value);
-        }
-        for (f, columns) in found.iter().zip(&all) {
-            for (column, value) in columns.iter().zip(&f.parameters[k]) {
-                subtract(&column[k], *value);
-            }
-        }
-        let mut rest = rest.as_slice();
-        for (session, rests) in sessions.iter().zip(&mut rests) {
-            let (own, others) = rest.split_at(session.residual(k).len());
-            rests.push(own.to_vec());
-            rest = others;
-        }
-    }
-    rests
+    let effects = found.iter().zip(all.iter().map(Vec::as_slice));
+    less(sessions, &base, nuisance, &effects.collect::<Vec<_>>())
 }
 
 /// `sessions` with what nuisances and effects leave as their residuals.
@@ -220,11 +198,5 @@ pub(super) fn without<S: Observed>(
     found: &[Found<S>],
     nuisance: &[Vec<f64>],
 ) -> Vec<S> {
-    let mut left = sessions.to_vec();
-    for (session, rest) in left.iter_mut().zip(rest(sessions, found, nuisance)) {
-        for (k, rest) in rest.into_iter().enumerate() {
-            session.set_residual(k, rest);
-        }
-    }
-    left
+    leaving(sessions, rest(sessions, found, nuisance))
 }

@@ -105,6 +105,7 @@ impl Seen<'_> {
                 .map(|t| t / nominal_torque)
                 .collect(),
             warming: warming.map(|w| smooth(&thin.means(w), smoothing)),
+            lag_s: self.machine.thermometer().map_or(0.0, |t| t.lag_s),
             nominal_speed: drivetrain.nominal_speed_rad_s,
             nominal_torque,
             inertias: drivetrain.inertias.iter().map(|i| i.name.clone()).collect(),

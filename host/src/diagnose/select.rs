@@ -6,7 +6,7 @@ use std::cmp::Ordering;
 use super::columns::{base_columns, columns_of, nuisances, with_effects};
 use super::effect::Effect;
 use super::fit::{Base, Data, Trial};
-use super::forms::{Forms, cleared};
+use super::forms::{Forms, cleared, left};
 use super::null::Draws;
 use super::observed::Observed;
 use super::rank::{LEAST, Ranked, charge, rank, refine, same};
@@ -304,13 +304,12 @@ fn says_the_same<S: Observed>(
 fn exceeds<S: Observed>(data: &Data, session: &S, best: &Ranked<S>, other: &Ranked<S>) -> bool {
     let (mut beyond, mut explained) = (0.0, 0.0);
     for (k, excess) in best.trial.excess.iter().enumerate() {
-        let all = 1.0 + excess;
         let left = |r: &Ranked<S>| {
-            let part = data.squares(k, r.trial.streams[k].max(0.0)) / data.independent(k);
-            all / (1.0 + part)
+            let explained = data.squares(k, r.trial.streams[k].max(0.0)) / data.independent(k);
+            left(*excess, explained)
         };
         beyond += left(best) - left(other);
-        explained += all - left(best);
+        explained += excess - left(best);
     }
     beyond > 2.0 * best.effect.form(session).powi(2) * explained
 }

@@ -2,7 +2,7 @@
 
 use super::{Effect, GaugeModel, Linear, Shape, each};
 use crate::diagnose::stream::{Session, Term};
-use crate::machine::{Machine, followed, lag};
+use crate::machine::{Machine, Thermal, followed, lag};
 
 /// How slowly gauges follow the thermometer, which sits elsewhere.
 const LAG: Shape = Shape {
@@ -16,62 +16,53 @@ const LAG: Shape = Shape {
 /// A lag that nothing tells from none [s].
 const AT_ONCE_S: f64 = 0.3;
 
-/// `scale a w`, `dw/dt = (T - T0 - w) / lag`.
-pub struct Drift;
-
-impl Effect for Drift {
-    fn name(&self) -> &'static str {
-        "thermal-drift"
-    }
-    fn about(&self) -> &'static str {
-        "zeros move with the recorded temperature"
-    }
-    fn linear(&self) -> &'static [Linear] {
-        &[Linear {
-            name: "part of full scale per kelvin",
-            prior_std: 0.05,
-        }]
-    }
-    fn shape(&self) -> &'static [Shape] {
-        &[LAG]
-    }
-    fn numbers(&self) -> usize {
-        self.linear().len()
-    }
-    fn grid(&self, session: &Session) -> Vec<Vec<f64>> {
-        recorded(session)
-    }
-    fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
-        vec![Term::Zero(warming(session, shape[0]))]
-    }
-    fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
-        let zero_per_k = parameters[0] * gauge.full_scale;
-        let sampled = gauge.thermal.as_mut();
-        sampled.map(|t| t.zero_per_k += zero_per_k).is_some()
-    }
-    fn mend_machine(&self, _: &Session, shape: &[f64], _: &[f64], machine: &mut Machine) -> bool {
-        follows(machine, shape[0])
-    }
-    fn experiment(&self) -> &'static str {
-        "warming up and cooling down without load"
-    }
+/// What warmth does to a gauge, by `w` with `dw/dt = (T - T0 - w) / lag`.
+pub struct Warmth {
+    name: &'static str,
+    about: &'static str,
+    experiment: &'static str,
+    size: &'static [Linear],
+    /// What changes with `w`.
+    term: fn(Vec<f64>) -> Term,
+    /// Takes its size into what warmth does to a gauge of that full scale.
+    mend: fn(&mut Thermal, f64, f64),
 }
 
-/// `reading a w`, with `w` as of [`Drift`].
-pub struct Gain;
+/// `scale a w`.
+pub const DRIFT: Warmth = Warmth {
+    name: "thermal-drift",
+    about: "zeros move with the recorded temperature",
+    experiment: "warming up and cooling down without load",
+    size: &[Linear {
+        name: "part of full scale per kelvin",
+        prior_std: 0.05,
+    }],
+    term: Term::Zero,
+    mend: |thermal, size, full_scale| thermal.zero_per_k += size * full_scale,
+};
 
-impl Effect for Gain {
+/// `reading a w`.
+pub const GAIN: Warmth = Warmth {
+    name: "thermal-gain",
+    about: "responses change with the recorded temperature",
+    experiment: "the same torque ramp, cold and warm",
+    size: &[Linear {
+        name: "part of the reading per kelvin",
+        prior_std: 0.05,
+    }],
+    term: Term::Gain,
+    mend: |thermal, size, _| thermal.gain_per_k += size,
+};
+
+impl Effect for Warmth {
     fn name(&self) -> &'static str {
-        "thermal-gain"
+        self.name
     }
     fn about(&self) -> &'static str {
-        "responses change with the recorded temperature"
+        self.about
     }
     fn linear(&self) -> &'static [Linear] {
-        &[Linear {
-            name: "part of the reading per kelvin",
-            prior_std: 0.05,
-        }]
+        self.size
     }
     fn shape(&self) -> &'static [Shape] {
         &[LAG]
@@ -79,21 +70,39 @@ impl Effect for Gain {
     fn numbers(&self) -> usize {
         self.linear().len()
     }
+    /// Lags, where a temperature was recorded.
     fn grid(&self, session: &Session) -> Vec<Vec<f64>> {
-        recorded(session)
+        match &session.signals.warming {
+            Some(_) => each(&[AT_ONCE_S, 4.0, 12.0, 40.0]),
+            None => Vec::new(),
+        }
     }
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
-        vec![Term::Gain(warming(session, shape[0]))]
+        let signals = &session.signals;
+        let measured = signals.warming.iter().flatten().copied();
+        vec![(self.term)(followed(measured, signals.dt_s, shape[0]))]
     }
     fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
         let sampled = gauge.thermal.as_mut();
-        sampled.map(|t| t.gain_per_k += parameters[0]).is_some()
+        sampled
+            .map(|thermal| (self.mend)(thermal, parameters[0], gauge.full_scale))
+            .is_some()
     }
-    fn mend_machine(&self, _: &Session, shape: &[f64], _: &[f64], machine: &mut Machine) -> bool {
-        follows(machine, shape[0])
+    /// Two lags, one after the other, are one as long as both: that described and the longest found.
+    fn mend_machine(
+        &self,
+        session: &Session,
+        shape: &[f64],
+        _: &[f64],
+        machine: &mut Machine,
+    ) -> bool {
+        let sampled = machine.thermometer_mut().filter(|t| t.adc.is_some());
+        let later = if shape[0] > AT_ONCE_S { shape[0] } else { 0.0 };
+        let both = session.signals.lag_s + later;
+        sampled.map(|t| t.lag_s = t.lag_s.max(both)).is_some()
     }
     fn experiment(&self) -> &'static str {
-        "the same torque ramp, cold and warm"
+        self.experiment
     }
 }
 
@@ -144,27 +153,4 @@ impl Effect for Unrecorded {
     fn experiment(&self) -> &'static str {
         "a thermometer at the gauges, or a long run at power and then one without load"
     }
-}
-
-/// Lags, where a temperature was recorded.
-fn recorded(session: &Session) -> Vec<Vec<f64>> {
-    match &session.signals.warming {
-        Some(_) => each(&[AT_ONCE_S, 4.0, 12.0, 40.0]),
-        None => Vec::new(),
-    }
-}
-
-/// How much warmer the gauges are [K], where they follow the thermometer in `lag_s`.
-fn warming(session: &Session, lag_s: f64) -> Vec<f64> {
-    let signals = &session.signals;
-    let measured = signals.warming.iter().flatten().copied();
-    followed(measured, signals.dt_s, lag_s)
-}
-
-/// Takes it into the description that gauges follow `lag_s` more slowly: two lags, one after the
-/// other, are one as long as both. False where the board has no thermometer.
-fn follows(machine: &mut Machine, lag_s: f64) -> bool {
-    let sampled = machine.thermometer_mut().filter(|t| t.adc.is_some());
-    let later = if lag_s > AT_ONCE_S { lag_s } else { 0.0 };
-    sampled.map(|t| t.lag_s += later).is_some()
 }
