@@ -171,8 +171,8 @@ impl Case {
     }
 
     /// The same with the next profile in which the recording that is to be diagnosed shows each of
-    /// the effects, so that the label says what it holds; as it was drawn where none does.
-    pub fn shown(&self, machine: &Machine) -> Result<Self, Box<dyn Error>> {
+    /// the effects, so that the label says what it holds; as it was drawn, and false, where none does.
+    pub fn shown(&self, machine: &Machine) -> Result<(Self, bool), Box<dyn Error>> {
         let drawn = PROFILES.iter().position(|profile| *profile == self.profile);
         let mut profiles = PROFILES;
         profiles.rotate_left(drawn.unwrap_or(0));
@@ -182,15 +182,15 @@ impl Case {
                 ..self.clone()
             };
             if case.shows(machine)? {
-                return Ok(case);
+                return Ok((case, true));
             }
         }
-        Ok(self.clone())
+        Ok((self.clone(), false))
     }
 
     /// Whether the recording that is to be diagnosed shows each of the effects: the same recording
     /// without it, with the same noise, differs somewhere.
-    pub fn shows(&self, machine: &Machine) -> Result<bool, Box<dyn Error>> {
+    fn shows(&self, machine: &Machine) -> Result<bool, Box<dyn Error>> {
         for i in 0..self.effects.len() {
             let mut others = self.effects.clone();
             others.remove(i);

@@ -12,8 +12,8 @@ use crate::score::Row;
 /// Simulates the case, in a profile that shows it, diagnoses it without its label, then with the true
 /// effects as the only candidates.
 pub fn told(number: usize, drawn: &Case, machine: &Machine) -> Result<Row, Box<dyn Error>> {
-    let case = if drawn.kind == Kind::Outside {
-        drawn.clone()
+    let (case, shows) = if drawn.kind == Kind::Outside {
+        (drawn.clone(), true)
     } else {
         drawn.shown(machine)?
     };
@@ -57,7 +57,7 @@ pub fn told(number: usize, drawn: &Case, machine: &Machine) -> Result<Row, Box<d
         profile: case.profile.to_owned(),
         drawn: drawn.profile.to_owned(),
         truth: case.truth(),
-        shows: case.kind == Kind::Outside || case.shows(machine)?,
+        shows,
         verdict: diagnosis.verdict.word().to_owned(),
         said,
         open,
