@@ -183,7 +183,7 @@ fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
             silent.join(", ")
         );
     }
-    if let Some(note) = session.note(&silent) {
+    if let Some(note) = session.note(&diagnosis.selection) {
         say!("{note}");
     }
     say!("{:<26}{:>12}{:>12}", "candidate", "evidence", "by chance");

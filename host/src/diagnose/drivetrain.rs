@@ -8,7 +8,7 @@ use super::consensus::FEWEST;
 use super::effect::{Effect, GaugeModel, LIBRARY};
 use super::error::{LoadErrors, load_errors};
 use super::observed::{Abscissa, Nuisance, Observed, Shaft};
-use super::select::Found;
+use super::select::{Found, Selection};
 use super::stream::{Columns, Kind, Session, Stream, Term, Told};
 use super::{DiagnoseError, Diagnosis, Residuals, SEED, correct, null, observe};
 use crate::machine::Machine;
@@ -18,6 +18,15 @@ const BLOCK_S: f64 = 1.5;
 
 /// Part of full scale by which the zero of a gauge differs from recording to recording.
 const ZERO_BETWEEN: f64 = 0.02;
+
+/// Part to which the moments of inertia are known, all together.
+const INERTIA: f64 = 0.02;
+
+/// Part to which the twist between encoders is known.
+const TWIST: f64 = 0.1;
+
+/// Standard deviations from which a description that is off is said to be.
+const OFF: f64 = 2.0;
 
 impl Observed for Session {
     type Stream = Stream;
@@ -154,11 +163,11 @@ impl Observed for Session {
                 let bodies = signals.response.iter().flat_map(|r| &r.bodies);
                 let moment: f64 = bodies.map(|b| b.0).sum();
                 let inertia = signals.acceleration.iter().map(|a| a * moment);
-                vec![zero(1.0), Nuisance::of_machine(inertia.collect(), 0.02)]
+                vec![zero(1.0), Nuisance::of_machine(inertia.collect(), INERTIA)]
             }
             Kind::Angle => {
                 let twist = signals.level.iter().map(|l| l * stream.scale);
-                vec![zero(1.0), Nuisance::of_machine(twist.collect(), 0.1)]
+                vec![zero(1.0), Nuisance::of_machine(twist.collect(), TWIST)]
             }
         };
         if stream.over_angle() && signals.count > 0.0 {
@@ -236,8 +245,8 @@ impl Observed for Session {
             .collect()
     }
 
-    fn note(&self, _: &[&'static str]) -> Option<String> {
-        match self.told {
+    fn note(&self, selection: &Selection<Self>) -> Option<String> {
+        let lacks = match self.told {
             Told::References => None,
             Told::Gauges => Some(
                 "no reference load: what all gauges have in common cannot be told from the torque"
@@ -247,11 +256,33 @@ impl Observed for Session {
                 "no reference load and no shaft with {FEWEST} gauges: only innovations are judged; \
                  what the estimated load takes up is not seen, and no effect can be named",
             )),
-        }
+        };
+        let off = self.description_off(&selection.nuisance);
+        let notes: Vec<String> = lacks.into_iter().chain(off).collect();
+        (!notes.is_empty()).then(|| notes.join("; "))
     }
 }
 
 impl Session {
+    /// Where the description is off by more than it should be, by the nuisances of each stream.
+    fn description_off(&self, nuisance: &[Vec<f64>]) -> Vec<String> {
+        (self.streams.iter().zip(nuisance))
+            .filter_map(|(stream, own)| {
+                let name = &stream.name;
+                let (what, known_to) = match stream.kind {
+                    Kind::Balance => ("moments of inertia that differ", INERTIA),
+                    Kind::Angle => ("a twist that differs", TWIST),
+                    Kind::Strain | Kind::Innovation => return None,
+                };
+                let part = own.get(1).filter(|part| part.abs() > OFF * known_to)?;
+                let percent = 100.0 * part;
+                Some(format!(
+                    "{name}: fits {what} by {percent:+.1} % from the described; mend the description first"
+                ))
+            })
+            .collect()
+    }
+
     /// The column of each of `terms` in each stream that `effect` acts on.
     fn columns_where_it_acts(&self, effect: &dyn Effect, terms: &[Term]) -> Vec<Columns> {
         let columns = |term: &Term| {

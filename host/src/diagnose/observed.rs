@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use super::effect::Effect;
 use super::error::LoadErrors;
-use super::select::Found;
+use super::select::{Found, Selection};
 use super::stream::Columns;
 use super::{DiagnoseError, Diagnosis, Residuals};
 use crate::machine::Machine;
@@ -194,6 +194,6 @@ pub trait Observed: Clone + Send + Sync + 'static {
     fn particulars(&self) -> Map<String, Value>;
 
     /// What such a recording cannot tell, and why, beside the effects of which it
-    /// shows nothing.
-    fn note(&self, silent: &[&'static str]) -> Option<String>;
+    /// shows nothing, and what it says of the description.
+    fn note(&self, selection: &Selection<Self>) -> Option<String>;
 }

@@ -246,7 +246,7 @@ impl Seen<'_> {
         let first = torsion.angle_row(&zeroth.inertia);
         let own = torsion.angle_row(&encoder.inertia);
         let count = |e: &Encoder| TAU / (e.counts_per_turn * torsion.ratio(&e.inertia)).abs();
-        let noise = |e: &Encoder| e.noise_std_counts.unwrap_or(0.29) * count(e);
+        let noise = |e: &Encoder| e.noise_std_counts() * count(e);
         let angles = recorded.encoders[k].iter().zip(&recorded.encoders[0]);
         let angle: Vec<f64> = angles.map(|(own, first)| own - first).collect();
         Encoders {

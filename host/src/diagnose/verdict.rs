@@ -200,7 +200,7 @@ pub fn report<S: Observed>(
         "effects": effects,
         "alternatives": alternatives,
         "next_experiment": next_experiment,
-        "note": sessions[0].note(&cannot_show(selection)),
+        "note": sessions[0].note(selection),
         "error": diagnosis.errors,
         "validated_on": validated_on,
         "machine_out": machine_out,

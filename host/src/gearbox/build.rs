@@ -26,9 +26,6 @@ const VALID_STD: f64 = 0.3;
 /// Random walk of a load whose description gives none, in nominal loads per sqrt(s).
 const DEFAULT_WALK: f64 = 0.2;
 
-/// Standard deviation of a count that is only quantised [counts], `1 / sqrt(12)`.
-const QUANTISATION: f64 = 0.288_675;
-
 /// Time over which a temperature is smoothed [s]: long against its noise, short against the
 /// warming of a housing.
 const WARMING_S: f64 = 10.0;
@@ -330,8 +327,7 @@ impl Plan {
         if k > 0 {
             row[offset_state] = ZERO_SCALE;
         }
-        let noise =
-            encoder.noise_std_counts.unwrap_or(QUANTISATION) * std::f64::consts::TAU / counts;
+        let noise = encoder.noise_std_counts() * std::f64::consts::TAU / counts;
         Ok(Encoder {
             counter: encoder.counter(self.torsion.ratio(&encoder.inertia)),
             row: fixed(&row)?,

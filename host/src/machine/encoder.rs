@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use super::rule::{Checked, finite, nonzero, positive, within};
 
+/// Standard deviation of a count that is rounded, `1 / sqrt 12` [counts].
+pub const QUANTISATION: f64 = 0.288_675_134_594_812_9;
+
 /// A counting encoder.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -39,6 +42,11 @@ pub struct Eccentricity {
 }
 
 impl Encoder {
+    /// Standard deviation of the measured angle [counts].
+    pub fn noise_std_counts(&self) -> f64 {
+        self.noise_std_counts.unwrap_or(QUANTISATION)
+    }
+
     /// Checks what is described but the inertia; `as_index`: whether the index latches it and turns
     /// with it.
     pub(super) fn check(&self, field: impl Fn(&str) -> String, as_index: bool) -> Checked {

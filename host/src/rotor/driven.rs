@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use faer::{Mat, Scale};
+use faer::{Mat, Scale, unzip, zip};
 
 use super::RotorError;
 use super::model::RotorModel;
@@ -15,6 +15,10 @@ const MODES: usize = 8;
 
 /// Speeds at which a motion is discretised where the speed varies.
 const SPEEDS: usize = 33;
+
+/// Angular acceleration, as a part of the highest speed squared, whose stiffness is nothing beside
+/// what inertia does.
+const STEADY: f64 = 1e-4;
 
 /// `A` and `B` over a sample.
 type Step = (Mat<f64>, Mat<f64>);
@@ -36,6 +40,17 @@ pub struct Turning {
     pub speed: Vec<f64>,
     /// Angular acceleration [rad/s^2].
     pub acceleration: Vec<f64>,
+}
+
+impl Turning {
+    /// Whether angular acceleration may be seen in how the shaft bends.
+    pub fn accelerates(&self) -> bool {
+        let most = |of: &[f64]| {
+            of.iter()
+                .fold(0.0, |most: f64, value| most.max(value.abs()))
+        };
+        most(&self.acceleration) > STEADY * most(&self.speed).powi(2)
+    }
 }
 
 /// A pair of forces along x and y at a node: a phasor of `order` turns a turn of the shaft.
@@ -207,14 +222,19 @@ impl DrivenRotor {
         let low = (place as usize).min(last.saturating_sub(1));
         let part = place - low as f64;
         let (low, high) = (&self.steps[low], &self.steps[(low + 1).min(last)]);
-        let between =
-            |of: fn(&Steps) -> &Mat<f64>| Scale(1.0 - part) * of(low) + Scale(part) * of(high);
-        let mut a = between(|s| &s.steady.0);
+        let mut a = between(&low.steady.0, &high.steady.0, part);
         if acceleration != 0.0 {
-            a += Scale(acceleration / self.acceleration) * between(|s| &s.accelerated);
+            let of_highest = between(&low.accelerated, &high.accelerated, part);
+            zip!(&mut a, &of_highest).for_each(|unzip!(a, of_highest)| {
+                *a += acceleration / self.acceleration * of_highest;
+            });
         }
-        (a, between(|s| &s.steady.1))
+        (a, between(&low.steady.1, &high.steady.1, part))
     }
+}
+
+fn between(low: &Mat<f64>, high: &Mat<f64>, part: f64) -> Mat<f64> {
+    zip!(low, high).map(|unzip!(low, high)| low + part * (high - low))
 }
 
 impl TurningForce {

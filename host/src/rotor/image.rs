@@ -12,7 +12,7 @@ use loadtwin_common::rotor::{
 use super::convergence::{Recursion, triangle};
 use super::plan::{RotorPlan, UNIT_M};
 use crate::build::{self, BuildError, Sensors};
-use crate::machine::{Channel, Encoder, Machine, Rotor};
+use crate::machine::{Channel, Encoder, Machine, QUANTISATION, Rotor};
 use crate::riccati::{gain, steady_covariance};
 
 /// Load at the end of the scale on the bus, in nominal loads.
@@ -25,10 +25,7 @@ const VALID_STD: f64 = 1.0;
 /// angle as closely as this [turns].
 const TRACKING: f64 = 0.01;
 const TRACKING_HZ: f64 = 20.0;
-const TRACKED_TURNS: f64 = QUANTISED / 4096.0;
-
-/// Standard deviation of a count that is rounded: `1 / sqrt 12`.
-const QUANTISED: f64 = 0.29;
+const TRACKED_TURNS: f64 = QUANTISATION / 4096.0;
 
 impl RotorPlan {
     /// The image's payload, as postcard bytes.
@@ -149,7 +146,7 @@ impl RotorPlan {
     /// Source: Brookner, Tracking and Kalman Filtering Made Easy (1998), section 1.4,
     /// critically damped g-h-k filter; Kalata 1984, tracking index.
     fn shaft_encoder(&self, encoder: &Encoder, rate_hz: f64) -> ShaftEncoder {
-        let turns = encoder.noise_std_counts.unwrap_or(QUANTISED) / encoder.counts_per_turn.abs();
+        let turns = encoder.noise_std_counts() / encoder.counts_per_turn.abs();
         let coarse = (TRACKED_TURNS / turns).min(1.0).cbrt();
         let bandwidth = (TRACKING * rate_hz).min(TRACKING_HZ * coarse);
         let rest = (-std::f64::consts::TAU * bandwidth * self.dt_s).exp();

@@ -6,10 +6,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use crate::machine::{self, Eccentricity};
-
-/// Standard deviation of the rounding to whole counts [counts].
-const QUANTISATION: f64 = 0.288_675_134_594_812_9;
+use crate::machine::{self, Eccentricity, QUANTISATION};
 
 /// A counter that turns with one inertia.
 pub(super) struct Encoder {
@@ -39,7 +36,7 @@ impl Encoder {
         ratio: f64,
         mut rng: ChaCha8Rng,
     ) -> Self {
-        let noise = encoder.noise_std_counts.unwrap_or(0.0);
+        let noise = encoder.noise_std_counts();
         Self {
             name: encoder.name.clone(),
             inertia,

@@ -42,6 +42,20 @@ fn an_eccentric_encoder_is_named_on_the_lighter_side() {
     assert_eq!(said["effects"][0]["name"], "encoder-eccentricity");
 }
 
+/// A description whose inertias are off is no effect of the machine, but said.
+#[test]
+fn moments_of_inertia_that_are_off_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let seen = recorded(folder.path(), "seen.parquet", "start-stop", "60", &[]);
+    let said = diagnosed(&seen, &[]);
+    assert_eq!(said["note"], serde_json::Value::Null, "{said}");
+    let (of, to) = ("moment_kg_m2 = 3.0e5", "moment_kg_m2 = 2.7e5");
+    let lighter = described(folder.path(), of, to);
+    let said = diagnosed_as(&lighter, &seen, &[]);
+    let note = said["note"].as_str().unwrap();
+    assert!(note.contains("moments of inertia"), "{note}");
+}
+
 /// Where torque and speed swing, an inertia that is 0.2 % off passes for a gain, as all clean
 /// machines have it.
 #[test]

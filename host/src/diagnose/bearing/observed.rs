@@ -15,7 +15,7 @@ use crate::diagnose::effect::Effect;
 use crate::diagnose::error::LoadErrors;
 use crate::diagnose::observed::{Abscissa, Nuisance, Observed, Shaft};
 use crate::diagnose::refit::rest;
-use crate::diagnose::select::Found;
+use crate::diagnose::select::{Found, Selection};
 use crate::diagnose::stream::Columns;
 use crate::diagnose::taken::Readings;
 use crate::diagnose::{DiagnoseError, Diagnosis, Residuals, SEED};
@@ -250,7 +250,7 @@ impl Observed for BearingSession {
         Map::new()
     }
 
-    fn note(&self, _: &[&'static str]) -> Option<String> {
+    fn note(&self, _: &Selection<Self>) -> Option<String> {
         None
     }
 }

@@ -11,9 +11,9 @@ use crate::diagnose::effect::{Coupling, Effect};
 use crate::diagnose::error::LoadErrors;
 use crate::diagnose::observed::{Abscissa, Nuisance, Observed, Shaft};
 use crate::diagnose::refit::rest;
-use crate::diagnose::select::Found;
+use crate::diagnose::select::{Found, Selection};
 use crate::diagnose::stream::Columns;
-use crate::diagnose::{DiagnoseError, Diagnosis, Residuals, SEED};
+use crate::diagnose::{DiagnoseError, Diagnosis, Residuals, SEED, cannot_show};
 use crate::machine::{LoadKind, Machine, RotorLoad};
 
 /// Blocks that a recording is divided into, at least so many turns each.
@@ -196,7 +196,8 @@ impl Observed for RotorSession {
             .collect()
     }
 
-    fn note(&self, silent: &[&'static str]) -> Option<String> {
+    fn note(&self, selection: &Selection<Self>) -> Option<String> {
+        let silent = cannot_show(selection);
         (self.one_speed() && !silent.is_empty()).then(|| {
             format!(
                 "at one speed an unbalance does the same as {}: not to be told apart; {} would",

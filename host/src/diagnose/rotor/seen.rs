@@ -67,7 +67,7 @@ impl Seen {
         channels: &[Channel],
         recorded: &Arc<Recorded>,
     ) -> Result<Self, DiagnoseError> {
-        let rough = nuisances(described);
+        let rough = nuisances(described, &recorded.turning);
         let mut off = vec![0.0; rough.len()];
         let forces = forces(described);
         let unbalances = &forces[..described.loads.len()];
@@ -130,35 +130,30 @@ impl Seen {
         for rough in rough {
             let mut other = seen.rotor.clone();
             rough.scale(&mut other, rough.part().exp());
-            free.push(seen.change_between(&seen.rotor, &other, 1.0));
+            free.push(seen.change_to(&other));
         }
         seen.taken = Taken::new(free, &stds, weights);
         Ok(seen)
     }
 
-    /// What the sensors read of rotor `other` in place of `one`, for a unit of `change`; nothing
-    /// where one of them is not held.
-    fn change_between(&self, one: &Rotor, other: &Rotor, change: f64) -> Readings {
-        let read = |rotor: &Rotor| {
-            DrivenRotor::new(rotor, &self.channels, &self.forces, &self.recorded.turning)
-                .map(|driven| driven.reading(&self.recorded.turning, &self.sizes))
-        };
-        let (Ok(one), Ok(other)) = (read(one), read(other)) else {
+    /// What the sensors read of rotor `other` under the same forces, less what they read of this
+    /// one; nothing where it is not held.
+    fn change_to(&self, other: &Rotor) -> Readings {
+        let turning = self.turning();
+        let Ok(driven) = DrivenRotor::new(other, &self.channels, &self.forces, turning) else {
             return vec![Vec::new(); self.channels.len()];
         };
-        (other.iter().zip(&one))
-            .map(|(other, one)| {
-                (other.iter().zip(one))
-                    .map(|(a, b)| (a - b) / change)
-                    .collect()
-            })
-            .collect()
+        let mut change = driven.reading(turning, &self.sizes);
+        for (change, one) in change.iter_mut().zip(&self.explained) {
+            change.iter_mut().zip(one).for_each(|(c, one)| *c -= one);
+        }
+        change
     }
 
     /// What is left of the readings less what `rotor` leaves, each with what explains them best;
     /// nothing where it is not held.
     pub fn explained_beyond(&self, rotor: &Rotor) -> Readings {
-        let rough = nuisances(rotor);
+        let rough = nuisances(rotor, self.turning());
         let unbalances = &self.forces[..rotor.loads.len()];
         let none = vec![0.0; rough.len()];
         let other = Self::about(
@@ -197,10 +192,12 @@ impl Seen {
     }
 }
 
-/// What any recording tells better than the description.
-fn nuisances(rotor: &Rotor) -> Vec<Rough> {
+/// What the recording tells better than the description.
+fn nuisances(rotor: &Rotor, turning: &Turning) -> Vec<Rough> {
     let all = Rough::all(rotor).into_iter();
-    all.filter(|rough| rough.is_nuisance()).collect()
+    all.filter(|rough| rough.is_nuisance())
+        .filter(|rough| *rough != Rough::Acceleration || turning.accelerates())
+        .collect()
 }
 
 /// 0 where nothing was measured.
