@@ -11,8 +11,9 @@ pub(super) const TOLERANCE: f64 = 0.002;
 /// The same of damping, which is never known better.
 pub(super) const DAMPING_TOLERANCE: f64 = 0.1;
 
-/// Torque of the vibrations that a recording may begin with, part of nominal.
-const BEGINNING: f64 = 0.05;
+/// Torque of the vibrations that a recording may begin with, part of nominal: as much as where a load is
+/// put on at once.
+const BEGINNING: f64 = 0.5;
 
 /// Part of the largest torque above which flanks touch for sure.
 const TOUCHING: f64 = 0.2;
@@ -73,7 +74,8 @@ impl Driven {
     }
 
     /// Vibrations that a recording may begin with, two phases for each shaft, by what is expected of
-    /// them.
+    /// them; and each as it grows with time, which is by how much it falls out of step with the
+    /// simulated one.
     pub(super) fn beginnings(&self) -> Vec<Carried> {
         let mut still = self.clone();
         still.outside = vec![vec![0.0; self.speed.len()]; self.outside.len()];
@@ -93,10 +95,14 @@ impl Driven {
                 s,
                 twist * (motion.stiffness[s] * lighter).sqrt(),
             );
-            [twisted, turning]
+            let out_of_step = TOLERANCE * (motion.stiffness[s] * lighter).sqrt();
+            [twisted, turning].map(|start| {
+                let vibration = motion.from(start);
+                let growing = vibration.growing(out_of_step * self.dt_s);
+                [vibration, growing]
+            })
         };
-        let starts = (0..motion.rows.len()).flat_map(from);
-        starts.map(|x| motion.from(x)).collect()
+        (0..motion.rows.len()).flat_map(from).flatten().collect()
     }
 
     /// The same chain with `play` [rad] in shaft `s`; `plain`: what it carries without.
@@ -171,6 +177,18 @@ impl Carried {
             *twist += before;
         }
         self
+    }
+
+    /// The same times `part` for each sample since the start.
+    fn growing(&self, part: f64) -> Self {
+        let times = |of: &[Vec<f64>]| {
+            let grown = |x: &Vec<f64>| (0..).zip(x).map(|(i, x)| f64::from(i) * part * x).collect();
+            of.iter().map(grown).collect()
+        };
+        Self {
+            torque: times(&self.torque),
+            twist: times(&self.twist),
+        }
     }
 
     /// The difference of the two.
@@ -286,11 +304,15 @@ mod tests {
         let beginnings = driven.beginnings();
         let expected = BEGINNING * driven.drivetrain.nominal_torque();
         let most = |torque: &[f64]| torque.iter().fold(0.0_f64, |m, t| m.max(t.abs()));
-        assert_eq!(beginnings.len(), 2);
-        for vibration in beginnings {
-            let torque = &vibration.torque[0];
+        assert_eq!(beginnings.len(), 4);
+        for of_start in beginnings.chunks(2) {
+            let torque = &of_start[0].torque[0];
             assert!((most(&torque[..100]) / expected - 1.0).abs() < 0.1);
             assert!(most(&torque[1900..]) < 0.2 * expected);
+            // Out of step by what stiffness is known to: 3.2 Hz for 0.8 s.
+            let growing = &of_start[1].torque[0];
+            let out_of_step = TOLERANCE * std::f64::consts::TAU * 3.2 * 0.8;
+            assert!((growing[100] / torque[100] / out_of_step - 1.0).abs() < 0.02);
         }
     }
 }

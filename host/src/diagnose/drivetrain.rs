@@ -149,8 +149,8 @@ impl Observed for Session {
     }
 
     /// A zero for each strain and angle, a count by which the carrier's zero may be off, the
-    /// reference's zero and an error of the inertia in the balance, an error of the stiffness in an
-    /// angle; what is only known roughly; what vibrates at first; and what a clean machine leaves
+    /// reference's zero, an error of the inertia and one of the time in the balance, an error of the
+    /// stiffness in an angle; what is only known roughly; what vibrates at first; and what a clean machine leaves
     /// when it does the same. Zeros, counts and first vibrations differ from recording to recording.
     fn nuisances(&self, k: usize) -> Vec<Nuisance> {
         let (stream, signals) = (&self.streams[k], &self.signals);
@@ -163,7 +163,12 @@ impl Observed for Session {
                 let bodies = signals.response.iter().flat_map(|r| &r.bodies);
                 let moment: f64 = bodies.map(|b| b.0).sum();
                 let inertia = signals.acceleration.iter().map(|a| a * moment);
-                vec![zero(1.0), Nuisance::of_machine(inertia.collect(), INERTIA)]
+                let later = signals.later().into_iter().map(|a| a * moment);
+                vec![
+                    zero(1.0),
+                    Nuisance::of_machine(inertia.collect(), INERTIA),
+                    Nuisance::of_machine(later.collect(), 1.0),
+                ]
             }
             Kind::Angle => {
                 let twist = signals.level.iter().map(|l| l * stream.scale);

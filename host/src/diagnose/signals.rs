@@ -6,6 +6,9 @@ use rustfft::num_complex::Complex;
 
 use super::chain::{Carried, Driven, TOLERANCE};
 
+/// Samples by which torques and angles of one row may be apart: read at once, or as means.
+const APART: f64 = 0.5;
+
 /// How one torsional chain answers to a torque that its model lacks.
 #[derive(Clone, Debug)]
 pub struct Response {
@@ -83,11 +86,38 @@ impl Signals {
 
     /// Change of `level`, smoothed [1/s].
     pub fn change(&self) -> Vec<f64> {
-        let level = smooth(&self.level, self.smoothing);
-        let last = level.len().saturating_sub(1);
-        (0..level.len())
+        self.rate(&smooth(&self.level, self.smoothing))
+    }
+
+    /// How the acceleration differs where angles are read later than torques, by what times are known
+    /// to [rad/s^2].
+    pub fn later(&self) -> Vec<f64> {
+        let later_s = APART * self.dt_s / self.means_of as f64;
+        let rate = self.rate(&self.acceleration).into_iter();
+        rate.map(|rate| later_s * rate).collect()
+    }
+
+    /// What the shafts do more where angles are read later than torques.
+    pub fn read_later(&self) -> Option<Carried> {
+        let response = self.response.as_ref()?;
+        let later = self.later();
+        let moment = |side: &Vec<f64>| -> f64 {
+            let bodies = response.bodies.iter().zip(side);
+            bodies.map(|((moment, _), side)| moment * side).sum()
+        };
+        let torque = |side| later.iter().map(|a| moment(side) * a).collect();
+        Some(Carried {
+            torque: response.side.iter().map(torque).collect(),
+            twist: vec![vec![0.0; later.len()]; response.side.len()],
+        })
+    }
+
+    /// Change of `x` over a sample before and one behind, in a second.
+    fn rate(&self, x: &[f64]) -> Vec<f64> {
+        let last = x.len().saturating_sub(1);
+        (0..x.len())
             .map(|i| (i.saturating_sub(1), (i + 1).min(last)))
-            .map(|(from, to)| (level[to] - level[from]) / (self.dt_s * (to - from).max(1) as f64))
+            .map(|(from, to)| (x[to] - x[from]) / (self.dt_s * (to - from).max(1) as f64))
             .collect()
     }
 

@@ -23,13 +23,25 @@ const SETS_OFF: Shape = Shape {
     logarithmic: false,
 };
 
+/// How sharply it turns about at standstill, which is a form and no number that an effect is told by.
+const CREEPING: Shape = Shape {
+    name: "speed below which it creeps",
+    unit: "part of nominal",
+    bounds: (1e-4, 0.03),
+    step: 0.8,
+    logarithmic: true,
+};
+
 /// A torque that brakes one inertia: `a u`, with `u` by its law.
 pub struct Friction {
     name: &'static str,
     about: &'static str,
     experiment: &'static str,
-    /// The inertia first, then what the law needs; of dry friction [`SETS_OFF`] last.
+    /// The inertia first, then what the law needs; of dry friction last [`CREEPING`], where it
+    /// `creeps`, and [`SETS_OFF`].
     shape: &'static [Shape],
+    /// Whether its direction turns about over a range of speeds.
+    creeps: bool,
     /// Values of the law's own parameter from which the search starts; none
     /// where it has none.
     starts: &'static [f64],
@@ -72,7 +84,8 @@ pub const COULOMB: Friction = Friction {
     name: "coulomb-friction",
     about: "a torque that brakes with the same size at every speed",
     experiment: "slow turning both ways without load, with standstill between",
-    shape: &[BODY, SETS_OFF],
+    shape: &[BODY, CREEPING, SETS_OFF],
+    creeps: true,
     starts: &[],
     law: Law::Dry(|_| ONE),
 };
@@ -91,8 +104,10 @@ pub const STRIBECK: Friction = Friction {
             step: 0.3,
             logarithmic: true,
         },
+        CREEPING,
         SETS_OFF,
     ],
+    creeps: true,
     starts: &[0.02, 0.05, 0.12, 0.3],
     law: Law::Dry(|shape| machine::Friction {
         stribeck_nm: 1.0,
@@ -107,6 +122,7 @@ pub const VISCOUS: Friction = Friction {
     about: "a torque that brakes in proportion to speed",
     experiment: "several speeds without load",
     shape: &[BODY],
+    creeps: false,
     starts: &[],
     law: Law::Drag,
 };
@@ -117,6 +133,7 @@ pub const LOAD_DEPENDENT: Friction = Friction {
     about: "a mesh loses a part of the torque that it carries",
     experiment: "torque ramps at constant speed, both ways",
     shape: &[BODY],
+    creeps: false,
     starts: &[],
     law: Law::Load,
 };
@@ -138,6 +155,7 @@ pub const PRESLIDING: Friction = Friction {
         },
         SETS_OFF,
     ],
+    creeps: false,
     starts: &[0.001, 0.005, 0.025, 0.1],
     law: Law::Dry(|shape| machine::Friction {
         presliding_rad: shape[1],
@@ -164,6 +182,9 @@ impl Effect for Friction {
     fn shape(&self) -> &'static [Shape] {
         self.shape
     }
+    fn numbers(&self) -> usize {
+        self.linear().len() + self.shape.len() - usize::from(self.creeps)
+    }
     /// Each inertia with each start, where the torque balance is known.
     fn grid(&self, session: &Session) -> Vec<Vec<f64>> {
         if !session.streams.iter().any(|s| s.kind == Kind::Balance) {
@@ -180,7 +201,9 @@ impl Effect for Friction {
         (0..session.signals.inertias.len())
             .flat_map(|body| laws.iter().map(move |law| (body, law)))
             .flat_map(|(body, law)| {
-                let shape = move |told: &&[f64]| [&[body as f64], law.as_slice(), told].concat();
+                let creeping: &[f64] = if self.creeps { &[CREEP] } else { &[] };
+                let shape =
+                    move |told: &&[f64]| [&[body as f64], law.as_slice(), creeping, told].concat();
                 sets_off.iter().map(shape)
             })
             .collect()
@@ -191,7 +214,7 @@ impl Effect for Friction {
     fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
         vec![Term::Brake {
             body: shape[0] as usize,
-            u: self.law.torque(&session.signals, shape),
+            u: self.torque(&session.signals, shape),
             sticks: matches!(self.law, Law::Dry(_)) && shape.last() == Some(&0.0),
         }]
     }
@@ -224,7 +247,7 @@ impl Effect for Friction {
                 return true;
             }
             Law::Dry(law) => {
-                let mut own = law(shape).scaled(torque, ratio);
+                let mut own = shown(law(shape), signals).scaled(torque, ratio);
                 own.stribeck_rad_s = own.stribeck_rad_s.map(|w| w * signals.nominal_speed);
                 own
             }
@@ -244,16 +267,29 @@ impl Effect for Friction {
     }
 }
 
-impl Law {
+impl Friction {
     fn torque(&self, signals: &Signals, shape: &[f64]) -> Vec<f64> {
         // Part of nominal.
         let speeds = signals.vibrating_speed(shape[0] as usize);
         let turned = signals.nominal_speed * signals.dt_s;
         let motion = speeds.zip(signals.level.iter().copied());
-        match self {
-            Self::Dry(law) => law(shape).course(motion, turned, CREEP),
-            Self::Drag => motion.map(|(speed, _)| speed).collect(),
-            Self::Load => ALL.course(motion, turned, CREEP),
+        let creeping = if self.creeps {
+            shape[shape.len() - 2]
+        } else {
+            CREEP
+        };
+        match self.law {
+            Law::Dry(law) => shown(law(shape), signals).course(motion, turned, creeping),
+            Law::Drag => motion.map(|(speed, _)| speed).collect(),
+            Law::Load => ALL.course(motion, turned, creeping),
         }
     }
+}
+
+/// `friction` as an encoder may show it: what builds up within a count of it has no angle of its own.
+fn shown(mut friction: machine::Friction, signals: &Signals) -> machine::Friction {
+    if friction.presliding_rad > 0.0 {
+        friction.presliding_rad = friction.presliding_rad.max(signals.count);
+    }
+    friction
 }

@@ -1,6 +1,6 @@
 //! Responses that are not those described.
 
-use super::{Effect, GaugeModel, Linear, one_shape};
+use super::{Effect, GaugeModel, Linear, Shape, each, one_shape};
 use crate::diagnose::stream::{Session, Stream, Term, product};
 
 /// `reading g`: gauge factor, lead resistance.
@@ -105,7 +105,10 @@ impl Effect for Position {
     }
 }
 
-/// `reading level g`: a response that grows or falls with torque.
+/// Torque, part of nominal, that counts as one way.
+const BOTH_WAYS: f64 = 0.1;
+
+/// `reading level g` or `reading |level| g`: a response that grows or falls with torque.
 pub struct Nonlinearity;
 
 impl Effect for Nonlinearity {
@@ -121,19 +124,45 @@ impl Effect for Nonlinearity {
             prior_std: 0.1,
         }]
     }
-    fn grid(&self, _: &Session) -> Vec<Vec<f64>> {
-        one_shape()
+    fn shape(&self) -> &'static [Shape] {
+        &[Shape {
+            name: "alike both ways",
+            unit: "0 or 1",
+            bounds: (0.0, 1.0),
+            step: 0.0,
+            logarithmic: false,
+        }]
+    }
+    fn numbers(&self) -> usize {
+        self.linear().len()
+    }
+    fn grid(&self, session: &Session) -> Vec<Vec<f64>> {
+        let level = &session.signals.level;
+        let reaches = |sign: f64| level.iter().any(|level| sign * level > BOTH_WAYS);
+        if reaches(1.0) && reaches(-1.0) {
+            each(&[0.0, 1.0])
+        } else {
+            each(&[0.0])
+        }
     }
     /// Hardly any is a parabola.
     fn form(&self, _: &Session) -> f64 {
         0.25
     }
-    fn terms(&self, session: &Session, _: &[f64]) -> Vec<Term> {
-        let level = &session.signals.level;
-        let column = |s: &Stream| product(&s.reading, level);
+    fn terms(&self, session: &Session, shape: &[f64]) -> Vec<Term> {
+        let level = session.signals.level.iter();
+        let level: Vec<f64> = if shape[0] == 0.0 {
+            level.copied().collect()
+        } else {
+            level.map(|level| level.abs()).collect()
+        };
+        let column = |s: &Stream| product(&s.reading, &level);
         vec![Term::Each(session.streams.iter().map(column).collect())]
     }
-    fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+    fn mend(&self, shape: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
+        if shape[0] != 0.0 {
+            return false;
+        }
         gauge.nonlinearity += parameters[0];
         true
     }
