@@ -11,10 +11,15 @@ use super::stream::{Kind, Stream};
 use super::thin::{Thin, at, filled};
 use super::torque::{Bodies, Torques};
 use crate::gearbox::Torsion;
-use crate::machine::{Drivetrain, Encoder, Machine, MachineError, Senses, earlier, resampled};
+use crate::machine::{
+    Auxiliary, Drivetrain, Encoder, Machine, MachineError, Senses, earlier, resampled,
+};
 
 /// Width of each of the three moving means that smooth accelerations [s].
 pub(super) const SMOOTHING_S: f64 = 0.2;
+
+/// Moving means of this time smooth temperatures [s]: short against the warming of a housing.
+const WARMING_S: f64 = 2.0;
 
 /// Width of the moving mean in the speeds that friction depends on [s]: short
 /// against torsional vibrations.
@@ -92,6 +97,7 @@ impl Seen<'_> {
             response
         });
         let warming = recorded.warming.as_ref();
+        let zero_k = self.machine.thermometer().and_then(Auxiliary::zero_k);
         Signals {
             dt_s,
             means_of: thin.every,
@@ -104,7 +110,9 @@ impl Seen<'_> {
                 .iter()
                 .map(|t| t / nominal_torque)
                 .collect(),
-            warming: warming.map(|w| smooth(&thin.means(w), smoothing)),
+            warming: warming.map(|w| smooth(&thin.means(w), (WARMING_S / dt_s) as usize | 1)),
+            zero_noise_k: (warming.filter(|_| zero_k.is_none()))
+                .map_or(0.0, |w| white_noise_std(w)),
             lag_s: self.machine.thermometer().map_or(0.0, |t| t.lag_s),
             nominal_speed: drivetrain.nominal_speed_rad_s,
             nominal_torque,

@@ -52,6 +52,8 @@ pub struct Signals {
     pub level: Vec<f64>,
     /// How much warmer it is than where zeros hold [K].
     pub warming: Option<Vec<f64>>,
+    /// Noise of the temperature where zeros hold, where that is the first one read [K].
+    pub zero_noise_k: f64,
     /// Lag of the gauges behind the thermometer that is described, and in it [s].
     pub lag_s: f64,
     /// Speed of the main shaft that counts as nominal [rad/s].

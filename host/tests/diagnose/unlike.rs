@@ -67,6 +67,31 @@ fn a_gain_that_warmth_changes_is_named_where_the_torque_swings() {
     assert_eq!(said["effects"][0]["name"], "thermal-gain", "{said}");
 }
 
+/// Angles that are read half a sample before torques, which maps over the angle tell as a delay: where the
+/// speed swings that passes for drag as well, and is none.
+#[test]
+fn angles_read_half_a_sample_late_are_no_drag() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut recording = recorded(folder.path(), "clean.csv", "reversals", "60", &[]);
+    for encoder in ["encoder_main", "encoder_hss"] {
+        let late = folder.path().join(format!("{encoder}.csv"));
+        let mut before = None;
+        rewritten(&recording, &late, encoder, |count, _| {
+            let last = before.replace(count).unwrap_or(count);
+            let wraps = (count - last).abs() > 2f64.powi(31);
+            if wraps {
+                count
+            } else {
+                (0.5 * (last + count)).round()
+            }
+        });
+        recording = late.display().to_string();
+    }
+    let said = diagnosed(&recording, &[]);
+    assert_eq!(said["verdict"], "effect", "{said}");
+    assert_eq!(said["effects"][0]["name"], "channel-delay");
+}
+
 /// References twenty times as noisy as a good flange: what the chain makes of that is no effect.
 #[test]
 fn noisy_references_are_no_effect() {

@@ -293,3 +293,42 @@ fn shown(mut friction: machine::Friction, signals: &Signals) -> machine::Frictio
     }
     friction
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Back and forth in parts of nominal speed, 1 ms apart, with a count of 1 mrad.
+    fn turning() -> Signals {
+        let speed: Vec<f64> = (0..2000).map(|i| (0.005 * f64::from(i)).sin()).collect();
+        Signals {
+            dt_s: 0.001,
+            nominal_speed: 1.0,
+            count: 1e-3,
+            level: vec![0.0; speed.len()],
+            speeds: vec![speed],
+            ..Signals::default()
+        }
+    }
+
+    #[test]
+    fn what_builds_up_within_a_count_has_no_angle_of_its_own() {
+        let signals = turning();
+        let over = |angle: f64| PRESLIDING.torque(&signals, &[0.0, angle, 1.0]);
+        assert_eq!(over(1e-4), over(1e-3));
+        assert_ne!(over(1e-3), over(4e-3));
+    }
+
+    /// By hand: `w / sqrt(w^2 + w_0^2)` of either sharpness.
+    #[test]
+    fn dry_friction_turns_about_as_sharply_as_it_is_said_to() {
+        let signals = turning();
+        for creeping in [3e-4, 0.03] {
+            let torque = COULOMB.torque(&signals, &[0.0, creeping, 1.0]);
+            for (torque, w) in torque.iter().zip(&signals.speeds[0]) {
+                let expected = w / w.hypot(creeping);
+                assert!((torque - expected).abs() < 1e-12 || *w == 0.0);
+            }
+        }
+    }
+}

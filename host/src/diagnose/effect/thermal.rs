@@ -82,6 +82,12 @@ impl Effect for Warmth {
         let measured = signals.warming.iter().flatten().copied();
         vec![(self.term)(followed(measured, signals.dt_s, shape[0]))]
     }
+    /// The temperature where zeros hold may be off by the noise of one reading.
+    fn nuisances(&self, session: &Session, _: &[f64]) -> Vec<Term> {
+        let signals = &session.signals;
+        let off = self.size[0].prior_std * signals.zero_noise_k;
+        vec![(self.term)(vec![off; signals.len()])]
+    }
     fn mend(&self, _: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
         let sampled = gauge.thermal.as_mut();
         sampled
