@@ -172,6 +172,20 @@ impl Data {
         }
     }
 
+    /// Mean square of what `base` leaves of each draw, on blocks that were left out:
+    /// `[stream][draw]`.
+    pub(super) fn left_of_draws(&self, base: &Base) -> Vec<Vec<f64>> {
+        let per_sample = |(fitted, stream): (&Fitted, &StreamData)| {
+            let errors = fitted.errors[1..].iter();
+            errors.map(|error| error / stream.count.max(1.0)).collect()
+        };
+        base.fitted
+            .iter()
+            .zip(&self.streams)
+            .map(per_sample)
+            .collect()
+    }
+
     /// How well `columns` do in each stream.
     fn fitted(&self, columns: &[Vec<Prior>], sums: &[Sums]) -> Vec<Fitted> {
         let streams = columns.iter().zip(sums).enumerate();

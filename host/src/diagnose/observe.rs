@@ -232,8 +232,8 @@ fn shift_of_map(stream: &Stream) -> Option<(f64, f64)> {
 
 /// How each residual changes with what of the chain is known only roughly: the stiffness and the
 /// damping of the shafts, which decide for how long a vibration stays in step with the simulated
-/// one, gears whose inertia the description has in their neighbours, the inertias, and when angles are
-/// read; and what vibrates at the start.
+/// one, gears whose inertia the description has in their neighbours, and the inertias; and what
+/// vibrates at the start.
 fn known_roughly(streams: &mut [Stream], signals: &Signals) {
     let Some(response) = &signals.response else {
         return;
@@ -245,7 +245,6 @@ fn known_roughly(streams: &mut [Stream], signals: &Signals) {
     let roughly: Vec<Carried> = fast(driven.tolerances(&response.carried))
         .chain(gears)
         .chain(signals.heavier())
-        .chain(signals.read_later())
         .collect();
     let beginnings: Vec<Carried> = fast(driven.beginnings()).collect();
     for stream in streams {

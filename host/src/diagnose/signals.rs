@@ -99,21 +99,6 @@ impl Signals {
         rate.map(|rate| later_s * rate).collect()
     }
 
-    /// What the shafts do more where angles are read later than torques.
-    pub fn read_later(&self) -> Option<Carried> {
-        let response = self.response.as_ref()?;
-        let later = self.later();
-        let moment = |side: &Vec<f64>| -> f64 {
-            let bodies = response.bodies.iter().zip(side);
-            bodies.map(|((moment, _), side)| moment * side).sum()
-        };
-        let torque = |side| later.iter().map(|a| moment(side) * a).collect();
-        Some(Carried {
-            torque: response.side.iter().map(torque).collect(),
-            twist: vec![vec![0.0; later.len()]; response.side.len()],
-        })
-    }
-
     /// Change of `x` over a sample before and one behind, in a second.
     fn rate(&self, x: &[f64]) -> Vec<f64> {
         let last = x.len().saturating_sub(1);

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::Diagnosis;
+use super::columns::base_columns;
 use super::effect::{Coupling, Effect};
+use super::fit::Data;
 use super::innovations::Innovations;
 use super::null::Draws;
 use super::observed::Observed;
@@ -62,7 +64,9 @@ impl Verdict {
             .map(|e| e.name())
             .collect();
         let nameless = selection.ranking.is_empty();
-        if unexplained(sessions, oddities, draws) || nameless && has_form(oddities, structures) {
+        if unexplained(sessions, selection, oddities, draws)
+            || nameless && has_form(oddities, structures)
+        {
             return Self::Unknown;
         }
         let mut names: Vec<&'static str> =
@@ -95,12 +99,19 @@ impl Verdict {
 
 /// Whether more is left than chance leaves, and more than what a form that is
 /// not quite right leaves of an effect.
-fn unexplained<S: Observed>(sessions: &[S], oddities: &[Oddity], draws: &Draws) -> bool {
+fn unexplained<S: Observed>(
+    sessions: &[S],
+    selection: &Selection<S>,
+    oddities: &[Oddity],
+    draws: &Draws,
+) -> bool {
+    let data = Data::new(sessions, draws);
+    let left = data.left_of_draws(&data.base(base_columns(sessions, &selection.found)));
     let samples: f64 = sessions.iter().map(|s| s.speed().len() as f64).sum();
     let weight = |k: usize| {
         let n = samples / sessions[0].inflation(k);
-        // What a mean square differs by from draw to draw, and, as draws share blocks, from block to
-        // block of a draw; at least that of white noise.
+        // What a mean square differs by from draw to draw, beside what is fitted of it as well, and, as
+        // draws share blocks, from block to block of a draw; at least that of white noise.
         let (mut of_draws, mut of_blocks) = (Vec::new(), Vec::new());
         for draw in draws {
             let blocks: Vec<f64> = (sessions.iter().zip(draw))
@@ -111,7 +122,8 @@ fn unexplained<S: Observed>(sessions: &[S], oddities: &[Oddity], draws: &Draws) 
             of_draws.push(mean);
             of_blocks.push(spread / (blocks.len().max(1) as f64).sqrt());
         }
-        let (mean, spread) = mean_and_spread(&of_draws);
+        let (mean, _) = mean_and_spread(&of_draws);
+        let (_, spread) = mean_and_spread(&left[k]);
         (spread.max(mean_and_spread(&of_blocks).0) / mean.max(1e-300))
             .max((2.0 / n).sqrt())
             .max(ROUGHLY)
