@@ -163,7 +163,7 @@ pub(super) fn less<S: Observed>(
                 *r -= by * c;
             }
         };
-        for (priors, values) in base.iter().zip(nuisance).skip(k).take(1) {
+        if let (Some(priors), Some(values)) = (base.get(k), nuisance.get(k)) {
             for (prior, value) in priors.iter().zip(values) {
                 subtract(&prior.column, *value);
             }
