@@ -48,6 +48,9 @@ pub const DURATION_S: f64 = 90.0;
 /// Part of the samples of some column that an effect must change to be seen at all.
 const SHOWN: f64 = 1e-3;
 
+/// Strength from which an effect counts as strong.
+pub const STRONG: f64 = 0.3;
+
 /// Recordings of each machine.
 pub const OF_EACH: usize = 10;
 

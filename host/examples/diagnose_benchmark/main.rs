@@ -1,13 +1,14 @@
 //! What `diagnose` says of effects that it is not told.
 //!
-//! `cargo run --release -p loadtwin --example diagnose_benchmark -- [MACHINES] [SEED] [RESULTS.csv]`
+//! `cargo run --release -p loadtwin --example diagnose_benchmark -- [MACHINES] [SEED] [RESULTS.csv] [weak]`
 //!
 //! For each machine (a description with its parameters drawn anew) ten
 //! recordings: four with one effect, two clean, two with two effects, two with
 //! something outside the library. Effect, strength (0.1 to 1.6), profile and
 //! noise are drawn. What is true stands only in the results, which `diagnose`
 //! never opens; a row is written as soon as a recording was diagnosed, and
-//! rows that are there already are not done again.
+//! rows that are there already are not done again. With `weak` only those with one
+//! effect of a strength below 0.3.
 
 mod cases;
 mod outside;
@@ -23,6 +24,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use indicatif::{ProgressBar, ProgressStyle};
 use loadtwin::machine::Machine;
 
+use cases::{Case, Kind, STRONG};
 use score::{Row, Score};
 use told::told;
 
@@ -36,6 +38,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let results = arguments
         .next()
         .map_or_else(|| format!("diagnose-{seed}.csv").into(), PathBuf::from);
+    let weak_only = match arguments.next().as_deref() {
+        None => false,
+        Some("weak") => true,
+        Some(other) => return Err(format!("found {other}, allowed: weak, or nothing").into()),
+    };
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/gearbox/machine.toml");
     let (machines, cases) = cases::drawn(&Machine::load(&path)?, machines, seed);
 
@@ -50,24 +57,22 @@ fn main() -> Result<(), Box<dyn Error>> {
     let writer = csv::WriterBuilder::new()
         .has_headers(before.is_empty())
         .from_writer(file);
-    let bar = ProgressBar::new(cases.len() as u64).with_style(ProgressStyle::with_template(
-        "{wide_bar} {pos} of {len} recordings, {eta} left",
-    )?);
+    let left: Vec<(usize, &Case)> = (cases.iter().enumerate())
+        .filter(|(number, _)| !before.iter().any(|row| row.number == *number))
+        .filter(|(_, case)| !weak_only || is_weak(case))
+        .collect();
+    let bar = ProgressBar::new((before.len() + left.len()) as u64).with_style(
+        ProgressStyle::with_template("{wide_bar} {pos} of {len} recordings, {eta} left")?,
+    );
     bar.set_position(before.len() as u64);
 
-    let done: Vec<usize> = before.iter().map(|row| row.number).collect();
     let next = AtomicUsize::new(0);
     let results = Mutex::new((before, writer, Ok(())));
     std::thread::scope(|scope| {
         for _ in 0..AT_A_TIME {
             scope.spawn(|| {
-                loop {
-                    let number = next.fetch_add(1, Ordering::Relaxed);
-                    let Some(case) = cases.get(number) else { break };
-                    if done.contains(&number) {
-                        continue;
-                    }
-                    let row = told(number, case, &machines[case.machine])
+                while let Some((number, case)) = left.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let row = told(*number, case, &machines[case.machine])
                         .map_err(|error| format!("recording {number}: {error}"));
                     let Ok(mut results) = results.lock() else {
                         break;
@@ -94,4 +99,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     rows.sort_by_key(|row| row.number);
     print!("{}", Score::of(&rows));
     Ok(())
+}
+
+/// Whether it has one effect, and that a weak one.
+fn is_weak(case: &Case) -> bool {
+    case.kind == Kind::One && case.effects.iter().all(|(_, strength)| *strength < STRONG)
 }

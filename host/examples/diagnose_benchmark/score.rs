@@ -5,7 +5,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::cases::Kind;
+use crate::cases::{Kind, STRONG};
 use crate::rate::Rate;
 
 /// One recording, what it held and what was said of it.
@@ -122,9 +122,6 @@ pub struct Score {
     confusion: BTreeMap<(String, String), usize>,
     wrong: Vec<String>,
 }
-
-/// Strength from which an effect counts as strong.
-const STRONG: f64 = 0.3;
 
 impl Score {
     pub fn of(rows: &[Row]) -> Self {

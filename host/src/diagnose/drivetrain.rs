@@ -19,6 +19,9 @@ const BLOCK_S: f64 = 1.5;
 /// Part of full scale by which the zero of a gauge differs from recording to recording.
 const ZERO_BETWEEN: f64 = 0.02;
 
+/// Place of what the description should tell, inertia or twist, among the nuisances of a balance or an angle.
+const DESCRIBED: usize = 1;
+
 /// Part to which the moments of inertia are known, all together.
 const INERTIA: f64 = 0.02;
 
@@ -279,7 +282,7 @@ impl Session {
                     Kind::Angle => ("a twist that differs", TWIST),
                     Kind::Strain | Kind::Innovation => return None,
                 };
-                let part = own.get(1).filter(|part| part.abs() > OFF * known_to)?;
+                let part = own.get(DESCRIBED).filter(|part| part.abs() > OFF * known_to)?;
                 let percent = 100.0 * part;
                 Some(format!(
                     "{name}: fits {what} by {percent:+.1} % from the described; mend the description first"

@@ -37,11 +37,9 @@ pub struct Friction {
     name: &'static str,
     about: &'static str,
     experiment: &'static str,
-    /// The inertia first, then what the law needs; of dry friction last [`CREEPING`], where it
-    /// `creeps`, and [`SETS_OFF`].
+    /// The inertia first, then what the law needs; of dry friction [`CREEPING`], where its direction
+    /// turns about over a range of speeds, and last [`SETS_OFF`].
     shape: &'static [Shape],
-    /// Whether its direction turns about over a range of speeds.
-    creeps: bool,
     /// Values of the law's own parameter from which the search starts; none
     /// where it has none.
     starts: &'static [f64],
@@ -85,7 +83,6 @@ pub const COULOMB: Friction = Friction {
     about: "a torque that brakes with the same size at every speed",
     experiment: "slow turning both ways without load, with standstill between",
     shape: &[BODY, CREEPING, SETS_OFF],
-    creeps: true,
     starts: &[],
     law: Law::Dry(|_| ONE),
 };
@@ -107,7 +104,6 @@ pub const STRIBECK: Friction = Friction {
         CREEPING,
         SETS_OFF,
     ],
-    creeps: true,
     starts: &[0.02, 0.05, 0.12, 0.3],
     law: Law::Dry(|shape| machine::Friction {
         stribeck_nm: 1.0,
@@ -122,7 +118,6 @@ pub const VISCOUS: Friction = Friction {
     about: "a torque that brakes in proportion to speed",
     experiment: "several speeds without load",
     shape: &[BODY],
-    creeps: false,
     starts: &[],
     law: Law::Drag,
 };
@@ -133,7 +128,6 @@ pub const LOAD_DEPENDENT: Friction = Friction {
     about: "a mesh loses a part of the torque that it carries",
     experiment: "torque ramps at constant speed, both ways",
     shape: &[BODY],
-    creeps: false,
     starts: &[],
     law: Law::Load,
 };
@@ -155,7 +149,6 @@ pub const PRESLIDING: Friction = Friction {
         },
         SETS_OFF,
     ],
-    creeps: false,
     starts: &[0.001, 0.005, 0.025, 0.1],
     law: Law::Dry(|shape| machine::Friction {
         presliding_rad: shape[1],
@@ -183,7 +176,7 @@ impl Effect for Friction {
         self.shape
     }
     fn numbers(&self) -> usize {
-        self.linear().len() + self.shape.len() - usize::from(self.creeps)
+        self.linear().len() + self.shape.len() - usize::from(self.creeping().is_some())
     }
     /// Each inertia with each start, where the torque balance is known.
     fn grid(&self, session: &Session) -> Vec<Vec<f64>> {
@@ -201,7 +194,7 @@ impl Effect for Friction {
         (0..session.signals.inertias.len())
             .flat_map(|body| laws.iter().map(move |law| (body, law)))
             .flat_map(|(body, law)| {
-                let creeping: &[f64] = if self.creeps { &[CREEP] } else { &[] };
+                let creeping = self.creeping().map_or(&[][..], |_| &[CREEP][..]);
                 let shape =
                     move |told: &&[f64]| [&[body as f64], law.as_slice(), creeping, told].concat();
                 sets_off.iter().map(shape)
@@ -268,16 +261,17 @@ impl Effect for Friction {
 }
 
 impl Friction {
+    /// Where in its shape it says how sharply it turns about.
+    fn creeping(&self) -> Option<usize> {
+        self.shape.iter().position(|s| s.name == CREEPING.name)
+    }
+
     fn torque(&self, signals: &Signals, shape: &[f64]) -> Vec<f64> {
         // Part of nominal.
         let speeds = signals.vibrating_speed(shape[0] as usize);
         let turned = signals.nominal_speed * signals.dt_s;
         let motion = speeds.zip(signals.level.iter().copied());
-        let creeping = if self.creeps {
-            shape[shape.len() - 2]
-        } else {
-            CREEP
-        };
+        let creeping = self.creeping().map_or(CREEP, |at| shape[at]);
         match self.law {
             Law::Dry(law) => shown(law(shape), signals).course(motion, turned, creeping),
             Law::Drag => motion.map(|(speed, _)| speed).collect(),
