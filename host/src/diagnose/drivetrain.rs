@@ -155,6 +155,8 @@ impl Observed for Session {
     /// reference's zero, an error of the inertia and one of the time in the balance, an error of the
     /// stiffness in an angle; what is only known roughly; what vibrates at first; and what a clean machine leaves
     /// when it does the same. Zeros, counts and first vibrations differ from recording to recording.
+    ///
+    /// The zero comes first, and at [`DESCRIBED`] the inertia of a balance or the twist of an angle.
     fn nuisances(&self, k: usize) -> Vec<Nuisance> {
         let (stream, signals) = (&self.streams[k], &self.signals);
         let n = signals.len();

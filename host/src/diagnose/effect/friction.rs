@@ -194,9 +194,10 @@ impl Effect for Friction {
         (0..session.signals.inertias.len())
             .flat_map(|body| laws.iter().map(move |law| (body, law)))
             .flat_map(|(body, law)| {
-                let creeping = self.creeping().map_or(&[][..], |_| &[CREEP][..]);
-                let shape =
-                    move |told: &&[f64]| [&[body as f64], law.as_slice(), creeping, told].concat();
+                let creeping = self.creeping().and(Some(CREEP));
+                let shape = move |told: &&[f64]| {
+                    [&[body as f64], law.as_slice(), creeping.as_slice(), told].concat()
+                };
                 sets_off.iter().map(shape)
             })
             .collect()
