@@ -31,6 +31,19 @@ fn measured(folder: &str) -> Option<PathBuf> {
     None
 }
 
+/// The table of the README stands in docs/results.md as well, row by row.
+#[test]
+fn the_readme_tells_the_figures_of_the_results() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let read = |path: &str| std::fs::read_to_string(root.join(path)).unwrap();
+    let (readme, results) = (read("README.md"), read("docs/results.md"));
+    let told: Vec<&str> = readme.lines().filter(|row| row.contains("** (")).collect();
+    assert_eq!(told.len(), 6, "{told:#?}");
+    for row in told {
+        assert!(results.lines().any(|line| line == row), "{row}");
+    }
+}
+
 /// The linear model of the tool drive lacks friction and slack: its error is
 /// large, in every file, and this says how large.
 #[test]
