@@ -13,8 +13,9 @@ use super::stream::{Columns, Session};
 /// Chance of an effect being named where there is none, over all candidates.
 const FALSE_ALARM: f64 = 0.005;
 
-/// Evidence below which nothing is named, whatever the draws say.
-pub(super) const LEAST: f64 = 16.0;
+/// Evidence below which nothing is named, whatever the draws say: by chance alone each of a hundred
+/// candidates and shapes reaches it with a probability of `FALSE_ALARM` over a hundred, ln(100 / 0.005).
+pub(super) const LEAST: f64 = 10.0;
 
 /// Times that an effect which is not linear is taken about what its fit says.
 pub(super) const RELINEARISED: usize = 4;

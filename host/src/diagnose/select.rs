@@ -16,15 +16,19 @@ use super::stream::Session;
 
 /// Part, in squares, of what a form explains that another may explain beyond it and still say
 /// the same; beside effects found before, whose forms leave something, too.
-const SAME: f64 = 0.02;
+const SAME: f64 = 0.01;
 const SAME_BESIDE: f64 = 0.05;
+
+/// Evidence that a further parameter is asked for, as its value is chosen: chance brings it once in
+/// two thousand times (chi square of one degree of freedom over 12).
+const FURTHER: f64 = 6.0;
 
 /// Part of what is left of a residual that an effect must explain somewhere:
 /// what a simulated clean machine leaves is not known better.
 const MATERIAL: f64 = 0.05;
 
-/// The same, given the torque by references, with more than `SURE` times the evidence that chance
-/// reaches.
+/// The same of the first effect, given the torque by references, with more than `SURE` times the
+/// evidence that chance reaches.
 const MATERIAL_OF_SURE: f64 = 0.01;
 const SURE: f64 = 3.0;
 
@@ -179,7 +183,7 @@ fn chosen<S: Observed>(
     let forms = Forms::new(data, sessions, found);
     let mut worth: Vec<Ranked<S>> = ranked
         .iter()
-        .filter(|r| r.margin() > 0.0 && is_material(data, sessions, r))
+        .filter(|r| r.margin() > 0.0 && is_material(data, sessions, r, found))
         .filter_map(|r| forms.beyond(r))
         .filter(|r| r.margin() > 0.0)
         .collect();
@@ -230,10 +234,15 @@ fn refit_newest<S: Observed>(sessions: &[S], found: &mut [Found<S>]) {
     refit(sessions, found, streams.as_deref());
 }
 
-/// Whether a candidate explains a part of some residual that is worth a name.
-fn is_material<S: Observed>(data: &Data, sessions: &[S], candidate: &Ranked<S>) -> bool {
+/// Whether a candidate explains a part of some residual that is worth a name beside `found`.
+fn is_material<S: Observed>(
+    data: &Data,
+    sessions: &[S],
+    candidate: &Ranked<S>,
+    found: &[Found<S>],
+) -> bool {
     let trial = &candidate.trial;
-    let sure = trial.score > SURE * candidate.threshold;
+    let sure = found.is_empty() && trial.score > SURE * candidate.threshold;
     let least = if is_latent(sessions, candidate.effect) {
         MATERIAL_OF_LATENT
     } else if sure && sessions.iter().all(Observed::is_referred) {
@@ -293,7 +302,7 @@ fn says_the_same<S: Observed>(
     }
     match (other.effect.numbers()).cmp(&best.effect.numbers()) {
         Ordering::Less if is_silent(data, best, other) => false,
-        Ordering::Less => gap < LEAST || explained(best) < (1.0 + part) * explained(other),
+        Ordering::Less => gap < FURTHER || explained(best) < (1.0 + part) * explained(other),
         Ordering::Equal => gap < same(best.trial.score),
         Ordering::Greater => false,
     }
