@@ -27,10 +27,11 @@ const FURTHER: f64 = 6.0;
 /// what a simulated clean machine leaves is not known better.
 const MATERIAL: f64 = 0.05;
 
-/// The same of the first effect, given the torque by references, with more than `SURE` times the
-/// evidence that chance reaches.
+/// The same, given the torque by references, with more than `SURE` times the evidence that chance
+/// reaches; beside effects found before, whose forms leave something, too.
 const MATERIAL_OF_SURE: f64 = 0.01;
 const SURE: f64 = 3.0;
+const SURE_BESIDE: f64 = 10.0;
 
 /// The same of an effect with a signal that is free to explain anything.
 const MATERIAL_OF_LATENT: f64 = 0.15;
@@ -242,7 +243,8 @@ fn is_material<S: Observed>(
     found: &[Found<S>],
 ) -> bool {
     let trial = &candidate.trial;
-    let sure = found.is_empty() && trial.score > SURE * candidate.threshold;
+    let times = if found.is_empty() { SURE } else { SURE_BESIDE };
+    let sure = trial.score > times * candidate.threshold;
     let least = if is_latent(sessions, candidate.effect) {
         MATERIAL_OF_LATENT
     } else if sure && sessions.iter().all(Observed::is_referred) {
