@@ -6,6 +6,9 @@ const BINS: usize = 24;
 /// `(x, y, half)`: the quantity, the residual, and in which half of the blocks it lies.
 pub(super) type Sample = (f64, f64, usize);
 
+/// A sample in its bin: `(bin, y, half)`.
+pub(super) type Binned = (usize, f64, usize);
+
 /// Where both are known; blocks of `block` samples are dealt to the halves in turn.
 pub(super) fn paired<'a>(
     x: &'a [f64],
@@ -41,40 +44,46 @@ impl Bins {
         })
     }
 
-    fn bin(&self, x: f64) -> usize {
+    /// Where `x` is.
+    pub fn bin(&self, x: f64) -> usize {
         self.ends.partition_point(|end| *end < x)
     }
 
-    /// Mean of `(x, y)` in each bin about the mean of all; 0 where there is none.
-    pub fn means(&self, samples: impl Iterator<Item = (f64, f64)> + Clone) -> Vec<f64> {
-        let (mut sums, mut counts) = (vec![0.0; BINS], vec![0.0_f64; BINS]);
-        for (x, y) in samples {
-            let bin = self.bin(x);
-            sums[bin] += y;
-            counts[bin] += 1.0;
-        }
-        let mean = sums.iter().sum::<f64>() / counts.iter().sum::<f64>().max(1.0);
-        (sums.iter().zip(&counts))
-            .map(|(sum, n)| if *n > 0.0 { sum / n - mean } else { 0.0 })
-            .collect()
+    /// `samples` in their bins.
+    pub fn binned(&self, samples: &[Sample]) -> Vec<Binned> {
+        let binned = |(x, y, half): &Sample| (self.bin(*x), *y, *half);
+        samples.iter().map(binned).collect()
     }
+}
 
-    /// Part of the mean square about the mean that the means of every other block take from the
-    /// rest.
-    pub fn takes(&self, samples: &[Sample]) -> f64 {
-        let (mut left, mut whole) = (0.0, 0.0);
-        for half in 0..2 {
-            let of = |half: usize| (samples.iter()).filter(move |s| s.2 == half);
-            let means = self.means(of(1 - half).map(|s| (s.0, s.1)));
-            let n = of(half).count().max(1) as f64;
-            let mean = of(half).map(|s| s.1).sum::<f64>() / n;
-            for (x, y, _) in of(half) {
-                whole += (y - mean).powi(2);
-                left += (y - mean - means[self.bin(*x)]).powi(2);
-            }
-        }
-        1.0 - left / f64::max(whole, 1e-300)
+/// Mean of `(bin, y)` in each bin about the mean of all; 0 where there is none.
+pub(super) fn means(samples: impl Iterator<Item = (usize, f64)>) -> Vec<f64> {
+    let (mut sums, mut counts) = (vec![0.0; BINS], vec![0.0_f64; BINS]);
+    for (bin, y) in samples {
+        sums[bin] += y;
+        counts[bin] += 1.0;
     }
+    let mean = sums.iter().sum::<f64>() / counts.iter().sum::<f64>().max(1.0);
+    (sums.iter().zip(&counts))
+        .map(|(sum, n)| if *n > 0.0 { sum / n - mean } else { 0.0 })
+        .collect()
+}
+
+/// Part of the mean square about the mean that the means of every other block take from the
+/// rest.
+pub(super) fn takes(samples: &[Binned]) -> f64 {
+    let (mut left, mut whole) = (0.0, 0.0);
+    for half in 0..2 {
+        let of = |half: usize| (samples.iter()).filter(move |s| s.2 == half);
+        let means = means(of(1 - half).map(|s| (s.0, s.1)));
+        let n = of(half).count().max(1) as f64;
+        let mean = of(half).map(|s| s.1).sum::<f64>() / n;
+        for (bin, y, _) in of(half) {
+            whole += (y - mean).powi(2);
+            left += (y - mean - means[*bin]).powi(2);
+        }
+    }
+    1.0 - left / f64::max(whole, 1e-300)
 }
 
 #[cfg(test)]
@@ -98,13 +107,15 @@ mod tests {
     fn what_goes_with_a_quantity_is_taken_and_noise_is_not() {
         let wave = samples(f64::sin);
         let bins = Bins::of(&wave).unwrap();
-        assert!(bins.takes(&wave) > 0.95);
-        let means = bins.means(wave.iter().map(|s| (s.0, s.1)));
+        let wave = bins.binned(&wave);
+        assert!(takes(&wave) > 0.95);
+        let means = means(wave.iter().map(|s| (s.0, s.1)));
         for (x, mean) in bins.middles.iter().zip(means) {
             assert!((mean - x.sin()).abs() < 0.05, "{x} {mean}");
         }
         let noise = samples(|_| 0.0);
-        assert!(Bins::of(&noise).unwrap().takes(&noise) < 0.01);
+        let bins = Bins::of(&noise).unwrap();
+        assert!(takes(&bins.binned(&noise)) < 0.01);
     }
 
     #[test]

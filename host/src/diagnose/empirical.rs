@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::bins::{Bins, Sample, paired};
+use super::bins::{Bins, Sample, means, paired, takes};
 use super::observed::{Abscissa, Observed, common};
 use super::oddity::Oddity;
 
@@ -51,8 +51,9 @@ fn over<S: Observed>(sessions: &[S], k: usize, along: &[Abscissa]) -> Option<Cor
         .flat_map(|(s, along)| paired(&along.values, s.residual(k), s.block()))
         .collect();
     let bins = Bins::of(&samples)?;
-    let takes = bins.takes(&samples);
-    let subtract = bins.means(samples.iter().map(|(x, y, _)| (*x, *y)));
+    let samples = bins.binned(&samples);
+    let takes = takes(&samples);
+    let subtract = means(samples.iter().map(|(bin, y, _)| (*bin, *y)));
     (takes > WORTH).then(|| Correction {
         channel: sessions[0].name(k).to_owned(),
         unit: sessions[0].unit(k),

@@ -13,7 +13,7 @@ use super::columns::nuisances_of;
 use super::effect::{Coupling, Effect};
 use super::observed::Observed;
 use super::stream::Columns;
-use super::sums::{Fitted, Sums, dot, left_out, mirror, solved, totals};
+use super::sums::{Fitted, Sums, dot, dots, left_out, mirror, solved, totals};
 
 /// Folds of the cross-validation.
 pub const FOLDS: usize = 8;
@@ -257,22 +257,28 @@ impl Data {
                     .collect()
             })
             .collect();
+        let mut products = Vec::new();
         for (range, fold) in &self.blocks {
-            let of = |x: &[f64], y: &[f64]| dot(&x[range.clone()], &y[range.clone()]);
             for (i, x) in masked.iter().enumerate() {
-                for (j, y) in base.iter().enumerate() {
-                    sums.gram[*fold][(q + i, j)] += of(x, &y.column);
+                let columns = (base.iter().map(|p| &p.column)).chain(&masked[..=i]);
+                let all = columns.chain(&stream.right[..sides]);
+                dots(
+                    &x[range.clone()],
+                    all.map(|y| &y[range.clone()]),
+                    &mut products,
+                );
+                let (columns, right) = products.split_at(q + i + 1);
+                for (j, product) in columns.iter().enumerate() {
+                    sums.gram[*fold][(q + i, j)] += product;
                 }
-                for (j, y) in masked[..=i].iter().enumerate() {
-                    sums.gram[*fold][(q + i, q + j)] += of(x, y);
-                }
-                for (r, y) in stream.right[..sides].iter().enumerate() {
-                    sums.right[*fold][(q + i, r)] += of(x, y);
+                for (r, product) in right.iter().enumerate() {
+                    sums.right[*fold][(q + i, r)] += product;
                 }
             }
             if q == 0 {
                 for (r, y) in stream.right[..sides].iter().enumerate() {
-                    sums.square[*fold][r] += of(y, y);
+                    let y = &y[range.clone()];
+                    sums.square[*fold][r] += dot(y, y);
                 }
             }
         }

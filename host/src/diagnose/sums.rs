@@ -172,20 +172,44 @@ impl Eliminated {
     }
 }
 
-/// `x y` in four sums, so that it runs in the width of the processor.
+/// `x y`.
 pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
-    let mut sums = [0.0; 4];
-    let (xs, ys) = (x.chunks_exact(4), y.chunks_exact(4));
-    let rest: f64 = xs
-        .remainder()
-        .iter()
-        .zip(ys.remainder())
-        .map(|(x, y)| x * y)
-        .sum();
-    for (x, y) in xs.zip(ys) {
-        for i in 0..4 {
-            sums[i] += x[i] * y[i];
+    let [product] = dots_of(x, [y]);
+    product
+}
+
+/// `x y` of each of `ys`, into `products`.
+pub(super) fn dots<'a>(x: &[f64], ys: impl Iterator<Item = &'a [f64]>, products: &mut Vec<f64>) {
+    products.clear();
+    let mut waiting: [&[f64]; 4] = [&[]; 4];
+    let mut count = 0;
+    for y in ys {
+        waiting[count] = y;
+        count += 1;
+        if count == waiting.len() {
+            products.extend(dots_of(x, waiting));
+            count = 0;
         }
     }
-    sums.iter().sum::<f64>() + rest
+    products.extend(waiting[..count].iter().map(|y| dot(x, y)));
+}
+
+/// `x y` of each of `ys`, of the length of `x`: each in four sums, so that it runs in the width of the
+/// processor, and several at once, so that none waits for the sum before.
+fn dots_of<const N: usize>(x: &[f64], ys: [&[f64]; N]) -> [f64; N] {
+    let (xs, rest) = x.as_chunks::<4>();
+    let chunks = ys.map(|y| &y.as_chunks::<4>().0[..xs.len()]);
+    let mut sums = [[0.0; 4]; N];
+    for (i, x) in xs.iter().enumerate() {
+        for (sums, y) in sums.iter_mut().zip(&chunks) {
+            for lane in 0..4 {
+                sums[lane] += x[lane] * y[i][lane];
+            }
+        }
+    }
+    std::array::from_fn(|k| {
+        let last = rest.iter().zip(&ys[k][x.len() - rest.len()..]);
+        let last: f64 = last.map(|(x, y)| x * y).sum();
+        sums[k].iter().sum::<f64>() + last
+    })
 }

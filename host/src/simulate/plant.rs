@@ -108,12 +108,38 @@ pub(super) struct State {
     integral: f64,
 }
 
+impl State {
+    /// Each part becomes `of` itself, that of `x` and its rate, for the first `bodies` and the first
+    /// `sliding` frictions.
+    fn each(
+        &mut self,
+        (bodies, sliding): (usize, usize),
+        x: &Self,
+        rate: &Self,
+        of: impl Fn(f64, f64, f64) -> f64,
+    ) {
+        let each = |own: &mut [f64], x: &[f64], rate: &[f64]| {
+            for ((own, x), rate) in own.iter_mut().zip(x).zip(rate) {
+                *own = of(*own, *x, *rate);
+            }
+        };
+        self.angle = of(self.angle, x.angle, rate.angle);
+        self.drive = of(self.drive, x.drive, rate.drive);
+        self.integral = of(self.integral, x.integral, rate.integral);
+        each(&mut self.twist[..bodies], &x.twist, &rate.twist);
+        each(&mut self.speed[..bodies], &x.speed, &rate.speed);
+        each(&mut self.friction[..sliding], &x.friction, &rate.friction);
+    }
+}
+
 /// The plant and where it is.
 #[derive(Clone, Debug)]
 pub(super) struct Plant {
     count: usize,
     bodies: [Body; BODIES],
     segments: [Segment; BODIES],
+    /// Whether the stiffness of any mesh varies.
+    varies: bool,
     ripples: Vec<Ripple>,
     presliding: Vec<Presliding>,
     controller: Controller,
@@ -138,6 +164,7 @@ impl Plant {
             count: 2 * chain.bodies.len() - 1,
             bodies: [Body::default(); BODIES],
             segments: [Segment::default(); BODIES],
+            varies: chain.shafts.iter().any(|s| s.variation != 0.0),
             ripples: chain.ripples.clone(),
             presliding: chain.presliding.clone(),
             controller: Controller::default(),
@@ -275,44 +302,35 @@ impl Plant {
 
     /// One step of the classical Runge-Kutta method with constant loads.
     pub(super) fn step(&mut self, h: f64, drive: &Drive) {
+        let size = (self.count, self.presliding.len().min(BODIES));
         let x = self.state;
-        let k1 = self.rate(&x, drive);
-        let k2 = self.rate(&self.along(&x, &k1, 0.5 * h), drive);
-        let k3 = self.rate(&self.along(&x, &k2, 0.5 * h), drive);
-        let k4 = self.rate(&self.along(&x, &k3, h), drive);
-        let mut next = x;
-        for (k, weight) in [(k1, 1.0), (k2, 2.0), (k3, 2.0), (k4, 1.0)] {
-            next = self.along(&next, &k, weight * h / 6.0);
+        let (mut stage, mut rate) = (x, State::default());
+        for (weight, onward) in [
+            (1.0, Some(0.5)),
+            (2.0, Some(0.5)),
+            (2.0, Some(1.0)),
+            (1.0, None),
+        ] {
+            self.rate(&stage, drive, &mut rate);
+            let weight = weight * h / 6.0;
+            (self.state).each(size, &x, &rate, |next, _, rate| next + weight * rate);
+            if let Some(part) = onward {
+                let h = part * h;
+                stage.each(size, &x, &rate, |_, x, rate| x + h * rate);
+            }
         }
-        self.state = next;
     }
 
-    fn along(&self, x: &State, rate: &State, h: f64) -> State {
-        let mut next = *x;
-        next.angle += h * rate.angle;
-        next.drive += h * rate.drive;
-        next.integral += h * rate.integral;
-        for i in 0..self.count {
-            next.twist[i] += h * rate.twist[i];
-            next.speed[i] += h * rate.speed[i];
-        }
-        for j in 0..self.presliding.len().min(BODIES) {
-            next.friction[j] += h * rate.friction[j];
-        }
-        next
-    }
-
-    fn rate(&self, x: &State, drive: &Drive) -> State {
-        let mut rate = State {
-            angle: x.speed[0],
-            ..State::default()
-        };
+    /// `rate` at `x`, of what the plant has.
+    fn rate(&self, x: &State, drive: &Drive, rate: &mut State) {
+        rate.angle = x.speed[0];
+        let mesh = self.mesh(x);
         let mut before = 0.0;
-        for i in 0..self.count {
+        for i in 0..self.count.min(BODIES) {
             let mut torque = before + drive.loads[i] - self.friction(i, x);
             if i + 1 < self.count {
                 rate.twist[i] = x.speed[i] - x.speed[i + 1];
-                let carried = self.torque(i, x);
+                let carried = self.torque(i, x, mesh);
                 let lost = |part: f64| match part {
                     0.0 => 0.0,
                     part => part * carried.abs() * self.direction(x.speed[i]),
@@ -342,15 +360,23 @@ impl Plant {
             let w = x.speed[p.body];
             *rate = (w * p.torque - w.abs() * friction) / p.angle;
         }
-        rate
     }
 
-    /// Torque that segment `i` carries from body i to body i + 1.
-    fn torque(&self, i: usize, x: &State) -> f64 {
+    /// Where the teeth of the meshes are, -1 to 1; 0 where no stiffness varies with it.
+    fn mesh(&self, x: &State) -> f64 {
+        if self.varies {
+            (MESH_ORDER * x.angle).cos()
+        } else {
+            0.0
+        }
+    }
+
+    /// Torque that segment `i` carries from body i to body i + 1, the teeth being at `mesh`.
+    fn torque(&self, i: usize, x: &State, mesh: f64) -> f64 {
         let s = &self.segments[i];
         let mut stiffness = s.stiffness;
         if s.variation != 0.0 {
-            stiffness *= 1.0 + s.variation * (MESH_ORDER * x.angle).cos();
+            stiffness *= 1.0 + s.variation * mesh;
         }
         let damping = s.damping * (x.speed[i] - x.speed[i + 1]);
         if s.half_backlash == 0.0 {
@@ -403,7 +429,7 @@ impl Plant {
 
     /// Torque in the mesh of shaft `i` of the machine description, referred [N m].
     pub(super) fn torque_of(&self, i: usize) -> f64 {
-        self.torque(2 * i + 1, &self.state)
+        self.torque(2 * i + 1, &self.state, self.mesh(&self.state))
     }
 
     /// Torque of the machine that holds the speed, referred [N m].
