@@ -43,6 +43,23 @@ impl Taken {
         }
     }
 
+    /// With `further` columns after them, and the standard deviations of their parameters.
+    pub fn with(&self, further: Vec<(Readings, f64)>) -> Self {
+        let std = |ridge: &f64| ridge.powf(-0.5);
+        let mut stds: Vec<f64> = self.ridge.iter().map(std).collect();
+        let mut columns = self.columns.clone();
+        for (column, std) in further {
+            columns.push(column);
+            stds.push(std);
+        }
+        Self::new(columns, &stds, self.weights.clone())
+    }
+
+    /// Number of columns.
+    pub fn len(&self) -> usize {
+        self.columns.len()
+    }
+
     /// Parameters with which the columns explain `readings` best.
     pub fn parameters(&self, readings: &Readings) -> Vec<f64> {
         let right = Mat::from_fn(self.columns.len(), 1, |a, _| {

@@ -21,6 +21,7 @@ use recorded::Recorded;
 use seen::Seen;
 
 use super::DiagnoseError;
+use super::effect::Coupling;
 
 pub use super::taken::Readings;
 
@@ -74,7 +75,12 @@ impl RotorSession {
                 *reading -= channel.to_si(channel.offset + channel.runout_at(*angle));
             }
         }
-        let seen = Seen::new(rotor, channels, &Arc::new(recorded))?;
+        let beside = |seen: &Arc<Seen>| Self::of(Arc::clone(seen)).effects();
+        let seen = Seen::new(rotor, channels, &Arc::new(recorded), beside)?;
+        Ok(Self::of(seen))
+    }
+
+    fn of(seen: Arc<Seen>) -> Self {
         let streams = (seen.residual().into_iter())
             .map(|residual| RotorStream {
                 residual,
@@ -82,13 +88,38 @@ impl RotorSession {
             })
             .collect();
         let dt_s = seen.turning().dt_s;
-        Ok(Self {
+        Self {
             t: (0..seen.turning().angle.len())
                 .map(|i| i as f64 * dt_s)
                 .collect(),
-            seen: Arc::new(seen),
+            seen,
             streams,
-        })
+        }
+    }
+
+    /// What effects do that have no shape but a place, by their parameters one after another, and
+    /// the standard deviations of these.
+    fn effects(&self) -> Vec<(Readings, f64)> {
+        let mut all = Vec::new();
+        for effect in effect::LIBRARY {
+            if effect.shape().iter().any(|shape| shape.step > 0.0) {
+                continue;
+            }
+            for shape in effect.grid(self) {
+                for (term, linear) in effect.terms(self, &shape).into_iter().zip(effect.linear()) {
+                    let std = linear.prior_std;
+                    match effect.coupling() {
+                        Coupling::Shared => all.push((term, std)),
+                        Coupling::Own => {
+                            let own =
+                                |k: usize| self.each(|j, i| if j == k { term[j][i] } else { 0.0 });
+                            all.extend((0..term.len()).map(|k| (own(k), std)));
+                        }
+                    }
+                }
+            }
+        }
+        all
     }
 
     /// The rotor as described.

@@ -61,25 +61,30 @@ impl Seen {
         &self.recorded.turning
     }
 
-    /// What `recorded`, less offsets, shows of `rotor`.
+    /// What `recorded`, less offsets, shows of `rotor`; `beside` are effects that it may hold, as
+    /// columns with the standard deviations of their parameters, for what is known roughly is not
+    /// to be taken for them.
     pub fn new(
         described: &Rotor,
         channels: &[Channel],
         recorded: &Arc<Recorded>,
-    ) -> Result<Self, DiagnoseError> {
+        beside: impl Fn(&Arc<Self>) -> Vec<(Readings, f64)>,
+    ) -> Result<Arc<Self>, DiagnoseError> {
         let rough = nuisances(described, &recorded.turning);
-        let mut off = vec![0.0; rough.len()];
         let forces = forces(described);
-        let unbalances = &forces[..described.loads.len()];
+        let mut off = vec![0.0; rough.len()];
         for _ in 1..ROUNDS {
-            let seen = Self::about(described, channels, recorded, unbalances, &rough, &off)?;
-            let found = seen.taken.parameters(&known(&recorded.readings));
-            let step = &found[found.len() - off.len()..];
-            for (off, step) in off.iter_mut().zip(step) {
+            let seen = Self::about(described, channels, recorded, &forces, &rough, &off)?;
+            let seen = Arc::new(seen);
+            let further = beside(&seen);
+            let found = (seen.taken.with(further)).parameters(&known(&recorded.readings));
+            let steps = &found[seen.taken.len() - off.len()..];
+            for (off, step) in off.iter_mut().zip(steps) {
                 *off = (*off + step).clamp(-MOST_OFF, MOST_OFF);
             }
         }
-        Self::about(described, channels, recorded, &forces, &rough, &off)
+        let seen = Self::about(described, channels, recorded, &forces, &rough, &off)?;
+        Ok(Arc::new(seen))
     }
 
     /// With what is known roughly off by `off` standard deviations.
