@@ -202,10 +202,13 @@ pub(super) fn columns<S: Observed>(
     shape: &[f64],
     parameters: &[Vec<f64>],
 ) -> Vec<Columns> {
-    let per_session: Vec<Vec<Columns>> = sessions
+    let mut per_session: Vec<Vec<Columns>> = sessions
         .iter()
         .map(|session| session.columns(effect, shape, parameters))
         .collect();
+    if per_session.len() == 1 {
+        return per_session.swap_remove(0);
+    }
     (0..effect.linear().len())
         .map(|j| {
             (0..sessions[0].streams().len())

@@ -324,19 +324,55 @@ impl Data {
         } else {
             1
         };
-        let stream_columns = self.by_stream(columns);
+        let sums = self.sums_by_stream(base, &self.by_stream(columns), sides);
+        self.judged(base, effect, shape, &sums, overdispersion)
+    }
+
+    /// The same of several with the draws, `(base, effect, shape, columns)`: stream by stream, so
+    /// that what all are held against is read from memory once.
+    pub fn trials<S: Observed>(
+        &self,
+        all: &[(&Base, &dyn Effect<S>, &[f64], &[Columns])],
+    ) -> Vec<Trial> {
+        let columns: Vec<Vec<Vec<&[f64]>>> = (all.iter())
+            .map(|(.., columns)| self.by_stream(columns))
+            .collect();
+        let mut sums: Vec<Vec<Option<Sums>>> = vec![Vec::new(); all.len()];
+        for k in 0..self.streams.len() {
+            for (((base, ..), columns), sums) in all.iter().zip(&columns).zip(&mut sums) {
+                sums.push(self.sums_of_stream(base, k, &columns[k], self.sides()));
+            }
+        }
+        (all.iter().zip(&sums))
+            .map(|((base, effect, shape, _), sums)| self.judged(base, *effect, shape, sums, None))
+            .collect()
+    }
+
+    /// Evidence of `effect` by the `sums` of each stream.
+    fn judged<S: Observed>(
+        &self,
+        base: &Base,
+        effect: &dyn Effect<S>,
+        shape: &[f64],
+        sums: &[Option<Sums>],
+        overdispersion: Option<&[f64]>,
+    ) -> Trial {
+        let sides = if overdispersion.is_none() {
+            self.sides()
+        } else {
+            1
+        };
         let priors: Vec<f64> = effect.linear().iter().map(|l| l.prior_std).collect();
-        let sums = self.sums_by_stream(base, &stream_columns, sides);
         let (fitted, strained, overdispersion) = match effect.coupling() {
             Coupling::Own => (
-                self.own(base, &sums, &priors),
+                self.own(base, sums, &priors),
                 vec![0.0; sides],
                 vec![1.0; self.streams.len()],
             ),
             Coupling::Shared => {
-                let overdispersion = overdispersion
-                    .map_or_else(|| self.overdispersion(base, &sums), <[f64]>::to_vec);
-                let (fitted, strained) = self.shared(base, &sums, &priors, &overdispersion);
+                let overdispersion =
+                    overdispersion.map_or_else(|| self.overdispersion(base, sums), <[f64]>::to_vec);
+                let (fitted, strained) = self.shared(base, sums, &priors, &overdispersion);
                 (fitted, strained, overdispersion)
             }
         };
@@ -433,14 +469,14 @@ impl Data {
         columns: &[Vec<&[f64]>],
         sides: usize,
     ) -> Vec<Option<Sums>> {
-        columns
-            .iter()
-            .enumerate()
-            .map(|(k, own)| {
-                (!own.is_empty() && self.streams[k].count > 0.0)
-                    .then(|| self.joined(base, k, own, sides))
-            })
+        (columns.iter().enumerate())
+            .map(|(k, own)| self.sums_of_stream(base, k, own, sides))
             .collect()
+    }
+
+    fn sums_of_stream(&self, base: &Base, k: usize, own: &[&[f64]], sides: usize) -> Option<Sums> {
+        let acts = !own.is_empty() && self.streams[k].count > 0.0;
+        acts.then(|| self.joined(base, k, own, sides))
     }
 
     fn ridge_with(&self, base: &Base, k: usize, priors: &[f64]) -> Vec<f64> {

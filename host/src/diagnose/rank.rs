@@ -1,5 +1,7 @@
 //! Candidates with their evidence: on the grid of their shapes, then refined.
 
+use std::borrow::Cow;
+
 use rayon::prelude::*;
 
 use super::columns::columns;
@@ -19,6 +21,9 @@ pub(super) const LEAST: f64 = 10.0;
 
 /// Times that an effect which is not linear is taken about what its fit says.
 pub(super) const RELINEARISED: usize = 4;
+
+/// Candidates that are held against the data at a time.
+const TOGETHER: usize = 4;
 
 /// Candidates whose shape is refined.
 const REFINED: usize = 6;
@@ -66,24 +71,8 @@ pub(super) fn rank<S: Observed>(
         })
         .collect();
     let trials: Vec<(usize, Trial)> = jobs
-        .par_iter()
-        .filter_map(|(i, shape)| {
-            let effect = candidates[*i];
-            let linear = columns(sessions, effect, shape, &[]);
-            if linear.iter().flatten().all(Vec::is_empty) {
-                return None;
-            }
-            let base = &data.with_nuisances(base, sessions, effect, shape);
-            let mut trial = data.trial(base, effect, shape, &linear, None);
-            if !effect.is_linear() {
-                let bent = relinearised(data, base, sessions, effect, &trial, linear);
-                if bent.score > trial.score {
-                    trial = bent;
-                }
-            }
-            charge(effect, sessions, &mut trial);
-            Some((*i, trial))
-        })
+        .par_chunks(TOGETHER)
+        .flat_map_iter(|jobs| tried(data, base, sessions, candidates, jobs))
         .collect();
     let mut ranked: Vec<Ranked<S>> = Vec::new();
     for (i, effect) in candidates.iter().enumerate() {
@@ -109,6 +98,43 @@ pub(super) fn rank<S: Observed>(
     }
     ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
     ranked
+}
+
+/// What each of `jobs`, a candidate's number and a shape, explains; without those that the recording
+/// cannot show.
+fn tried<S: Observed>(
+    data: &Data,
+    base: &Base,
+    sessions: &[S],
+    candidates: &[&'static dyn Effect<S>],
+    jobs: &[(usize, Vec<f64>)],
+) -> Vec<(usize, Trial)> {
+    let mut terms: Vec<Vec<Columns>> = Vec::new();
+    let mut shown = Vec::new();
+    for (i, shape) in jobs {
+        let linear = columns(sessions, candidates[*i], shape, &[]);
+        if !linear.iter().flatten().all(Vec::is_empty) {
+            terms.push(linear);
+            shown.push((*i, candidates[*i], shape.as_slice()));
+        }
+    }
+    let bases: Vec<Cow<'_, Base>> = (shown.iter())
+        .map(|(_, effect, shape)| data.with_nuisances(base, sessions, *effect, shape))
+        .collect();
+    let all: Vec<_> = (shown.iter().zip(&bases).zip(&terms))
+        .map(|(((_, effect, shape), base), linear)| (&**base, *effect, *shape, linear.as_slice()))
+        .collect();
+    let mut trials = data.trials(&all);
+    for (trial, (base, effect, _, linear)) in trials.iter_mut().zip(&all) {
+        if !effect.is_linear() {
+            let bent = relinearised(data, base, sessions, *effect, trial, linear);
+            if bent.score > trial.score {
+                *trial = bent;
+            }
+        }
+        charge(*effect, sessions, trial);
+    }
+    shown.iter().map(|(i, ..)| *i).zip(trials).collect()
 }
 
 /// Shapes of which each is a place of its own, and that explain what `best` explains.
@@ -140,14 +166,14 @@ fn relinearised<S: Observed>(
     sessions: &[S],
     effect: &dyn Effect<S>,
     at_first: &Trial,
-    linear: Vec<Columns>,
+    linear: &[Columns],
 ) -> Trial {
     let shape = &at_first.shape;
     let mut about = Vec::new();
-    let mut terms = linear;
+    let mut terms = Cow::Borrowed(linear);
     for _ in 0..RELINEARISED {
         about = data.parameters(base, effect, &terms, &at_first.overdispersion);
-        terms = columns(sessions, effect, shape, &about);
+        terms = columns(sessions, effect, shape, &about).into();
     }
     Trial {
         about,
