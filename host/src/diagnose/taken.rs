@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use super::sums::{mirror, solved};
+use super::sums::{dot, mirror, solved};
 
 /// Readings or predictions of all streams: `[stream][sample]`.
 pub type Readings = Vec<Vec<f64>>;
@@ -30,8 +30,9 @@ impl Taken {
         let p = columns.len();
         let mut gram = Mat::<f64>::zeros(p, p);
         for a in 0..p {
+            let weighed = weighed(&columns[a], &weights);
             for b in 0..=a {
-                gram[(a, b)] = product(&columns[a], &columns[b], &weights);
+                gram[(a, b)] = product(&weighed, &columns[b]);
             }
         }
         mirror(&mut gram);
@@ -62,8 +63,9 @@ impl Taken {
 
     /// Parameters with which the columns explain `readings` best.
     pub fn parameters(&self, readings: &Readings) -> Vec<f64> {
+        let weighed = weighed(readings, &self.weights);
         let right = Mat::from_fn(self.columns.len(), 1, |a, _| {
-            product(&self.columns[a], readings, &self.weights)
+            product(&weighed, &self.columns[a])
         });
         let found = solved(self.gram.clone(), &right, &self.ridge);
         (0..self.columns.len()).map(|a| found[(a, 0)]).collect()
@@ -83,15 +85,21 @@ impl Taken {
 
     /// `y' W y`.
     pub fn square(&self, readings: &Readings) -> f64 {
-        product(readings, readings, &self.weights)
+        product(&weighed(readings, &self.weights), readings)
     }
 }
 
-/// `x' W y` over what was measured.
-fn product(x: &Readings, y: &Readings, weights: &Readings) -> f64 {
-    (x.iter().zip(y).zip(weights))
-        .flat_map(|((x, y), w)| x.iter().zip(y).zip(w))
-        .filter(|(_, w)| **w > 0.0)
-        .map(|((x, y), w)| w * x * y)
-        .sum()
+/// `W x`.
+fn weighed(x: &Readings, weights: &Readings) -> Readings {
+    let of = |(x, w): (&Vec<f64>, &Vec<f64>)| x.iter().zip(w).map(|(x, w)| x * w).collect();
+    x.iter().zip(weights).map(of).collect()
+}
+
+/// `x' y`; a column that is empty predicts nothing.
+fn product(x: &Readings, y: &Readings) -> f64 {
+    let shared = |(x, y): (&Vec<f64>, &Vec<f64>)| {
+        let n = x.len().min(y.len());
+        dot(&x[..n], &y[..n])
+    };
+    x.iter().zip(y).map(shared).sum()
 }
