@@ -81,6 +81,15 @@ pub struct Trial {
     pub overdispersion: Vec<f64>,
 }
 
+/// A candidate with what it is tried beside.
+pub(super) struct Tried<'a, S: Observed> {
+    pub base: &'a Base,
+    pub effect: &'static dyn Effect<S>,
+    pub shape: &'a [f64],
+    /// `[parameter][stream]`.
+    pub columns: &'a [Columns],
+}
+
 impl Data {
     /// Lays out `sessions`; `draws[m][session][stream]` are residuals without effect.
     pub fn new<S: Observed>(sessions: &[S], draws: &[Vec<Vec<Vec<f64>>>]) -> Self {
@@ -328,23 +337,18 @@ impl Data {
         self.judged(base, effect, shape, &sums, overdispersion)
     }
 
-    /// The same of several with the draws, `(base, effect, shape, columns)`: stream by stream, so
-    /// that what all are held against is read from memory once.
-    pub fn trials<S: Observed>(
-        &self,
-        all: &[(&Base, &dyn Effect<S>, &[f64], &[Columns])],
-    ) -> Vec<Trial> {
-        let columns: Vec<Vec<Vec<&[f64]>>> = (all.iter())
-            .map(|(.., columns)| self.by_stream(columns))
-            .collect();
+    /// The same of several with the draws: stream by stream, so that what all are held against is
+    /// read from memory once.
+    pub(super) fn trials<S: Observed>(&self, all: &[Tried<'_, S>]) -> Vec<Trial> {
+        let columns: Vec<_> = all.iter().map(|t| self.by_stream(t.columns)).collect();
         let mut sums: Vec<Vec<Option<Sums>>> = vec![Vec::new(); all.len()];
         for k in 0..self.streams.len() {
-            for (((base, ..), columns), sums) in all.iter().zip(&columns).zip(&mut sums) {
-                sums.push(self.sums_of_stream(base, k, &columns[k], self.sides()));
+            for ((tried, columns), sums) in all.iter().zip(&columns).zip(&mut sums) {
+                sums.push(self.sums_of_stream(tried.base, k, &columns[k], self.sides()));
             }
         }
         (all.iter().zip(&sums))
-            .map(|((base, effect, shape, _), sums)| self.judged(base, *effect, shape, sums, None))
+            .map(|(t, sums)| self.judged(t.base, t.effect, t.shape, sums, None))
             .collect()
     }
 

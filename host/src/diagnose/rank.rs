@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::columns::columns;
 use super::effect::Effect;
-use super::fit::{Base, Data, Trial};
+use super::fit::{Base, Data, Trial, Tried};
 use super::observed::Observed;
 use super::shape::best_shape;
 use super::statistics::gumbel;
@@ -121,18 +121,24 @@ fn tried<S: Observed>(
     let bases: Vec<Cow<'_, Base>> = (shown.iter())
         .map(|(_, effect, shape)| data.with_nuisances(base, sessions, *effect, shape))
         .collect();
-    let all: Vec<_> = (shown.iter().zip(&bases).zip(&terms))
-        .map(|(((_, effect, shape), base), linear)| (&**base, *effect, *shape, linear.as_slice()))
+    let all: Vec<Tried<'_, S>> = (shown.iter().zip(&bases).zip(&terms))
+        .map(|(((_, effect, shape), base), columns)| Tried {
+            base,
+            effect: *effect,
+            shape,
+            columns,
+        })
         .collect();
     let mut trials = data.trials(&all);
-    for (trial, (base, effect, _, linear)) in trials.iter_mut().zip(&all) {
+    for (trial, tried) in trials.iter_mut().zip(&all) {
+        let effect = tried.effect;
         if !effect.is_linear() {
-            let bent = relinearised(data, base, sessions, *effect, trial, linear);
+            let bent = relinearised(data, tried.base, sessions, effect, trial, tried.columns);
             if bent.score > trial.score {
                 *trial = bent;
             }
         }
-        charge(*effect, sessions, trial);
+        charge(effect, sessions, trial);
     }
     shown.iter().map(|(i, ..)| *i).zip(trials).collect()
 }
