@@ -3,21 +3,26 @@
 /// Number of bins.
 const BINS: usize = 24;
 
-/// `(x, y, half)`: the quantity, the residual, and in which half of the blocks it lies.
-pub(super) type Sample = (f64, f64, usize);
+/// Bin of a sample, and in which half of the blocks it lies.
+pub(super) type Place = (usize, usize);
 
 /// A sample in its bin: `(bin, y, half)`.
 pub(super) type Binned = (usize, f64, usize);
 
-/// Where both are known; blocks of `block` samples are dealt to the halves in turn.
-pub(super) fn paired<'a>(
-    x: &'a [f64],
+/// `x` where both are known.
+pub(super) fn known<'a>(x: &'a [f64], y: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
+    let pairs = x.iter().zip(y);
+    let known = pairs.filter(|(x, y)| x.is_finite() && y.is_finite());
+    known.map(|(x, _)| *x)
+}
+
+/// `y` in its `places`, where both are known.
+pub(super) fn binned<'a>(
+    places: &'a [Option<Place>],
     y: &'a [f64],
-    block: usize,
-) -> impl Iterator<Item = Sample> + 'a {
-    (x.iter().zip(y).enumerate())
-        .filter(|(_, (x, y))| x.is_finite() && y.is_finite())
-        .map(move |(i, (x, y))| (*x, *y, i / block % 2))
+) -> impl Iterator<Item = Binned> + 'a {
+    let known = places.iter().zip(y).filter(|(_, y)| y.is_finite());
+    known.filter_map(|(place, y)| place.map(|(bin, half)| (bin, *y, half)))
 }
 
 /// Bins with as many samples each.
@@ -29,9 +34,9 @@ pub(super) struct Bins {
 }
 
 impl Bins {
-    /// Of the first values of `samples`; none where they are too few or all the same.
-    pub fn of(samples: &[Sample]) -> Option<Self> {
-        let mut values: Vec<f64> = samples.iter().map(|s| s.0).collect();
+    /// Of `values`; none where they are too few or all the same.
+    pub fn of(values: impl Iterator<Item = f64>) -> Option<Self> {
+        let mut values: Vec<f64> = values.collect();
         values.sort_by(f64::total_cmp);
         let n = values.len();
         if n < 4 * BINS || values[n / 20] == values[n - 1 - n / 20] {
@@ -44,15 +49,11 @@ impl Bins {
         })
     }
 
-    /// Where `x` is.
-    pub fn bin(&self, x: f64) -> usize {
-        self.ends.partition_point(|end| *end < x)
-    }
-
-    /// `samples` in their bins.
-    pub fn binned(&self, samples: &[Sample]) -> Vec<Binned> {
-        let binned = |(x, y, half): &Sample| (self.bin(*x), *y, *half);
-        samples.iter().map(binned).collect()
+    /// Where each of `x` is, if known; blocks of `block` samples are dealt to the halves in turn.
+    pub fn places(&self, x: &[f64], block: usize) -> Vec<Option<Place>> {
+        let bin = |x: f64| self.ends.partition_point(|end| *end < x);
+        let place = |(i, x): (usize, &f64)| x.is_finite().then(|| (bin(*x), i / block % 2));
+        x.iter().enumerate().map(place).collect()
     }
 }
 
@@ -90,39 +91,41 @@ pub(super) fn takes(samples: &[Binned]) -> f64 {
 mod tests {
     use super::*;
 
-    /// `(x, y, half)`: x goes round, y is `of` x and noise.
-    fn samples(of: impl Fn(f64) -> f64) -> Vec<Sample> {
+    /// x goes round, y is `of` x and noise.
+    fn samples(of: impl Fn(f64) -> f64) -> (Vec<f64>, Vec<f64>) {
         let mut noise = 1_u32;
         (0..20_000)
             .map(|i| {
                 noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
                 let x = f64::from(i) * 0.037 % std::f64::consts::TAU;
                 let white = f64::from(noise) / f64::from(u32::MAX) - 0.5;
-                (x, of(x) + 0.1 * white, (i / 100 % 2) as usize)
+                (x, of(x) + 0.1 * white)
             })
-            .collect()
+            .unzip()
+    }
+
+    /// In blocks of 100 samples.
+    fn in_bins((x, y): &(Vec<f64>, Vec<f64>)) -> (Bins, Vec<Binned>) {
+        let bins = Bins::of(known(x, y)).unwrap();
+        let samples = binned(&bins.places(x, 100), y).collect();
+        (bins, samples)
     }
 
     #[test]
     fn what_goes_with_a_quantity_is_taken_and_noise_is_not() {
-        let wave = samples(f64::sin);
-        let bins = Bins::of(&wave).unwrap();
-        let wave = bins.binned(&wave);
+        let (bins, wave) = in_bins(&samples(f64::sin));
         assert!(takes(&wave) > 0.95);
         let means = means(wave.iter().map(|s| (s.0, s.1)));
         for (x, mean) in bins.middles.iter().zip(means) {
             assert!((mean - x.sin()).abs() < 0.05, "{x} {mean}");
         }
-        let noise = samples(|_| 0.0);
-        let bins = Bins::of(&noise).unwrap();
-        assert!(takes(&bins.binned(&noise)) < 0.01);
+        let (_, noise) = in_bins(&samples(|_| 0.0));
+        assert!(takes(&noise) < 0.01);
     }
 
     #[test]
     fn nothing_is_told_over_what_does_not_move() {
-        let still: Vec<Sample> = (samples(f64::sin).into_iter())
-            .map(|(_, y, half)| (1.0, y, half))
-            .collect();
-        assert!(Bins::of(&still).is_none());
+        let (x, _) = samples(f64::sin);
+        assert!(Bins::of(x.iter().map(|_| 1.0)).is_none());
     }
 }

@@ -1,5 +1,7 @@
 //! What is in the model, and what an effect would add, as columns.
 
+use std::mem::take;
+
 use super::effect::Effect;
 use super::fit::Prior;
 use super::observed::{Nuisance, Observed};
@@ -14,14 +16,12 @@ pub(super) fn joined<S>(sessions: &[S], of: impl Fn(&S) -> Vec<f64>) -> Vec<f64>
 pub(super) fn nuisances<S: Observed>(sessions: &[S], found: &[Found<S>]) -> Vec<Vec<Prior>> {
     let mut nuisances: Vec<Vec<Prior>> = (0..sessions[0].streams().len())
         .map(|k| {
-            let per_session: Vec<Vec<Nuisance>> = sessions.iter().map(|s| s.nuisances(k)).collect();
-            let joined = per_session[0]
-                .iter()
-                .enumerate()
-                .map(|(j, first)| Nuisance {
-                    column: in_stream(sessions, |s| &per_session[s][j].column),
-                    ..*first
-                });
+            let mut per_session: Vec<Vec<Nuisance>> =
+                sessions.iter().map(|s| s.nuisances(k)).collect();
+            let joined = (0..per_session[0].len()).map(|j| Nuisance {
+                column: in_stream(sessions, |s| take(&mut per_session[s][j].column)),
+                ..per_session[0][j]
+            });
             over_all(sessions, joined)
         })
         .collect();
@@ -40,12 +40,13 @@ pub(super) fn nuisances_of<S: Observed>(
     effect: &dyn Effect<S>,
     shape: &[f64],
 ) -> Vec<Vec<Prior>> {
-    let per_session: Vec<Vec<Columns>> = (sessions.iter())
+    let mut per_session: Vec<Vec<Columns>> = (sessions.iter())
         .map(|session| session.nuisances_of(effect, shape))
         .collect();
+    let count = per_session[0].len();
     let of_stream = |k: usize| {
-        let own = |j: usize| in_stream(sessions, |s| &per_session[s][j][k]);
-        let columns = (0..per_session[0].len()).map(own);
+        let own = |j: usize| in_stream(sessions, |s| take(&mut per_session[s][j][k]));
+        let columns = (0..count).map(own);
         let acting = columns.filter(|column| !column.is_empty());
         over_all(
             sessions,
@@ -83,16 +84,21 @@ fn over_all<S: Observed>(sessions: &[S], joined: impl Iterator<Item = Nuisance>)
     common
 }
 
-/// A column of one stream over all sessions, of which it is `part`; empty where it is in each.
-fn in_stream<'a, S: Observed>(sessions: &[S], part: impl Fn(usize) -> &'a Vec<f64>) -> Vec<f64> {
-    if (0..sessions.len()).all(|s| part(s).is_empty()) {
+/// A column of one stream over all sessions, from its `part` in each; empty where it is in each.
+fn in_stream<S: Observed>(sessions: &[S], part: impl FnMut(usize) -> Vec<f64>) -> Vec<f64> {
+    let parts: Vec<Vec<f64>> = (0..sessions.len()).map(part).collect();
+    if parts.iter().all(Vec::is_empty) {
         return Vec::new();
     }
     let mut column = Vec::new();
     let mut end = 0;
-    for (s, session) in sessions.iter().enumerate() {
+    for (session, part) in sessions.iter().zip(parts) {
         end += session.speed().len();
-        column.extend(part(s));
+        if column.is_empty() {
+            column = part;
+        } else {
+            column.extend(part);
+        }
         column.resize(end, 0.0);
     }
     column
@@ -206,13 +212,10 @@ pub(super) fn columns<S: Observed>(
         .iter()
         .map(|session| session.columns(effect, shape, parameters))
         .collect();
-    if per_session.len() == 1 {
-        return per_session.swap_remove(0);
-    }
     (0..effect.linear().len())
         .map(|j| {
             (0..sessions[0].streams().len())
-                .map(|k| in_stream(sessions, |s| &per_session[s][j][k]))
+                .map(|k| in_stream(sessions, |s| take(&mut per_session[s][j][k])))
                 .collect()
         })
         .collect()

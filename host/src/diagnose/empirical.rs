@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::bins::{Bins, Sample, means, paired, takes};
+use super::bins::{Binned, Bins, binned, known, means, takes};
 use super::observed::{Abscissa, Observed, common};
 use super::oddity::Oddity;
 
@@ -47,11 +47,15 @@ pub fn corrections<S: Observed>(sessions: &[S], oddities: &[Oddity]) -> Vec<Corr
 
 /// Of stream `k` over one quantity.
 fn over<S: Observed>(sessions: &[S], k: usize, along: &[Abscissa]) -> Option<Correction> {
-    let samples: Vec<Sample> = (sessions.iter().zip(along))
-        .flat_map(|(s, along)| paired(&along.values, s.residual(k), s.block()))
+    let sessions_along = || sessions.iter().zip(along);
+    let bins =
+        Bins::of(sessions_along().flat_map(|(s, along)| known(&along.values, s.residual(k))))?;
+    let samples: Vec<Binned> = sessions_along()
+        .flat_map(|(s, along)| {
+            let places = bins.places(&along.values, s.block());
+            binned(&places, s.residual(k)).collect::<Vec<_>>()
+        })
         .collect();
-    let bins = Bins::of(&samples)?;
-    let samples = bins.binned(&samples);
     let takes = takes(&samples);
     let subtract = means(samples.iter().map(|(bin, y, _)| (*bin, *y)));
     (takes > WORTH).then(|| Correction {

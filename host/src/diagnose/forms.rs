@@ -2,11 +2,12 @@
 
 use super::columns::columns;
 use super::effect::{Coupling, Effect};
-use super::fit::{Data, Trial};
+use super::fit::Data;
 use super::observed::Observed;
 use super::rank::Ranked;
 use super::select::{Found, is_latent};
 use super::signals::smooth;
+use super::trial::Trial;
 use super::verdict::ROUGHLY;
 
 /// Times by which what a form leaves of one gauge may be more, as a part, than what it leaves of another.

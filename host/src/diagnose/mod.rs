@@ -47,6 +47,7 @@ mod sums;
 mod taken;
 mod thin;
 mod torque;
+mod trial;
 mod verdict;
 
 use std::path::PathBuf;

@@ -6,11 +6,12 @@ use rayon::prelude::*;
 
 use super::columns::columns;
 use super::effect::Effect;
-use super::fit::{Base, Data, Trial, Tried};
+use super::fit::{Base, Data};
 use super::observed::Observed;
 use super::shape::best_shape;
 use super::statistics::gumbel;
 use super::stream::{Columns, Session};
+use super::trial::{Trial, Tried};
 
 /// Chance of an effect being named where there is none, over all candidates.
 const FALSE_ALARM: f64 = 0.005;

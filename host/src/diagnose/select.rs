@@ -5,7 +5,7 @@ use std::cmp::Ordering;
 
 use super::columns::{base_columns, columns_of, nuisances, with_effects};
 use super::effect::Effect;
-use super::fit::{Base, Data, Trial};
+use super::fit::{Base, Data};
 use super::forms::{Forms, cleared, left};
 use super::null::Draws;
 use super::observed::Observed;
@@ -13,6 +13,7 @@ use super::rank::{LEAST, Ranked, charge, rank, refine, same};
 use super::refit::{refit, rest, without};
 use super::shape::best_shape;
 use super::stream::Session;
+use super::trial::Trial;
 
 /// Part, in squares, of what a form explains that another may explain beyond it and still say
 /// the same; beside effects found before, whose forms leave something, too.

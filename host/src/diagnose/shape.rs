@@ -2,8 +2,9 @@
 
 use super::columns::columns;
 use super::effect::Effect;
-use super::fit::{Base, Data, Trial};
+use super::fit::{Base, Data};
 use super::observed::Observed;
+use super::trial::Trial;
 
 /// The shape that explains most beside `base`, by a pattern search from that of `best`.
 pub(super) fn best_shape<S: Observed>(

@@ -6,7 +6,7 @@ use std::fmt;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::bins::{Binned, Bins, Sample, paired, takes};
+use super::bins::{Bins, Place, binned, known, takes};
 use super::null::Draws;
 use super::observed::{Abscissa, Observed, common};
 use super::select::Selection;
@@ -232,12 +232,17 @@ fn measures<'a, S: Observed>(
         });
     }
     for along in quantities {
-        let samples: Vec<Sample> = (sessions.iter().zip(along).zip(before))
-            .flat_map(|((s, along), r)| paired(&along.values, &r[k], s.block()))
-            .collect();
-        if let Some(bins) = Bins::of(&samples) {
-            let samples = in_bins(sessions, along, &bins, k);
-            let takes = move |r: &Residuals| takes(&samples(r)).max(0.0);
+        let values = along.iter().zip(before);
+        let values = values.flat_map(|(along, r)| known(&along.values, &r[k]));
+        if let Some(bins) = Bins::of(values) {
+            // Looked up once, and not again in each draw.
+            let places: Vec<Vec<Option<Place>>> = (sessions.iter().zip(along))
+                .map(|(s, along)| bins.places(&along.values, s.block()))
+                .collect();
+            let takes = move |r: &Residuals| {
+                let samples = places.iter().zip(r).flat_map(|(at, r)| binned(at, &r[k]));
+                takes(&samples.collect::<Vec<_>>()).max(0.0)
+            };
             all.push(Measure::alone(Test::Over, along[0].quantity, takes));
         }
     }
@@ -251,31 +256,6 @@ fn measures<'a, S: Observed>(
         of: Box::new(move |r| others.iter().map(|j| correlation(r, k, *j)).collect()),
     });
     all
-}
-
-/// Samples of stream `k` in the `bins` of what was `along`, which are looked up once.
-fn in_bins<S: Observed>(
-    sessions: &[S],
-    along: &[Abscissa<'_>],
-    bins: &Bins,
-    k: usize,
-) -> impl Fn(&Residuals) -> Vec<Binned> + use<S> {
-    let places: Vec<Vec<Option<[usize; 2]>>> = (sessions.iter().zip(along))
-        .map(|(session, along)| {
-            let place = |(i, x): (usize, &f64)| {
-                let half = i / session.block() % 2;
-                x.is_finite().then(|| [bins.bin(*x), half])
-            };
-            along.values.iter().enumerate().map(place).collect()
-        })
-        .collect();
-    move |residuals| {
-        (places.iter().zip(residuals))
-            .flat_map(|(places, r)| places.iter().zip(&r[k]))
-            .filter(|(_, y)| y.is_finite())
-            .filter_map(|(place, y)| place.map(|[bin, half]| (bin, *y, half)))
-            .collect()
-    }
 }
 
 fn bias<S: Observed>(sessions: &[S], residuals: &Residuals, k: usize) -> f64 {

@@ -111,9 +111,7 @@ impl RotorSession {
                     match effect.coupling() {
                         Coupling::Shared => all.push((term, std)),
                         Coupling::Own => {
-                            let own =
-                                |k: usize| self.each(|j, i| if j == k { term[j][i] } else { 0.0 });
-                            all.extend((0..term.len()).map(|k| (own(k), std)));
+                            all.extend((0..term.len()).map(|k| (self.alone(&term, k), std)));
                         }
                     }
                 }
@@ -174,6 +172,11 @@ impl RotorSession {
         (0..self.streams.len())
             .map(|k| (0..self.t.len()).map(|i| of(k, i)).collect())
             .collect()
+    }
+
+    /// `column` of sensor `own`, and nothing of the others.
+    fn alone(&self, column: &Readings, own: usize) -> Readings {
+        self.each(|k, i| if k == own { column[k][i] } else { 0.0 })
     }
 
     /// What is left of a column beside what an unbalance does, and whether it is enough to be seen.

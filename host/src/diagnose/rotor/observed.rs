@@ -151,8 +151,7 @@ impl Observed for RotorSession {
                 // Each sensor alone.
                 Coupling::Own => (0..term.len())
                     .map(|own| {
-                        let alone = self.each(|k, i| if k == own { term[k][i] } else { 0.0 });
-                        let left = self.left_of(alone, linear.prior_std);
+                        let left = self.left_of(self.alone(&term, own), linear.prior_std);
                         left.map(|mut all| all.swap_remove(own)).unwrap_or_default()
                     })
                     .collect(),
