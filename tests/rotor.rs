@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use loadtwin::build::{self, Sensors};
-use loadtwin::machine::Machine;
+use loadtwin::machine::{LoadKind, Machine};
 use loadtwin_common::raw::RawSample;
 
 use crate::simulated;
@@ -24,6 +24,21 @@ pub fn machine() -> Machine {
     if let Some(rotor) = &mut machine.rotor {
         rotor.schedule_rad_s = Some([80.0, 200.0]);
     }
+    machine
+}
+
+/// As [`machine`], with loads that may do anything, of which the estimates lag.
+///
+/// # Panics
+/// As [`machine`].
+pub fn walking() -> Machine {
+    let mut machine = machine();
+    let rotor = machine.rotor.as_mut().expect("a rotor");
+    for load in &mut rotor.loads {
+        load.kind = LoadKind::Walk;
+        load.walk_n_per_sqrt_s = None;
+    }
+    assert!(rotor.lag() > 0);
     machine
 }
 

@@ -37,7 +37,8 @@ pub struct LoadEstimate {
     pub value: f32,
     /// Standard deviation of the estimate [N m, N].
     pub std: f32,
-    /// Samples since a sensor that responds to a load was last used.
+    /// Samples since a sensor that responds to a load was last used, and those by which the
+    /// estimate lags.
     pub age: u16,
     /// Why the estimate is not valid; `Fault::None` when it is.
     pub fault: Fault,

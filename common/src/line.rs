@@ -138,21 +138,30 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// The tracked speed of a rotor [rad/s]; 0 for other machines.
+    /// Samples by which the estimates lag: that of tick `k` is of `k` minus them.
+    pub fn lag(&self) -> usize {
+        match &self.kind {
+            Kind::Rotor20(r, _) => r.lag(),
+            Kind::Rotor24(r, _) => r.lag(),
+            _ => 0,
+        }
+    }
+
+    /// The tracked speed of a rotor that the estimate is of [rad/s]; 0 for other machines.
     pub fn rotor_speed(&self) -> f32 {
         match &self.kind {
-            Kind::Rotor20(_, s) => s.speed(),
-            Kind::Rotor24(_, s) => s.speed(),
+            Kind::Rotor20(r, s) => r.speed(s),
+            Kind::Rotor24(r, s) => r.speed(s),
             _ => 0.0,
         }
     }
 
-    /// The modal displacements and the rest of a rotor's state, in the image's
+    /// The modal displacements and the rest of a rotor's state that the estimate is of, in the image's
     /// scale, for displacements at nodes without sensor; empty for other machines.
     pub fn rotor_state(&self) -> &[f32] {
         match &self.kind {
-            Kind::Rotor20(_, s) => s.state(),
-            Kind::Rotor24(_, s) => s.state(),
+            Kind::Rotor20(r, s) => r.state(s),
+            Kind::Rotor24(r, s) => r.state(s),
             _ => &[],
         }
     }

@@ -4,12 +4,14 @@
 //! A reduced finite-element model with the forces as states ([`filter`]), its
 //! matrices over the speed. The full recursion runs until its gain has
 //! converged; then the steady gain of the speed takes its place, until a
-//! reading is missing or refused.
+//! reading is missing or refused. An estimate may lag by some samples, of which
+//! it knows more then ([`past`]).
 //!
 //! Source: Rezende et al. 2023, section 2.
 
 pub mod filter;
 mod model;
+pub mod past;
 mod shaft;
 
 use heapless::Vec;
@@ -22,6 +24,7 @@ use crate::measurement::{Converter, Counter, Measurement, Unwrap};
 use crate::phase::Phase;
 use crate::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
 use filter::{Belief, FORCES, Row, Turn, predict_covariance, predict_state, predicted, update};
+use past::{Gain, MAX_LAG, Moment, Past};
 use shaft::Shaft;
 
 use model::Between;
@@ -57,11 +60,14 @@ pub struct Rotor<'a, const NZ: usize, const NX: usize> {
 pub struct RotorState<const NZ: usize, const NX: usize> {
     unwrap: Unwrap,
     belief: Belief<f32, NX>,
+    past: Past<NX>,
     gates: [Gate; MAX_CHANNELS],
     shaft: Shaft,
     active: Active<NZ, NX>,
     /// Samples in a row that used every sensor.
     calm: u32,
+    /// Samples in a row that corrected those before them.
+    corrected: u32,
     /// Sensors outside of their gates in the last sample of the full recursion.
     contradict: usize,
     age: u16,
@@ -73,7 +79,8 @@ pub struct RotorState<const NZ: usize, const NX: usize> {
 struct Active<const NZ: usize, const NX: usize> {
     place: f32,
     dense: [[f32; NX]; NZ],
-    gain: [[f32; NX]; MAX_CHANNELS],
+    /// Of the last sample, and of those before it.
+    gains: [Gain<NX>; 1 + MAX_LAG],
     variance: [f32; MAX_CHANNELS],
     load_std: [f32; MAX_LOADS],
 }
@@ -124,20 +131,27 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
                 state: [0.0; NX],
                 covariance: [[0.0; NX]; NX],
             },
+            past: Past::new(Moment::unknown(self.model.speeds.nominal)),
             gates: [self.gate; MAX_CHANNELS],
             shaft: Shaft::new(self.model.speeds.nominal),
             active: Active {
                 place: f32::MAX,
                 dense: [[0.0; NX]; NZ],
-                gain: [[0.0; NX]; MAX_CHANNELS],
+                gains: [[[0.0; NX]; MAX_CHANNELS]; 1 + MAX_LAG],
                 variance: [0.0; MAX_CHANNELS],
                 load_std: [0.0; MAX_LOADS],
             },
             calm: 0,
+            corrected: 0,
             contradict: 0,
             age: u16::MAX,
             started: false,
         }
+    }
+
+    /// Samples by which the estimates lag.
+    pub fn lag(&self) -> usize {
+        usize::from(self.model.lag).min(MAX_LAG)
     }
 
     /// Interpolates the tables at `speed` where it has moved enough.
@@ -172,10 +186,12 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         }
         let channels = self.model.channels.len();
         let mut row = [0.0; MAX_CHANNELS];
-        for i in 0..NX {
-            between.read(row.get_mut(..channels).unwrap_or_default());
-            for (column, value) in active.gain.iter_mut().zip(&row) {
-                column[i] = *value;
+        for gain in active.gains.iter_mut().take(1 + self.lag()) {
+            for i in 0..NX {
+                between.read(row.get_mut(..channels).unwrap_or_default());
+                for (column, value) in gain.iter_mut().zip(&row) {
+                    column[i] = *value;
+                }
             }
         }
         between.read(active.variance.get_mut(..channels).unwrap_or_default());
@@ -202,10 +218,15 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         if let Some(by) = m.rehomed {
             state.shaft.turn(by);
         }
+        let speed = state.shaft.speed;
         let turn = self.turn(state, &m);
         let steady = state.calm >= self.model.full_samples && !self.counts_nothing(&m);
         if !fresh {
             for _ in 0..=m.lost {
+                if self.lag() > 0 {
+                    let moment = Moment::of::<NZ>(&state.belief, speed);
+                    state.past.push(moment);
+                }
                 predict_state(&mut state.belief.state, &state.active.dense, &turn);
                 if !steady {
                     self.predict_covariance(state, &turn);
@@ -248,8 +269,10 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         }
         state.gates = [self.gate; MAX_CHANNELS];
         state.shaft = Shaft::new(self.model.speeds.nominal);
+        state.past = Past::new(Moment::unknown(state.shaft.speed));
         self.follow(&mut state.active, self.model.speeds.nominal);
         state.calm = 0;
+        state.corrected = 0;
         state.contradict = 0;
         state.age = u16::MAX;
         state.started = true;
@@ -337,7 +360,11 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             }
             *slot = nu;
         }
-        let gains = state.active.gain.iter().zip(&state.active.variance);
+        let [newest, before @ ..] = &state.active.gains;
+        let before = before.get(..self.lag()).unwrap_or_default();
+        let innovations = innovations.get(..self.rows.len()).unwrap_or_default();
+        state.past.correct(before, innovations);
+        let gains = newest.iter().zip(&state.active.variance);
         for (((gain, variance), nu), (channel, value)) in
             (gains.zip(innovations)).zip(self.model.channels.iter().zip(&m.values))
         {
@@ -354,6 +381,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             let _ = estimate.sensors.push(sensor);
         }
         estimate.steady = true;
+        state.corrected = state.corrected.saturating_add(1);
         state.age = 0;
         true
     }
@@ -370,6 +398,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         // as after a start that it was not made for, and not they.
         let open = state.contradict > 1 && 2 * state.contradict > self.rows.len();
         state.contradict = 0;
+        state.corrected = 0;
         let mut all = true;
         for (i, (row, channel)) in self.rows.iter().zip(&self.model.channels).enumerate() {
             let value = match m.values.get(i) {
@@ -416,7 +445,11 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
     }
 
     fn loads(&self, state: &RotorState<NZ, NX>, estimate: &mut Estimate) {
-        let steady = state.calm >= self.model.full_samples && state.age == 0;
+        let lag = self.model.lag;
+        let steady = state.calm >= self.model.full_samples
+            && state.age == 0
+            && state.corrected >= u32::from(lag);
+        let past = self.past(state);
         let speeds = &self.model.speeds;
         let range = f32::from(speeds.count - 1) * speeds.step;
         let margin = MARGIN * (speeds.lowest + range);
@@ -424,14 +457,14 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         let inside = speed >= speeds.lowest - margin && speed <= speeds.lowest + range + margin;
         for (j, signal) in self.model.loads.iter().enumerate() {
             let d = 2 * NZ + j;
-            let (Some(scale), Some(x)) = (self.model.scale.get(d), state.belief.state.get(d))
-            else {
+            let (Some(scale), Some(x)) = (self.model.scale.get(d), self.state(state).get(d)) else {
                 continue;
             };
             let deviation = if steady {
                 state.active.load_std[j % MAX_LOADS]
             } else {
-                libm::sqrtf(state.belief.covariance[d % NX][d % NX])
+                let own = &state.belief.covariance[d % NX][d % NX];
+                libm::sqrtf(past.map_or(*own, |moment| moment.variances[j % FORCES]))
             };
             let (value, std) = (x * scale, deviation * scale);
             let finite = value.is_finite() && std.is_finite();
@@ -443,21 +476,24 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             let _ = estimate.loads.push(LoadEstimate {
                 value: if finite { value } else { 0.0 },
                 std: if finite { std } else { f32::MAX },
-                age: state.age,
+                age: state.age.saturating_add(lag.into()),
                 fault,
             });
         }
     }
-}
 
-impl<const NZ: usize, const NX: usize> RotorState<NZ, NX> {
-    /// The filter's state, in the image's scale.
-    pub fn state(&self) -> &[f32] {
-        &self.belief.state
+    /// The sample that the estimate is of, where it lags.
+    fn past<'s>(&self, state: &'s RotorState<NZ, NX>) -> Option<&'s Moment<NX>> {
+        (self.lag() > 0).then(|| state.past.at(self.lag()))
     }
 
-    /// The tracked speed [rad/s].
-    pub fn speed(&self) -> f32 {
-        self.shaft.speed
+    /// The filter's state that the estimate is of, in the image's scale.
+    pub fn state<'s>(&self, state: &'s RotorState<NZ, NX>) -> &'s [f32; NX] {
+        (self.past(state)).map_or(&state.belief.state, |moment| &moment.state)
+    }
+
+    /// The tracked speed that the estimate is of [rad/s].
+    pub fn speed(&self, state: &RotorState<NZ, NX>) -> f32 {
+        (self.past(state)).map_or(state.shaft.speed, |moment| moment.speed)
     }
 }

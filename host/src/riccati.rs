@@ -61,11 +61,50 @@ pub fn steady_covariance(
 /// Source: Bosmans et al. 2023, eq. (20).
 pub fn gain(covariance: &Mat<f64>, observation: &Mat<f64>, measurement_noise: &[f64]) -> Mat<f64> {
     let hp = observation * covariance;
-    let mut s = &hp * observation.transpose();
+    let s = innovation_covariance(covariance, observation, measurement_noise);
+    s.partial_piv_lu().solve(hp).transpose().to_owned()
+}
+
+/// `S = H P H' + R`, m x m.
+fn innovation_covariance(
+    covariance: &Mat<f64>,
+    observation: &Mat<f64>,
+    measurement_noise: &[f64],
+) -> Mat<f64> {
+    let mut s = observation * covariance * observation.transpose();
     for (i, r) in measurement_noise.iter().enumerate() {
         s[(i, i)] += r;
     }
-    s.partial_piv_lu().solve(hp).transpose().to_owned()
+    s
+}
+
+/// Gains of the `lag` samples before the last on its innovation, the nearest first, and what
+/// each takes from the covariance of such a sample:
+///
+/// `G_j = M_j H' S^-1`, `G_j S G_j'`, `M_j = P (F (I - K H))^j'`
+///
+/// `covariance` P and `gain` K: those of the steady filter.
+///
+/// Source: Anderson and Moore 1979, Optimal Filtering, section 7.3.
+pub fn gains_before(
+    transition: &Mat<f64>,
+    observation: &Mat<f64>,
+    covariance: &Mat<f64>,
+    gain: &Mat<f64>,
+    measurement_noise: &[f64],
+    lag: usize,
+) -> Vec<(Mat<f64>, Mat<f64>)> {
+    let s = innovation_covariance(covariance, observation, measurement_noise).partial_piv_lu();
+    let closed = transition - transition * gain * observation;
+    let mut m = covariance.clone();
+    let next = || {
+        m = &m * closed.transpose();
+        let mh = &m * observation.transpose();
+        let gain = s.solve(mh.transpose()).transpose().to_owned();
+        let told = &gain * mh.transpose();
+        (gain, told)
+    };
+    std::iter::repeat_with(next).take(lag).collect()
 }
 
 fn symmetric(m: &Mat<f64>) -> Mat<f64> {
@@ -89,6 +128,56 @@ mod tests {
         );
         let k = gain(&p, &mat![[1.0]], &[r]);
         assert!((k[(0, 0)] - p[(0, 0)] / (p[(0, 0)] + r)).abs() < 1e-15);
+    }
+
+    /// With the samples before as states of their own, the filter corrects them by itself.
+    #[test]
+    fn samples_before_are_corrected_as_by_a_filter_that_has_them_as_states() {
+        const LAG: usize = 2;
+        let f = mat![[1.0, 0.1, 0.0], [-0.4, 0.95, 0.2], [0.0, 0.0, 1.0]];
+        let h = mat![[1.0, 0.0, 0.0], [0.5, -0.1, 0.0]];
+        let (q, r) = ([1e-6, 1e-6, 1e-2], [1e-4, 3e-4]);
+        let n = f.nrows();
+        let grown = (1 + LAG) * n;
+        let transition = Mat::from_fn(grown, grown, |i, j| match i.checked_sub(n) {
+            Some(before) => f64::from(u8::from(before == j)),
+            None if j < n => f[(i, j)],
+            None => 0.0,
+        });
+        let observation = Mat::from_fn(2, grown, |i, j| if j < n { h[(i, j)] } else { 0.0 });
+        let mut p = Mat::from_fn(grown, grown, |i, j| f64::from(u8::from(i == j)));
+        let mut posterior = p.clone();
+        for _ in 0..2000 {
+            p = &transition * &posterior * transition.transpose();
+            for (i, q) in q.iter().enumerate() {
+                p[(i, i)] += q;
+            }
+            let k = gain(&p, &observation, &r);
+            posterior = symmetric(&(&p - &k * &observation * &p));
+        }
+        let expected = gain(&p, &observation, &r);
+
+        let q = Mat::from_fn(n, n, |i, j| if i == j { q[i] } else { 0.0 });
+        let steady = steady_covariance(&f, &h, &q, &r).unwrap();
+        let k = gain(&steady, &h, &r);
+        let before = gains_before(&f, &h, &steady, &k, &r, LAG);
+        assert_eq!(before.len(), LAG);
+        let mut left = &steady - &k * &h * &steady;
+        for (j, (gain, told)) in before.iter().enumerate() {
+            left -= told;
+            for i in 0..n {
+                for c in 0..2 {
+                    let found = gain[(i, c)] - expected[((j + 1) * n + i, c)];
+                    assert!(found.abs() < 1e-9, "{j} {i} {c}: {found:e}");
+                }
+            }
+        }
+        for i in 0..n {
+            let expected = posterior[(LAG * n + i, LAG * n + i)];
+            assert!((left[(i, i)] / expected - 1.0).abs() < 1e-8, "{i}");
+            // The force is known better for it, by far.
+            assert!(i < 2 || left[(i, i)] < 0.7 * posterior[(i, i)]);
+        }
     }
 
     #[test]

@@ -66,6 +66,11 @@ fn what_a_rotor_may_not_be_is_said_in_one_line() {
             ["rotor.speed_rad_s", "87.96", "100 to 200"],
         ),
         (
+            "speed_rad_s = 87.96",
+            "speed_rad_s = 87.96\nlag_samples = 9",
+            ["rotor.lag_samples", "9", "0 to 4"],
+        ),
+        (
             "noise_std = 1e-7",
             "noise_std = 0.1",
             ["channel[1].noise_std", "0.1 m", "another unit"],

@@ -113,7 +113,8 @@ impl LoadFrame {
             .then(|| f64::from(self.std) * full_scale / f64::from(Self::STD_STEPS))
     }
 
-    /// Samples, at least, since a sensor that responds to a load was last used.
+    /// Samples, at least, since a sensor that responds to a load was last used, and those by which
+    /// the estimate lags.
     pub fn age_samples(&self) -> u32 {
         match self.age {
             age @ 0..16 => age.into(),

@@ -4,6 +4,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use super::filter::{BIASES, FORCES};
+use super::past::MAX_LAG;
 use crate::error::{Error, positive};
 use crate::estimate::MAX_LOADS;
 use crate::image::LoadSignal;
@@ -92,8 +93,10 @@ pub struct RotorModel<'a> {
     pub sample_s: f32,
     /// Speeds that the tables hold, evenly spaced.
     pub speeds: Speeds,
-    /// For each speed: `D` by rows over modal displacements, their changes and forces, the steady gain `K` by rows, the variance of each
-    /// channel's innovation, the steady standard deviation of each load.
+    /// Samples by which the estimates lag, at most [`MAX_LAG`].
+    pub lag: u8,
+    /// For each speed: `D` by rows over modal displacements, their changes and forces, the steady gain `K` by rows, the steady gains of the
+    /// samples before the last by rows, the variance of each channel's innovation, the steady standard deviation of each load.
     #[serde(borrow)]
     pub tables: Numbers<'a>,
     /// Lower triangle of Q by rows.
@@ -188,7 +191,7 @@ impl RotorModel<'_> {
             self.scale.len(),
             self.channels.len(),
         );
-        nz * (2 * nz + FORCES) + nx * ny + ny + self.loads.len()
+        nz * (2 * nz + FORCES) + (1 + usize::from(self.lag)) * nx * ny + ny + self.loads.len()
     }
 
     /// Checks every length and range for `modes` modes and `states` states.
@@ -200,6 +203,9 @@ impl RotorModel<'_> {
         positive(self.scale.iter().copied(), "scale")?;
         let speeds = &self.speeds;
         positive([self.sample_s], "sample_s")?;
+        if usize::from(self.lag) > MAX_LAG {
+            return Err(Error::OutOfRange("lag"));
+        }
         positive([speeds.step, speeds.nominal], "speeds")?;
         if !(speeds.lowest >= 0.0 && speeds.lowest.is_finite()) || speeds.count == 0 {
             return Err(Error::OutOfRange("speeds"));

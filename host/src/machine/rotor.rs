@@ -24,6 +24,10 @@ pub struct Rotor {
     /// Lowest and highest speed that the model is made for [rad/s]; `speed_rad_s`
     /// alone where absent. Outside of it a machine is not estimated.
     pub schedule_rad_s: Option<[f64; 2]>,
+    /// Samples by which estimates lag, 0 to 4: a force moves a sensor only samples later, so
+    /// that one that may do anything is known far better then. Where absent, 2 with a load of kind
+    /// `walk`, and 0 without.
+    pub lag_samples: Option<u8>,
     /// A model of the shaft, its discs and its bearings as ROSS saves it
     /// (TOML or JSON), in place of `section`, `disc` and `bearing`.
     pub ross_model: Option<PathBuf>,
@@ -165,6 +169,9 @@ impl Default for Reduction {
 /// sqrt(s): a mass that moves by 1 % in an hour.
 const UNBALANCE_WALK: f64 = 0.01 / 60.0;
 
+/// Lag of a rotor with a load that may do anything, whose description gives none [samples].
+const WALK_LAG: u8 = 2;
+
 /// Most elements of a shaft.
 const MOST_ELEMENTS: usize = 1000;
 
@@ -181,6 +188,12 @@ impl Rotor {
     pub fn schedule(&self) -> [f64; 2] {
         self.schedule_rad_s
             .unwrap_or([self.speed_rad_s, self.speed_rad_s])
+    }
+
+    /// Samples by which estimates lag.
+    pub fn lag(&self) -> u8 {
+        let walks = self.loads.iter().any(|load| load.kind == LoadKind::Walk);
+        self.lag_samples.unwrap_or(if walks { WALK_LAG } else { 0 })
     }
 
     /// The material of `section`.
@@ -205,6 +218,13 @@ impl Rotor {
             self.speed_rad_s,
             (low..=high).contains(&self.speed_rad_s),
             &format!("within the schedule, {low} to {high}"),
+        )?;
+        let most = loadtwin_common::rotor::past::MAX_LAG;
+        within(
+            "rotor.lag_samples",
+            self.lag(),
+            usize::from(self.lag()) <= most,
+            &format!("0 to {most}"),
         )?;
         range(
             "rotor.acceleration_stiffness",

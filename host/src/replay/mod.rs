@@ -4,6 +4,7 @@ mod baselines;
 mod displacements;
 mod estimates;
 mod figures;
+mod held;
 mod orbits;
 mod page;
 mod phasor;
@@ -26,6 +27,7 @@ pub use phasor::{Phasor, PhasorFigures};
 pub use samples::{Sample, Samples};
 pub use speeds::Speeds;
 
+use self::held::HeldBack;
 use crate::build::{self, BuildError, Sensors};
 use crate::machine::Machine;
 use crate::recording::RecordingError;
@@ -50,7 +52,9 @@ pub enum ReplayError {
 }
 
 /// Runs the estimator of `machine` with `sensors` on the recording in `path`
-/// and shows each sample and its estimate to `each`, with the part done, 0 to 1.
+/// and shows each sample and its estimate to `each`, with the part done, 0 to 1. Where estimates lag
+/// ([`Line::lag`]), a sample is shown when the estimate of it is there, with what was said of
+/// its sensors as it came.
 ///
 /// # Errors
 /// When the machine or the recording cannot be used.
@@ -77,15 +81,17 @@ pub fn run_line(
 ) -> Result<(), ReplayError> {
     let payload = build::image(machine, sensors)?;
     let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
-    let mut line = Line::try_build(image).map_err(ReplayError::Image)?;
+    let mut line = HeldBack::new(Line::try_build(image).map_err(ReplayError::Image)?);
     let mut samples = Samples::open(machine, sensors, path)?;
     loop {
         let progress = samples.progress();
         let more = samples.next_block(|sample| {
-            let estimate = line.step(&sample.raw);
-            each(sample, &estimate, &line, progress);
+            line.push(sample, |sample, estimate, line| {
+                each(sample, estimate, line, progress);
+            });
         })?;
         if !more {
+            line.finish(|sample, estimate, line| each(sample, estimate, line, progress));
             return Ok(());
         }
     }

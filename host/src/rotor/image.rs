@@ -13,7 +13,7 @@ use super::convergence::{Recursion, triangle};
 use super::plan::{RotorPlan, UNIT_M};
 use crate::build::{self, BuildError, Sensors};
 use crate::machine::{Channel, Encoder, Machine, QUANTISATION, Rotor};
-use crate::riccati::{gain, steady_covariance};
+use crate::riccati::{gain, gains_before, steady_covariance};
 
 /// Load at the end of the scale on the bus, in nominal loads.
 const FULL_SCALE: f64 = 16.0;
@@ -49,7 +49,7 @@ impl RotorPlan {
             .collect();
         let nominal = self.discrete(self.nominal_rotor())?;
         let (q, p) = self.covariances(rotor, &nominal);
-        let tables = self.tables(&h, &q, &variances)?;
+        let tables = self.tables(&h, &q, &variances, rotor.lag())?;
         let f = self.transition_of(&nominal);
         let angle = self.nominal_speed * self.dt_s;
         let recursion = Recursion {
@@ -86,6 +86,7 @@ impl RotorPlan {
                 count: self.speeds.len() as u16,
                 nominal: self.nominal_speed as f32,
             },
+            lag: rotor.lag(),
             tables: Numbers::new(&tables),
             process_noise: Numbers::new(&q),
             initial_covariance: Numbers::new(&p),
@@ -103,13 +104,15 @@ impl RotorPlan {
         build::packed(machine, Model::Rotor(model))
     }
 
-    /// For each speed of the schedule: the part of `F` that varies, the steady gain, the
-    /// variances of the innovations, and the standard deviations of the loads.
+    /// For each speed of the schedule: the part of `F` that varies, the steady gain and those of
+    /// the `lag` samples before, the variances of the innovations, and the standard deviations of
+    /// the loads.
     fn tables(
         &self,
         h: &Mat<f64>,
         q: &Mat<f64>,
         variances: &[f64],
+        lag: u8,
     ) -> Result<Vec<f64>, BuildError> {
         let (nz, nx) = self.size;
         let mut tables = Vec::new();
@@ -123,17 +126,21 @@ impl RotorPlan {
                     .flat_map(|i| (0..2 * nz + FORCES).map(move |j| (nz + i, j)))
                     .map(|at| f[at]),
             );
-            tables.extend(
-                (0..nx)
-                    .flat_map(|i| (0..variances.len()).map(move |j| (i, j)))
-                    .map(|at| k[at]),
-            );
+            let before = gains_before(&f, h, &steady, &k, variances, lag.into());
+            for gain in std::iter::once(&k).chain(before.iter().map(|(gain, _)| gain)) {
+                tables.extend(
+                    (0..nx)
+                        .flat_map(|i| (0..variances.len()).map(move |j| (i, j)))
+                        .map(|at| gain[at]),
+                );
+            }
             let hp = h * &steady;
             tables.extend(
                 (0..variances.len())
                     .map(|i| variances[i] + (0..nx).map(|j| hp[(i, j)] * h[(i, j)]).sum::<f64>()),
             );
-            let posterior = &steady - &k * &hp;
+            let told = before.into_iter().map(|(_, told)| told);
+            let posterior = told.fold(&steady - &k * &hp, |p, told| p - told);
             let d = 2 * nz..2 * nz + self.nominal.len();
             tables.extend(d.map(|d| posterior[(d, d)].max(0.0).sqrt()));
         }

@@ -41,7 +41,11 @@ fn a_minute_of_samples_gives_the_same_payloads_on_the_board_and_on_the_host() {
 
 #[test]
 fn a_rotor_through_its_critical_speed_gives_the_same_payloads_too() {
-    let machine = rotor::machine();
-    let samples = rotor::samples(&machine, 2.0);
-    compare("rotor", &rotor::image(&machine), &samples, WITHIN);
+    for (name, machine) in [
+        ("rotor", rotor::machine()),
+        ("rotor whose estimates lag", rotor::walking()),
+    ] {
+        let samples = rotor::samples(&machine, 2.0);
+        compare(name, &rotor::image(&machine), &samples, WITHIN);
+    }
 }

@@ -1,9 +1,10 @@
 //! Instructions of a step on the emulated Cortex-M4F against their bounds.
 
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use loadtwin::build::{self, Filter, Sensors};
-use loadtwin::machine::{Drift, Machine};
+use loadtwin::machine::{Drift, LoadKind, Machine};
 use loadtwin::seal::seal;
 use loadtwin_tests::emulator::MACHINE;
 use loadtwin_tests::firmware::{build_with, root};
@@ -12,7 +13,7 @@ use loadtwin_tests::simulated;
 /// Kernel, instructions when last looked at, bound that is promised.
 ///
 /// Counts are exact; a change of more than 5 % is to be looked at and stored anew.
-const STORED: [(&str, u32, u32); 18] = [
+const STORED: [(&str, u32, u32); 21] = [
     ("kalman_6_4", 1437, 1450),
     ("kalman_6_1", 792, 820),
     ("kalman_12_4", 8536, 8700),
@@ -22,11 +23,14 @@ const STORED: [(&str, u32, u32); 18] = [
     ("gearbox_line", 4695, 5000),
     ("gearbox_steady_line", 3463, 3500),
     ("rotor_20_4", 29_263, 30_000),
-    ("rotor_scheduled_gain_20_4", 887, 1500),
+    ("rotor_scheduled_gain_20_4", 846, 1500),
+    ("rotor_lag_20_4", 1494, 1500),
     ("rotor_line", 30_282, 31_000),
     ("rotor_steady_line", 2783, 2900),
+    ("walking_rotor_steady_line", 3366, 3500),
     ("rotor_24_4", 37_270, 38_500),
-    ("rotor_scheduled_gain_24_4", 993, 1500),
+    ("rotor_scheduled_gain_24_4", 1087, 1500),
+    ("rotor_lag_24_4", 2193, 2300),
     ("biased_rotor_line", 38_399, 39_500),
     ("biased_rotor_steady_line", 2933, 3100),
     // A quarter of 170 million instructions a second at 2 kHz, and all of them.
@@ -37,31 +41,45 @@ const STORED: [(&str, u32, u32); 18] = [
 /// Of the bearing's samples at 2 kHz; the last 1000 are counted.
 const BEARING_S: f64 = 4.0;
 
-#[test]
-fn steps_stay_within_their_bounds() {
-    let folder = tempfile::tempdir().unwrap();
-    let sealed = |machine: &Machine, sensors: &Sensors, name: &str| {
-        let payload = build::image(machine, sensors).unwrap();
-        let path = folder.path().join(name);
-        std::fs::write(&path, seal(&payload, 1, None, None).unwrap()).unwrap();
-        path
-    };
-    let mut machine = Machine::load(&root().join("examples/gearbox/calibrated.toml")).unwrap();
-    // Four gauges of one encoder: 6 states.
-    machine.sensor_sets[0].channels = ["ta1", "ta2", "rg1", "rg2"].map(str::to_owned).to_vec();
-    let image = |filter: Filter| {
-        let sensors = Sensors::choose(&machine, None).unwrap().filtered_by(filter);
-        sealed(&machine, &sensors, filter.name())
-    };
-    let mut rotor = Machine::load(&root().join("examples/rotor/machine.toml")).unwrap();
-    let rotor_image = sealed(&rotor, &Sensors::choose(&rotor, None).unwrap(), "rotor");
-    for channel in &mut rotor.channels {
+fn sealed(machine: &Machine, sensors: &Sensors, folder: &Path, name: &str) -> PathBuf {
+    let payload = build::image(machine, sensors).unwrap();
+    let path = folder.join(name);
+    std::fs::write(&path, seal(&payload, 1, None, None).unwrap()).unwrap();
+    path
+}
+
+/// The example, with loads that may do anything, and with sensors that drift.
+fn rotors(folder: &Path) -> [PathBuf; 3] {
+    let example = Machine::load(&root().join("examples/rotor/machine.toml")).unwrap();
+    let (mut walking, mut biased) = (example.clone(), example.clone());
+    for load in &mut walking.rotor.as_mut().unwrap().loads {
+        load.kind = LoadKind::Walk;
+        load.walk_n_per_sqrt_s = None;
+    }
+    for channel in &mut biased.channels {
         channel.drift = Some(Drift {
             std: 2e-5,
             time_s: 3600.0,
         });
     }
-    let biased_rotor = sealed(&rotor, &Sensors::choose(&rotor, None).unwrap(), "biased");
+    let named = [(example, "rotor"), (walking, "walking"), (biased, "biased")];
+    named.map(|(machine, name)| {
+        let sensors = Sensors::choose(&machine, None).unwrap();
+        sealed(&machine, &sensors, folder, name)
+    })
+}
+
+#[test]
+fn steps_stay_within_their_bounds() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut machine = Machine::load(&root().join("examples/gearbox/calibrated.toml")).unwrap();
+    // Four gauges of one encoder: 6 states.
+    machine.sensor_sets[0].channels = ["ta1", "ta2", "rg1", "rg2"].map(str::to_owned).to_vec();
+    let image = |filter: Filter| {
+        let sensors = Sensors::choose(&machine, None).unwrap().filtered_by(filter);
+        sealed(&machine, &sensors, folder.path(), filter.name())
+    };
+    let [rotor, walking, biased] = rotors(folder.path());
 
     let bearing = Machine::load(&root().join("examples/bearing/calibrated.toml")).unwrap();
     let sensors = Sensors::choose(&bearing, None).unwrap();
@@ -69,7 +87,7 @@ fn steps_stay_within_their_bounds() {
         .iter()
         .flat_map(|sample| postcard::to_allocvec(sample).unwrap())
         .collect();
-    let bearing = sealed(&bearing, &sensors, "bearing");
+    let bearing = sealed(&bearing, &sensors, folder.path(), "bearing");
     let bearing_samples = folder.path().join("bearing.samples");
     std::fs::write(&bearing_samples, samples).unwrap();
 
@@ -79,8 +97,9 @@ fn steps_stay_within_their_bounds() {
         &[
             ("LOADTWIN_IMAGE", &image(Filter::Aekf)),
             ("LOADTWIN_STEADY_IMAGE", &image(Filter::Steady)),
-            ("LOADTWIN_ROTOR_IMAGE", &rotor_image),
-            ("LOADTWIN_BIASED_ROTOR_IMAGE", &biased_rotor),
+            ("LOADTWIN_ROTOR_IMAGE", &rotor),
+            ("LOADTWIN_WALKING_ROTOR_IMAGE", &walking),
+            ("LOADTWIN_BIASED_ROTOR_IMAGE", &biased),
             ("LOADTWIN_BEARING_IMAGE", &bearing),
             ("LOADTWIN_BEARING_SAMPLES", &bearing_samples),
         ],
@@ -113,9 +132,15 @@ fn steps_stay_within_their_bounds() {
         "{text}"
     );
     for kind in ["", "biased_"] {
-        let by_steady_gains = |line: &str| number(&format!("{kind}{line}_by_steady_gains"));
-        assert_eq!(by_steady_gains("rotor_line"), 0, "{text}");
-        assert!(by_steady_gains("rotor_steady_line") >= 1000, "{text}");
+        assert_eq!(
+            number(&format!("{kind}rotor_line_by_steady_gains")),
+            0,
+            "{text}"
+        );
+    }
+    for kind in ["", "walking_", "biased_"] {
+        let steady = number(&format!("{kind}rotor_steady_line_by_steady_gains"));
+        assert!(steady >= 1000, "{text}");
     }
     assert!(number("bearing_line_valid") > 500, "{text}");
     for (kernel, stored, bound) in STORED {

@@ -9,10 +9,12 @@
 //! loadtwin build examples/gearbox/calibrated.toml -o line.image
 //! loadtwin build examples/gearbox/calibrated.toml --filter steady -o steady.image
 //! loadtwin build examples/rotor/machine.toml -o rotor.image
+//! loadtwin build rotor-with-walks.toml -o walking.image
 //! loadtwin build rotor-with-drifts.toml -o biased.image
 //! loadtwin build examples/bearing/calibrated.toml -o bearing.image
 //! LOADTWIN_IMAGE=$PWD/line.image LOADTWIN_STEADY_IMAGE=$PWD/steady.image \
-//!     LOADTWIN_ROTOR_IMAGE=$PWD/rotor.image LOADTWIN_BIASED_ROTOR_IMAGE=$PWD/biased.image \
+//!     LOADTWIN_ROTOR_IMAGE=$PWD/rotor.image LOADTWIN_WALKING_ROTOR_IMAGE=$PWD/walking.image \
+//!     LOADTWIN_BIASED_ROTOR_IMAGE=$PWD/biased.image \
 //!     LOADTWIN_BEARING_IMAGE=$PWD/bearing.image \
 //!     LOADTWIN_BEARING_SAMPLES=$PWD/samples cargo build --profile firmware \
 //!     --target thumbv7em-none-eabihf -p loadtwin-firmware --features emulated,peers --bin steps
@@ -52,11 +54,12 @@ use loadtwin_common::innovation::Gate;
 use loadtwin_common::kalman::{predict, predict_constant, update};
 use loadtwin_common::line::Line;
 use loadtwin_common::phase::Phase;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::raw::{MAX_CHANNELS, RawSample};
 use loadtwin_common::rotor::MAX_STATES;
 use loadtwin_common::rotor::filter::{
     self, BIASES, Belief, FORCES, Row, Turn, predict_covariance, predict_state,
 };
+use loadtwin_common::rotor::past::{Gain, Moment, Past};
 use loadtwin_common::scheduled_gain::{GainBin, GainSchedule};
 use loadtwin_common::sealed;
 use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
@@ -277,9 +280,9 @@ fn line(name: &str, sealed: &[u8]) {
 
 /// The filter of a rotor alone: 8 modal displacements that everything couples with, two
 /// loads that turn, 4 sensors, each with a bias where there are states for it; by the full
-/// recursion, and by a gain.
+/// recursion, by a gain, and with the two samples before corrected as well.
 #[inline(never)]
-fn rotor_filter<const NX: usize>([full, scheduled]: [&str; 2]) {
+fn rotor_filter<const NX: usize>([full, scheduled, lagging]: [&str; 3]) {
     const NZ: usize = 8;
     let dense: [[f32; NX]; NZ] = core::array::from_fn(|i| {
         core::array::from_fn(|j| match j {
@@ -292,7 +295,7 @@ fn rotor_filter<const NX: usize>([full, scheduled]: [&str; 2]) {
         modal: core::array::from_fn(|j| 1.0 / (1.0 + (i + 2 * j) as f32)),
         bias: (NX > 2 * NZ + FORCES).then_some(2 * NZ + FORCES + i),
     });
-    let gain: [[f32; NX]; 4] = [[1e-3; NX]; 4];
+    let gain: Gain<NX> = [[1e-3; NX]; MAX_CHANNELS];
     let turn = Turn {
         turning: 3,
         pairs: 2,
@@ -313,7 +316,7 @@ fn rotor_filter<const NX: usize>([full, scheduled]: [&str; 2]) {
             black_box(filter::update(&mut belief, row, *y, 0.01, |nis| nis < 1e6));
         }
     });
-    report(scheduled, |k| {
+    let by_gain = |belief: &mut Belief<f32, NX>, k: u32| {
         predict_state(&mut belief.state, &dense, &turn);
         let y = &samples[k as usize % 16];
         let nu: [f32; 4] =
@@ -323,6 +326,18 @@ fn rotor_filter<const NX: usize>([full, scheduled]: [&str; 2]) {
                 belief.state[j] += gain[j] * nu;
             }
         }
+        nu
+    };
+    report(scheduled, |k| {
+        by_gain(&mut belief, k);
+    });
+    let mut past = Past::new(Moment::unknown(0.0));
+    let before = black_box([gain; 2]);
+    report(lagging, |k| {
+        past.push(Moment::of::<NZ>(&belief, 0.0));
+        let nu = by_gain(&mut belief, k);
+        past.correct(&before, &nu);
+        black_box(past.at(2));
     });
     black_box(belief);
 }
@@ -407,11 +422,13 @@ fn main() -> ! {
         "gearbox_steady_line",
         include_bytes!(env!("LOADTWIN_STEADY_IMAGE")),
     );
-    rotor_filter::<20>(["rotor_20_4", "rotor_scheduled_gain_20_4"]);
-    rotor_filter::<24>(["rotor_24_4", "rotor_scheduled_gain_24_4"]);
+    rotor_filter::<20>(["rotor_20_4", "rotor_scheduled_gain_20_4", "rotor_lag_20_4"]);
+    rotor_filter::<24>(["rotor_24_4", "rotor_scheduled_gain_24_4", "rotor_lag_24_4"]);
     let rotor = include_bytes!(env!("LOADTWIN_ROTOR_IMAGE"));
     rotor_line("rotor_line", rotor, true);
     rotor_line("rotor_steady_line", rotor, false);
+    let rotor = include_bytes!(env!("LOADTWIN_WALKING_ROTOR_IMAGE"));
+    rotor_line("walking_rotor_steady_line", rotor, false);
     let rotor = include_bytes!(env!("LOADTWIN_BIASED_ROTOR_IMAGE"));
     rotor_line("biased_rotor_line", rotor, true);
     rotor_line("biased_rotor_steady_line", rotor, false);

@@ -79,7 +79,12 @@ pub fn tune(
     recordings: &[PathBuf],
     progress: impl Fn(f64),
 ) -> Result<Vec<Choice>, TuneError> {
-    let payload = crate::build::image(machine, sensors)?;
+    // Readings are held against the estimate that they themselves make.
+    let mut prompt = machine.clone();
+    if let Some(rotor) = &mut prompt.rotor {
+        rotor.lag_samples = Some(0);
+    }
+    let payload = crate::build::image(&prompt, sensors)?;
     let trial = Trial::new(machine, rotor, sensors, &payload, recordings)?;
     let count = rotor.loads.len() + 2 + sensors.channels.len();
     let start = vec![0.0; count];

@@ -1,0 +1,104 @@
+//! Fixed-lag smoothing: the samples before the last, corrected by what was read since.
+//!
+//! A force moves a sensor only samples later, so that those samples say most of what is said of it.
+//! By the steady gains `G_j` for the `j`-th sample before,
+//!
+//! `x(k-j | k) = x(k-j | k-1) + G_j nu_k`, `G_j = P (F (I - K H))^j' H' S^-1`, `G_0 = K`
+//!
+//! Source: Anderson and Moore 1979, Optimal Filtering, section 7.3.
+
+use super::filter::{Belief, FORCES};
+use crate::raw::MAX_CHANNELS;
+
+/// Most samples by which an estimate lags.
+pub const MAX_LAG: usize = 4;
+
+/// Gain by which each channel's innovation corrects a state, by channels.
+pub type Gain<const NX: usize> = [[f32; NX]; MAX_CHANNELS];
+
+/// What is believed of one sample.
+#[derive(Clone, Copy, Debug)]
+pub struct Moment<const NX: usize> {
+    /// The filter's state, in the image's scale.
+    pub state: [f32; NX],
+    /// Variances of the forces as its own readings left them.
+    pub variances: [f32; FORCES],
+    /// The tracked speed [rad/s].
+    pub speed: f32,
+}
+
+impl<const NX: usize> Moment<NX> {
+    /// Of the sample that `belief` is of.
+    pub fn of<const NZ: usize>(belief: &Belief<f32, NX>, speed: f32) -> Self {
+        const { assert!(2 * NZ + FORCES <= NX, "states of a rotor") };
+        let mut variances = [0.0; FORCES];
+        for (j, variance) in variances.iter_mut().enumerate() {
+            *variance = belief.covariance[2 * NZ + j][2 * NZ + j];
+        }
+        Self {
+            state: belief.state,
+            variances,
+            speed,
+        }
+    }
+
+    /// Of a sample before the first one.
+    pub fn unknown(speed: f32) -> Self {
+        Self {
+            state: [0.0; NX],
+            // That no standard deviation of an estimate is as large as.
+            variances: [f32::MAX; FORCES],
+            speed,
+        }
+    }
+
+    /// `x + G nu`.
+    fn correct(&mut self, gain: &Gain<NX>, innovations: &[f32]) {
+        for (column, nu) in gain.iter().zip(innovations) {
+            for (x, k) in self.state.iter_mut().zip(column) {
+                *x += k * nu;
+            }
+        }
+    }
+}
+
+/// The samples before the last one, a ring.
+#[derive(Clone, Debug)]
+pub struct Past<const NX: usize> {
+    moments: [Moment<NX>; MAX_LAG],
+    /// Place of the one before the last.
+    latest: usize,
+}
+
+impl<const NX: usize> Past<NX> {
+    /// Before the first sample: all are `moment`.
+    pub fn new(moment: Moment<NX>) -> Self {
+        Self {
+            moments: [moment; MAX_LAG],
+            latest: 0,
+        }
+    }
+
+    /// `moment` becomes the one before the last.
+    pub fn push(&mut self, moment: Moment<NX>) {
+        self.latest = (self.latest + 1) % MAX_LAG;
+        self.moments[self.latest % MAX_LAG] = moment;
+    }
+
+    fn place(&self, back: usize) -> usize {
+        (self.latest + 1 + MAX_LAG - back % MAX_LAG) % MAX_LAG
+    }
+
+    /// The one `back` samples before the last, 1 to [`MAX_LAG`].
+    pub fn at(&self, back: usize) -> &Moment<NX> {
+        &self.moments[self.place(back)]
+    }
+
+    /// Corrects the one before the last by the first gain, the one before by the second and so on.
+    pub fn correct(&mut self, gains: &[Gain<NX>], innovations: &[f32]) {
+        for (j, gain) in gains.iter().enumerate() {
+            let place = self.place(j + 1);
+            self.moments[place].correct(gain, innovations);
+        }
+    }
+}

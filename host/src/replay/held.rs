@@ -1,0 +1,92 @@
+//! Samples held back until the estimate of them.
+
+use std::collections::VecDeque;
+
+use loadtwin_common::estimate::Estimate;
+use loadtwin_common::line::Line;
+use loadtwin_common::raw::RawSample;
+
+use super::Sample;
+
+/// A sample, and what was said of its sensors as it came.
+struct Held {
+    t: f64,
+    raw: RawSample,
+    references: Vec<f64>,
+    displacements: Vec<f64>,
+    estimate: Estimate,
+}
+
+impl Held {
+    fn new(sample: &Sample<'_>, estimate: Estimate) -> Self {
+        Self {
+            t: sample.t,
+            raw: sample.raw,
+            references: sample.references.to_vec(),
+            displacements: sample.displacements.to_vec(),
+            estimate,
+        }
+    }
+
+    fn sample(&self) -> Sample<'_> {
+        Sample {
+            t: self.t,
+            raw: self.raw,
+            references: &self.references,
+            displacements: &self.displacements,
+        }
+    }
+}
+
+/// A line whose estimates may lag, with the samples that it has not told of.
+pub(super) struct HeldBack<'a> {
+    line: Line<'a>,
+    held: VecDeque<Held>,
+    next_tick: u32,
+}
+
+impl<'a> HeldBack<'a> {
+    pub fn new(line: Line<'a>) -> Self {
+        Self {
+            line,
+            held: VecDeque::new(),
+            next_tick: 0,
+        }
+    }
+
+    /// Takes `sample`, and shows that which the estimate is of to `each`.
+    pub fn push(
+        &mut self,
+        sample: &Sample<'_>,
+        mut each: impl FnMut(&Sample<'_>, &Estimate, &Line<'_>),
+    ) {
+        let estimate = self.line.step(&sample.raw);
+        self.next_tick = sample.raw.tick.wrapping_add(1);
+        let lag = self.line.lag();
+        if lag == 0 {
+            each(sample, &estimate, &self.line);
+            return;
+        }
+        let loads = estimate.loads.clone();
+        self.held.push_back(Held::new(sample, estimate));
+        if self.held.len() > lag
+            && let Some(mut first) = self.held.pop_front()
+        {
+            first.estimate.loads = loads;
+            each(&first.sample(), &first.estimate, &self.line);
+        }
+    }
+
+    /// Shows the last ones, after which nothing is read.
+    pub fn finish(mut self, mut each: impl FnMut(&Sample<'_>, &Estimate, &Line<'_>)) {
+        for mut last in self.held {
+            let nothing = RawSample {
+                tick: self.next_tick,
+                ..RawSample::default()
+            };
+            self.next_tick = self.next_tick.wrapping_add(1);
+            last.estimate.loads = self.line.step(&nothing).loads;
+            each(&last.sample(), &last.estimate, &self.line);
+        }
+    }
+}
