@@ -169,9 +169,14 @@ fn compared(machine: &mut Machine, seeds: std::ops::Range<u64>) {
         for seed in seeds.clone() {
             record(machine, scenario(seed), &path);
             let outcome = judged(machine, &path);
+            let bound_um = bound.settled_um(machine, &path, 1.0);
+            println!(
+                "seed {seed}: settled {:.3} µm, bound {bound_um:.3} µm",
+                outcome.settled_um
+            );
             filter += outcome.settled_um / count;
             start += outcome.start_um / count;
-            least += bound.settled_um(machine, &path, 1.0) / count;
+            least += bound_um / count;
             peak = outcome.peak_um;
         }
         println!(
@@ -182,13 +187,20 @@ fn compared(machine: &mut Machine, seeds: std::ops::Range<u64>) {
     }
 }
 
-/// `ROTORS`: seeds of other drawn rotors.
+/// The paper's rotor, the soft one, and drawn ones; `ROTORS`: the seeds of these.
+pub fn rotors() -> Vec<Machine> {
+    let seeds = std::env::var("ROTORS").unwrap_or_else(|_| "5,6".into());
+    let seeds = seeds.split(',').filter(|seed| !seed.is_empty());
+    let drawn = seeds.map(|seed| drawn(seed.parse().unwrap()));
+    [machine(), soft()].into_iter().chain(drawn).collect()
+}
+
+/// `DRAWS`: how many draws of the noise.
 #[test]
 fn the_filter_errs_by_little_more_than_what_no_estimator_betters() {
-    let seeds = std::env::var("ROTORS").unwrap_or_else(|_| "5,6".into());
-    let others = seeds.split(',').map(|seed| drawn(seed.parse().unwrap()));
-    for mut machine in [machine(), soft()].into_iter().chain(others) {
-        compared(&mut machine, 21..24);
+    let draws = std::env::var("DRAWS").map_or(3, |draws| draws.parse().unwrap());
+    for mut machine in rotors() {
+        compared(&mut machine, 21..21 + draws);
     }
 }
 

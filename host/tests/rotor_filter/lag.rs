@@ -9,7 +9,8 @@ use loadtwin_common::image::Image;
 use loadtwin_common::line::Line;
 use loadtwin_common::raw::RawSample;
 
-use crate::{Case, machine, paper, record, soft};
+use crate::bound::rotors;
+use crate::{Case, machine, paper, record};
 
 fn lagging(mut machine: Machine, kind: LoadKind, lag: u8) -> Machine {
     let rotor = machine.rotor.as_mut().unwrap();
@@ -42,15 +43,16 @@ fn quiet(machine: &Machine) -> (Vec<RawSample>, Vec<Vec<f64>>) {
 /// Forces that may do anything are known the better, the more was read since.
 #[test]
 fn the_later_an_estimate_the_less_it_errs() {
-    for rotor in [machine(), soft()] {
+    for rotor in rotors() {
         let case = Case::noisy(LoadKind::Walk, 1e-7);
-        for seed in 3..7 {
+        for seed in [3, 4] {
             let errors = [0, 1, 2, 4].map(|lag| {
                 let outcome = case.run(lagging(rotor.clone(), LoadKind::Walk, lag), seed);
                 (outcome.settled_um, outcome.force_percent)
             });
             println!("{}, seed {seed}: {errors:.2?}", rotor.name);
             assert!(errors[2].0 < 0.85 * errors[0].0, "{errors:?}");
+            assert!(errors[2].0 <= 1.8, "{errors:?}");
             assert!(errors.is_sorted_by(|a, b| b.1 < a.1), "{errors:?}");
         }
     }
