@@ -2,7 +2,8 @@
 
 use std::ops::Range;
 
-use faer::{Mat, Scale, unzip, zip};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, Par, Scale, unzip, zip};
 
 use super::RotorError;
 use super::model::RotorModel;
@@ -72,8 +73,8 @@ pub struct DrivenRotor {
     /// The highest angular acceleration, either way [rad/s^2].
     acceleration: f64,
     steps: Vec<Steps>,
-    /// Row of each sensor over `z`.
-    rows: Vec<Vec<f64>>,
+    /// Row of each sensor over `x`.
+    rows: Mat<f64>,
     modes: usize,
 }
 
@@ -94,18 +95,16 @@ impl DrivenRotor {
         };
         let inputs: Vec<Vec<f64>> = forces.iter().flat_map(|f| directions(f.node)).collect();
         let reduced = Reduced::with_statics(&model, rotor.speed_rad_s, MODES, &inputs)?;
-        let rows = (channels.iter())
-            .map(|channel| match &channel.senses {
-                Senses::Displacement(at) => {
-                    let row = model.direction(at.node, at.direction_deg.to_radians());
-                    let sensitivity = channel.sensitivity.unwrap_or(1.0);
-                    (reduced.row(&row).iter())
-                        .map(|part| sensitivity * part)
-                        .collect()
+        let mut rows = Mat::<f64>::zeros(channels.len(), 2 * reduced.len());
+        for (k, channel) in channels.iter().enumerate() {
+            if let Senses::Displacement(at) = &channel.senses {
+                let row = model.direction(at.node, at.direction_deg.to_radians());
+                let sensitivity = channel.sensitivity.unwrap_or(1.0);
+                for (j, part) in reduced.row(&row).iter().enumerate() {
+                    rows[(k, j)] = sensitivity * part;
                 }
-                _ => vec![0.0; reduced.len()],
-            })
-            .collect();
+            }
+        }
         let lowest = turning.speed.iter().copied().fold(f64::INFINITY, f64::min);
         let highest = turning.speed.iter().copied().fold(0.0, f64::max);
         let acceleration =
@@ -119,9 +118,17 @@ impl DrivenRotor {
         let steps = (0..count)
             .map(|k| {
                 let speed = lowest + step * k as f64;
+                let motion = reduced.motion(&model, speed, turning.dt_s, inputs.len());
                 let at = |acceleration: f64| {
                     let turns = (speed, acceleration);
-                    held(&model, &reduced, turns, forces, &inputs, turning.dt_s)
+                    held(
+                        motion.clone(),
+                        &reduced,
+                        turns,
+                        forces,
+                        &inputs,
+                        turning.dt_s,
+                    )
                 };
                 let steady = at(0.0);
                 let accelerated = at(acceleration).0 - &steady.0;
@@ -179,25 +186,31 @@ impl DrivenRotor {
         push: impl Fn(&Mat<f64>, &mut Mat<f64>),
     ) -> Vec<Vec<Vec<f64>>> {
         let samples = turning.angle.len();
-        let mut all = vec![vec![Vec::with_capacity(samples); self.rows.len()]; x.ncols()];
+        let mut all = vec![vec![Vec::with_capacity(samples); self.rows.nrows()]; x.ncols()];
+        // Room for what is computed for each sample.
+        let (mut a, mut b) = self.steps[0].steady.clone();
+        let (mut pushed, mut moved) = (b.clone(), x.clone());
+        let mut read = Mat::<f64>::zeros(self.rows.nrows(), x.ncols());
         for i in 0..samples {
-            for (column, of_column) in all.iter_mut().enumerate() {
-                for (row, readings) in self.rows.iter().zip(of_column) {
-                    let terms = row.iter().enumerate();
-                    readings.push(terms.map(|(j, h)| h * x[(j, column)]).sum());
+            matmul(&mut read, Accum::Replace, &self.rows, &x, 1.0, Par::Seq);
+            for (read, of_column) in read.col_iter().zip(&mut all) {
+                for (reading, readings) in read.iter().zip(of_column) {
+                    readings.push(*reading);
                 }
             }
             let next = turning.speed[(i + 1).min(samples - 1)];
-            let (a, b) = self.step(0.5 * (turning.speed[i] + next), turning.acceleration[i]);
-            x = a * &x;
-            push(&self.pushed(&b, turning, i), &mut x);
+            let speed = 0.5 * (turning.speed[i] + next);
+            self.step(speed, turning.acceleration[i], &mut a, &mut b);
+            matmul(&mut moved, Accum::Replace, &a, &x, 1.0, Par::Seq);
+            std::mem::swap(&mut x, &mut moved);
+            self.pushed(&b, turning, i, &mut pushed);
+            push(&pushed, &mut x);
         }
         all
     }
 
     /// `B f` for each force of unit size at sample `i`, in phase and a quarter turn later.
-    fn pushed(&self, b: &Mat<f64>, turning: &Turning, i: usize) -> Mat<f64> {
-        let mut pushed = Mat::<f64>::zeros(b.nrows(), b.ncols());
+    fn pushed(&self, b: &Mat<f64>, turning: &Turning, i: usize, pushed: &mut Mat<f64>) {
         for (k, force) in self.forces.iter().enumerate() {
             for quarter in 0..2 {
                 let [along_x, along_y] = force.at(turning, i, quarter);
@@ -207,11 +220,10 @@ impl DrivenRotor {
                 }
             }
         }
-        pushed
     }
 
     /// `A` and `B` at a speed and an acceleration, between those of the table.
-    fn step(&self, speed: f64, acceleration: f64) -> Step {
+    fn step(&self, speed: f64, acceleration: f64, a: &mut Mat<f64>, b: &mut Mat<f64>) {
         let last = self.steps.len() - 1;
         let span = (self.speeds.end - self.speeds.start) / last as f64;
         let place = if last == 0 {
@@ -222,19 +234,50 @@ impl DrivenRotor {
         let low = (place as usize).min(last.saturating_sub(1));
         let part = place - low as f64;
         let (low, high) = (&self.steps[low], &self.steps[(low + 1).min(last)]);
-        let mut a = between(&low.steady.0, &high.steady.0, part);
+        between(
+            &low.steady.0,
+            &high.steady.0,
+            part,
+            |place, value| {
+                *place = value;
+            },
+            a,
+        );
+        between(
+            &low.steady.1,
+            &high.steady.1,
+            part,
+            |place, value| {
+                *place = value;
+            },
+            b,
+        );
         if acceleration != 0.0 {
-            let of_highest = between(&low.accelerated, &high.accelerated, part);
-            zip!(&mut a, &of_highest).for_each(|unzip!(a, of_highest)| {
-                *a += acceleration / self.acceleration * of_highest;
-            });
+            let of_highest = acceleration / self.acceleration;
+            between(
+                &low.accelerated,
+                &high.accelerated,
+                part,
+                |place, value| {
+                    *place += of_highest * value;
+                },
+                a,
+            );
         }
-        (a, between(&low.steady.1, &high.steady.1, part))
     }
 }
 
-fn between(low: &Mat<f64>, high: &Mat<f64>, part: f64) -> Mat<f64> {
-    zip!(low, high).map(|unzip!(low, high)| low + part * (high - low))
+/// Gives each number between those of two tables to `take`, with its place in `into`.
+fn between(
+    low: &Mat<f64>,
+    high: &Mat<f64>,
+    part: f64,
+    take: impl Fn(&mut f64, f64),
+    into: &mut Mat<f64>,
+) {
+    zip!(into, low, high).for_each(|unzip!(into, low, high)| {
+        take(into, low + part * (high - low));
+    });
 }
 
 impl TurningForce {
@@ -252,11 +295,11 @@ impl TurningForce {
 }
 
 /// `A` and `B` over a sample at `(speed, speed')` for forces that turn within it, exact at a
-/// steady speed.
+/// steady speed; `a`: as [`Reduced::motion`] has it there, with room for the forces.
 ///
 /// Source: Van Loan, IEEE Trans. Autom. Control 23 (1978).
 fn held(
-    model: &RotorModel,
+    mut a: Mat<f64>,
     reduced: &Reduced,
     (speed, acceleration): (f64, f64),
     forces: &[TurningForce],
@@ -265,7 +308,6 @@ fn held(
 ) -> Step {
     let (r, m) = (reduced.len(), inputs.len());
     let n = 2 * r;
-    let mut a = reduced.motion(model, speed, dt_s, m);
     let mut pulled = a.submatrix_mut(r, 0, r, r);
     pulled -= Scale(acceleration * dt_s) * reduced.accelerating_stiffness();
     for (j, input) in inputs.iter().enumerate() {

@@ -25,7 +25,7 @@ const GAUSS: [(f64, f64); 4] = [
 /// The finer rotor in its modes.
 pub(super) struct Plant {
     squares: Vec<f64>,
-    /// Damping and gyroscopic coupling of the modes, row by row.
+    /// Damping and gyroscopic coupling of the modes, column by column.
     damping: Vec<f64>,
     gyroscopic: Vec<f64>,
     /// `K_st` as a part of `G`.
@@ -89,7 +89,7 @@ impl Plant {
         let project = |m: &Mat<f64>| -> Vec<f64> {
             let p = phi.transpose() * (m * &phi);
             (0..count * count)
-                .map(|k| p[(k / count, k % count)])
+                .map(|k| p[(k % count, k / count)])
                 .collect()
         };
         let row = |dof: usize| -> Vec<f64> { (0..count).map(|k| phi[(dof, k)]).collect() };
@@ -194,14 +194,15 @@ impl Plant {
         let carried: Vec<f64> = (v.iter().zip(z))
             .map(|(v, z)| speed * v + along * z)
             .collect();
-        let mut a: Vec<f64> = (0..n)
-            .map(|i| {
-                let row = i * n..(i + 1) * n;
-                let damped = dot(&self.damping[row.clone()], v);
-                let turned = dot(&self.gyroscopic[row], &carried);
-                -self.squares[i] * z[i] - damped - turned
-            })
+        let mut a: Vec<f64> = (self.squares.iter().zip(z))
+            .map(|(square, z)| -square * z)
             .collect();
+        let coupling = (self.damping.chunks_exact(n)).zip(self.gyroscopic.chunks_exact(n));
+        for ((damping, gyroscopic), (v, carried)) in coupling.zip(v.iter().zip(&carried)) {
+            for ((a, c), g) in a.iter_mut().zip(damping).zip(gyroscopic) {
+                *a -= c * v + g * carried;
+            }
+        }
         for (input, force) in self.inputs.iter().zip(forces) {
             for i in 0..n {
                 a[i] += input[i] * force;
