@@ -14,7 +14,8 @@ pub const MAX_SENSORS: usize = MAX_CHANNELS + MAX_ENCODERS;
 /// The estimate after one sample.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Estimate {
-    /// Tick of the sample it was made from.
+    /// Tick of the sample it was made from; the loads are of that many samples before, by which the
+    /// line's estimates lag ([`crate::line::Line::lag`]), all else is of that sample.
     pub tick: u32,
     /// The loads in the order of the image.
     pub loads: Vec<LoadEstimate, MAX_LOADS>,

@@ -219,9 +219,14 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             state.shaft.turn(by);
         }
         let speed = state.shaft.speed;
-        let turn = self.turn(state, &m);
+        // In one that comes twice, or late, no time passes.
+        let turn = if m.stale {
+            self.constant
+        } else {
+            self.turn(state, &m)
+        };
         let steady = state.calm >= self.model.full_samples && !self.counts_nothing(&m);
-        if !fresh {
+        if !fresh && !m.stale {
             for _ in 0..=m.lost {
                 if self.lag() > 0 {
                     let moment = Moment::of::<NZ>(&state.belief, speed);
@@ -249,8 +254,15 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             self.update(state, &m, &zeros, &mut estimate);
         }
         self.loads(state, &mut estimate);
-        state.started = estimate.loads.iter().all(|load| load.std < f32::MAX);
+        state.started = self.believes(state);
         estimate
+    }
+
+    /// Whether the forces and their variances are numbers.
+    fn believes(&self, state: &RotorState<NZ, NX>) -> bool {
+        let Belief { state, covariance } = &state.belief;
+        (2 * NZ..2 * NZ + self.model.loads.len())
+            .all(|d| state[d % NX].is_finite() && covariance[d % NX][d % NX].is_finite())
     }
 
     fn restart(&self, state: &mut RotorState<NZ, NX>) {
@@ -398,8 +410,11 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         // as after a start that it was not made for, and not they.
         let open = state.contradict > 1 && 2 * state.contradict > self.rows.len();
         state.contradict = 0;
-        state.corrected = 0;
-        let mut all = true;
+        if !m.stale {
+            state.corrected = 0;
+        }
+        // Of samples that were lost, no steady gain knows.
+        let mut all = m.lost == 0;
         for (i, (row, channel)) in self.rows.iter().zip(&self.model.channels).enumerate() {
             let value = match m.values.get(i) {
                 Some(Ok(value)) => *value,
@@ -441,30 +456,37 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
                 },
             });
         }
-        state.calm = if all { state.calm.saturating_add(1) } else { 0 };
+        state.calm = match all {
+            _ if m.stale => state.calm,
+            true => state.calm.saturating_add(1),
+            false => 0,
+        };
     }
 
     fn loads(&self, state: &RotorState<NZ, NX>, estimate: &mut Estimate) {
-        let lag = self.model.lag;
-        let steady = state.calm >= self.model.full_samples
-            && state.age == 0
-            && state.corrected >= u32::from(lag);
-        let past = self.past(state);
+        let lag = self.lag();
+        let converged = state.calm >= self.model.full_samples && state.age == 0;
+        let steady = converged && state.corrected as usize >= lag;
+        let told = self.told(state);
         let speeds = &self.model.speeds;
         let range = f32::from(speeds.count - 1) * speeds.step;
         let margin = MARGIN * (speeds.lowest + range);
-        let speed = state.shaft.speed;
-        let inside = speed >= speeds.lowest - margin && speed <= speeds.lowest + range + margin;
+        let inside = [state.shaft.speed, self.speed(state)].iter().all(|speed| {
+            *speed >= speeds.lowest - margin && *speed <= speeds.lowest + range + margin
+        });
         for (j, signal) in self.model.loads.iter().enumerate() {
             let d = 2 * NZ + j;
             let (Some(scale), Some(x)) = (self.model.scale.get(d), self.state(state).get(d)) else {
                 continue;
             };
-            let deviation = if steady {
-                state.active.load_std[j % MAX_LOADS]
+            let own = &state.belief.covariance[d % NX][d % NX];
+            let own = libm::sqrtf(told.map_or(*own, |moment| moment.variances[j % FORCES]));
+            let table = state.active.load_std[j % MAX_LOADS];
+            // By a gain, the variance stays that of another speed.
+            let deviation = if steady || converged && own < table {
+                table
             } else {
-                let own = &state.belief.covariance[d % NX][d % NX];
-                libm::sqrtf(past.map_or(*own, |moment| moment.variances[j % FORCES]))
+                own
             };
             let (value, std) = (x * scale, deviation * scale);
             let finite = value.is_finite() && std.is_finite();
@@ -476,24 +498,24 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             let _ = estimate.loads.push(LoadEstimate {
                 value: if finite { value } else { 0.0 },
                 std: if finite { std } else { f32::MAX },
-                age: state.age.saturating_add(lag.into()),
+                age: state.age.saturating_add(lag as u16),
                 fault,
             });
         }
     }
 
     /// The sample that the estimate is of, where it lags.
-    fn past<'s>(&self, state: &'s RotorState<NZ, NX>) -> Option<&'s Moment<NX>> {
+    fn told<'s>(&self, state: &'s RotorState<NZ, NX>) -> Option<&'s Moment<NX>> {
         (self.lag() > 0).then(|| state.past.at(self.lag()))
     }
 
     /// The filter's state that the estimate is of, in the image's scale.
     pub fn state<'s>(&self, state: &'s RotorState<NZ, NX>) -> &'s [f32; NX] {
-        (self.past(state)).map_or(&state.belief.state, |moment| &moment.state)
+        (self.told(state)).map_or(&state.belief.state, |moment| &moment.state)
     }
 
     /// The tracked speed that the estimate is of [rad/s].
     pub fn speed(&self, state: &RotorState<NZ, NX>) -> f32 {
-        (self.past(state)).map_or(state.shaft.speed, |moment| moment.speed)
+        (self.told(state)).map_or(state.shaft.speed, |moment| moment.speed)
     }
 }

@@ -96,7 +96,7 @@ pub struct RotorModel<'a> {
     /// Samples by which the estimates lag, at most [`MAX_LAG`].
     pub lag: u8,
     /// For each speed: `D` by rows over modal displacements, their changes and forces, the steady gain `K` by rows, the steady gains of the
-    /// samples before the last by rows, the variance of each channel's innovation, the steady standard deviation of each load.
+    /// samples before the last by rows, the variance of each channel's innovation, the steady standard deviation of each load as told, after the lag.
     #[serde(borrow)]
     pub tables: Numbers<'a>,
     /// Lower triangle of Q by rows.

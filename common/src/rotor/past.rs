@@ -21,7 +21,7 @@ pub type Gain<const NX: usize> = [[f32; NX]; MAX_CHANNELS];
 pub struct Moment<const NX: usize> {
     /// The filter's state, in the image's scale.
     pub state: [f32; NX],
-    /// Variances of the forces as its own readings left them.
+    /// Variances of the forces by the filter, as the last full recursion left them.
     pub variances: [f32; FORCES],
     /// The tracked speed [rad/s].
     pub speed: f32,
@@ -46,8 +46,7 @@ impl<const NX: usize> Moment<NX> {
     pub fn unknown(speed: f32) -> Self {
         Self {
             state: [0.0; NX],
-            // That no standard deviation of an estimate is as large as.
-            variances: [f32::MAX; FORCES],
+            variances: [f32::INFINITY; FORCES],
             speed,
         }
     }
@@ -100,5 +99,36 @@ impl<const NX: usize> Past<NX> {
             let place = self.place(j + 1);
             self.moments[place].correct(gain, innovations);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_sample_before_is_corrected_by_the_gain_of_its_place() {
+        let mut past = Past::<1>::new(Moment::unknown(0.0));
+        let moment = |k: u8| Moment {
+            state: [f32::from(k)],
+            variances: [0.0; FORCES],
+            speed: f32::from(k),
+        };
+        let mut gains = [[[0.0; 1]; MAX_CHANNELS]; MAX_LAG];
+        for (j, gain) in gains.iter_mut().enumerate() {
+            (gain[0][0], gain[1][0]) = (0.25 * (j + 1) as f32, 1.0);
+        }
+        for k in 1..=9 {
+            past.push(moment(k));
+            for back in 1..=MAX_LAG.min(k.into()) {
+                assert_eq!(past.at(back).speed, f32::from(k) - (back - 1) as f32);
+            }
+        }
+        past.correct(&gains[..3], &[2.0, 0.125]);
+        let told = [1, 2, 3, 4].map(|back| past.at(back).state[0]);
+        assert_eq!(told, [9.0 + 0.625, 8.0 + 1.125, 7.0 + 1.625, 6.0]);
+        // A correction goes with its sample.
+        past.push(moment(10));
+        assert_eq!(past.at(2).state[0], 9.625);
     }
 }

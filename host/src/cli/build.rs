@@ -13,7 +13,7 @@ use super::output::say;
 use crate::atomic_file::AtomicFile;
 use crate::build::{self, Filter, Sensors};
 use crate::key::SigningKey;
-use crate::machine::{Kind, Machine};
+use crate::machine::{Kind, Machine, Rotor};
 use crate::rotor::RotorPlan;
 use crate::seal::seal;
 
@@ -86,6 +86,7 @@ impl Build {
                     100.0 * MUCH_LOST
                 )
             });
+        let lag = machine.rotor.as_ref().map_or(0, Rotor::lag);
         let seconds = started.elapsed().as_secs_f64();
         if as_json {
             let names = |names: Vec<&String>| json!(names);
@@ -97,6 +98,7 @@ impl Build {
                 "signed": key.is_some(),
                 "filter": self.filter.name(),
                 "steady_from_to_rad_s": steady_speed,
+                "lag_samples": lag,
                 "channels": names(sensors.channels.iter().map(|c| &c.name).collect()),
                 "encoders": names(sensors.encoders.iter().map(|e| &e.name).collect()),
                 "reduction": reduction.map(|r| json!({
@@ -121,6 +123,12 @@ impl Build {
                 self.output.display(),
                 image.len()
             );
+            if lag > 0 {
+                say!(
+                    "estimates lag {lag} samples, {} ms",
+                    1e3 * f64::from(lag) / machine.rate_hz
+                );
+            }
             if let Some(r) = reduction {
                 say!(
                     "reduction: error up to {:.3} µm of {:.1} µm, at {:.1} rad/s",

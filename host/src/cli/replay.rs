@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::output::say;
 use super::progress::Progress;
 use crate::build::{Filter, Sensors};
-use crate::machine::Machine;
+use crate::machine::{Machine, Rotor};
 use crate::replay::{
     self, Baselines, Displacements, EstimateWriter, Figures, Phasor, ReportPage, Sample, Speeds,
 };
@@ -257,6 +257,7 @@ pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> 
         "rate_hz": machine.rate_hz,
         "filter": outcome.filter.name(),
         "steady_samples": figures.steady_samples(),
+        "lag_samples": machine.rotor.as_ref().map_or(0, Rotor::lag),
         "samples_per_second": figures.samples() as f64 / outcome.seconds,
         "loads": loads,
         "nis_mean": figures.nis_mean(),

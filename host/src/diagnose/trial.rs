@@ -61,17 +61,7 @@ impl Data {
         self.judged(&tried, &sums, overdispersion)
     }
 
-    /// Right-hand sides that are tried: the residual, and the draws where they are to tell the
-    /// `overdispersion`.
-    fn sides_of(&self, overdispersion: Option<&[f64]>) -> usize {
-        if overdispersion.is_none() {
-            self.sides()
-        } else {
-            1
-        }
-    }
-
-    /// The same of several with the draws: stream by stream, so that what all are held against is
+    /// As [`Self::trial`], of several and with the draws: stream by stream, so that what all are held against is
     /// read from memory once.
     pub(super) fn trials<S: Observed>(&self, all: &[Tried<'_, S>]) -> Vec<Trial> {
         let columns: Vec<_> = all.iter().map(|t| self.by_stream(t.columns)).collect();
@@ -86,7 +76,17 @@ impl Data {
             .collect()
     }
 
-    /// The same by the `sums` of each stream.
+    /// Right-hand sides that are tried: the residual, and the draws where they are to tell the
+    /// `overdispersion`.
+    fn sides_of(&self, overdispersion: Option<&[f64]>) -> usize {
+        if overdispersion.is_none() {
+            self.sides()
+        } else {
+            1
+        }
+    }
+
+    /// What the `sums` of each stream say of what was tried.
     fn judged<S: Observed>(
         &self,
         &Tried {

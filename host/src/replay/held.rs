@@ -38,7 +38,7 @@ impl Held {
     }
 }
 
-/// A line whose estimates may lag, with the samples that it has not told of.
+/// A line whose estimates may lag, with the samples that it has not told of. They come without gaps.
 pub(super) struct HeldBack<'a> {
     line: Line<'a>,
     held: VecDeque<Held>,
@@ -79,14 +79,22 @@ impl<'a> HeldBack<'a> {
 
     /// Shows the last ones, after which nothing is read.
     pub fn finish(mut self, mut each: impl FnMut(&Sample<'_>, &Estimate, &Line<'_>)) {
-        for mut last in self.held {
-            let nothing = RawSample {
-                tick: self.next_tick,
-                ..RawSample::default()
-            };
-            self.next_tick = self.next_tick.wrapping_add(1);
-            last.estimate.loads = self.line.step(&nothing).loads;
+        // Of a recording shorter than the lag, nothing is told yet.
+        for _ in self.held.len()..self.line.lag() {
+            self.read_nothing();
+        }
+        while let Some(mut last) = self.held.pop_front() {
+            last.estimate.loads = self.read_nothing().loads;
             each(&last.sample(), &last.estimate, &self.line);
         }
+    }
+
+    fn read_nothing(&mut self) -> Estimate {
+        let nothing = RawSample {
+            tick: self.next_tick,
+            ..RawSample::default()
+        };
+        self.next_tick = self.next_tick.wrapping_add(1);
+        self.line.step(&nothing)
     }
 }

@@ -222,7 +222,7 @@ impl DrivenRotor {
         }
     }
 
-    /// `A` and `B` at a speed and an acceleration, between those of the table.
+    /// Sets `a` and `b` to `A` and `B` at a speed and an acceleration, between those of the table.
     fn step(&self, speed: f64, acceleration: f64, a: &mut Mat<f64>, b: &mut Mat<f64>) {
         let last = self.steps.len() - 1;
         let span = (self.speeds.end - self.speeds.start) / last as f64;
@@ -234,35 +234,13 @@ impl DrivenRotor {
         let low = (place as usize).min(last.saturating_sub(1));
         let part = place - low as f64;
         let (low, high) = (&self.steps[low], &self.steps[(low + 1).min(last)]);
-        between(
-            &low.steady.0,
-            &high.steady.0,
-            part,
-            |place, value| {
-                *place = value;
-            },
-            a,
-        );
-        between(
-            &low.steady.1,
-            &high.steady.1,
-            part,
-            |place, value| {
-                *place = value;
-            },
-            b,
-        );
+        let set = |slot: &mut f64, value: f64| *slot = value;
+        between(&low.steady.0, &high.steady.0, part, set, a);
+        between(&low.steady.1, &high.steady.1, part, set, b);
         if acceleration != 0.0 {
             let of_highest = acceleration / self.acceleration;
-            between(
-                &low.accelerated,
-                &high.accelerated,
-                part,
-                |place, value| {
-                    *place += of_highest * value;
-                },
-                a,
-            );
+            let add = |slot: &mut f64, value: f64| *slot += of_highest * value;
+            between(&low.accelerated, &high.accelerated, part, add, a);
         }
     }
 }

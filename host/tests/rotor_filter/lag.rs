@@ -1,13 +1,17 @@
 //! Estimates that lag: of the sample that they say, and better.
 
+use faer::{Mat, Side};
 use loadtwin::build::{self, Sensors};
 use loadtwin::machine::{LoadKind, Machine};
 use loadtwin::replay::{Samples, run_line};
 use loadtwin::rotor::RotorPlan;
 use loadtwin_common::fault::Fault;
-use loadtwin_common::image::Image;
+use loadtwin_common::image::{Image, Model};
 use loadtwin_common::line::Line;
 use loadtwin_common::raw::RawSample;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 
 use crate::bound::rotors;
 use crate::{Case, machine, paper, record};
@@ -51,8 +55,9 @@ fn the_later_an_estimate_the_less_it_errs() {
                 (outcome.settled_um, outcome.force_percent)
             });
             println!("{}, seed {seed}: {errors:.2?}", rotor.name);
-            assert!(errors[2].0 < 0.85 * errors[0].0, "{errors:?}");
+            assert!(errors[2].0 < 0.8 * errors[0].0, "{errors:?}");
             assert!(errors[2].0 <= 1.8, "{errors:?}");
+            assert!(errors[2].1 < 0.8 * errors[0].1, "{errors:?}");
             assert!(errors.is_sorted_by(|a, b| b.1 < a.1), "{errors:?}");
         }
     }
@@ -69,7 +74,8 @@ fn an_estimate_is_of_the_sample_that_it_says() {
             channel.noise_std = 1e-8;
         }
         let (mut raw, displacements) = quiet(&machine);
-        raw.retain(|sample| !matches!(sample.tick, 2500 | 3100..3103));
+        raw.retain(|sample| !matches!(sample.tick, 2500 | 3100..3103 | 3300..3420));
+        raw.insert(2200, raw[2199]);
         for sample in &mut raw {
             if matches!(sample.tick, 2800 | 3103) {
                 sample.valid &= !1;
@@ -82,15 +88,25 @@ fn an_estimate_is_of_the_sample_that_it_says() {
         let mut line = Line::try_build(Image::from_bytes(&payload).unwrap()).unwrap();
         let mut told = vec![0.0; 2 * plan.nodes()];
         let (mut worst, mut moved, mut steady) = (0.0_f64, 0.0_f64, 0);
+        let mut last = None;
         for sample in &raw {
             let estimate = line.step(sample);
+            let again = last == Some(sample.tick);
+            last = Some(sample.tick);
+            // Before the first sample, and the first one after more were lost than are bridged.
+            let unknown = [0, 3420].map(|first| first..first + u32::from(lag));
+            let unknown = unknown.iter().any(|of| of.contains(&sample.tick));
             for load in &estimate.loads {
-                let unread = load.age - u16::from(lag);
-                assert_eq!(unread, 0, "{lag}: {load:?}");
-                let before = sample.tick < u32::from(lag);
-                assert_eq!(load.fault == Fault::NotValid, before, "{lag}: {load:?}");
+                // A new start may contradict what it was not made for.
+                if sample.tick < 3420 {
+                    let unread = load.age - u16::from(lag);
+                    assert_eq!(unread, u16::from(again), "{lag}: {load:?}");
+                }
+                assert_eq!(load.fault == Fault::NotValid, unknown, "{lag}: {load:?}");
+                assert_eq!(load.std == f32::MAX, unknown, "{lag}: {load:?}");
             }
-            if sample.tick < 2000 {
+            // A start needs its time.
+            if !(2000..3420).contains(&sample.tick) {
                 continue;
             }
             steady += u32::from(estimate.steady);
@@ -101,9 +117,87 @@ fn an_estimate_is_of_the_sample_that_it_says() {
                 moved = moved.max((displacements[of - 1][i] - displacements[of][i]).abs());
             }
         }
-        assert!(steady > 1000, "{steady}");
+        assert!(steady > 900, "{steady}");
         println!("lag {lag}: {worst:.1e} m, a sample moves {moved:.1e} m");
         assert!(worst < 0.1 * moved, "{lag}: {worst:e} {moved:e}");
+    }
+}
+
+/// Loads that walk as described, on the model itself: the squared error over the variance that is
+/// told is 1 on average, and not more in the samples after some were lost.
+#[test]
+fn the_deviation_that_is_told_is_that_of_the_error() {
+    const NZ: usize = 8;
+    for lag in [0, 2, 4] {
+        let machine = lagging(machine(), LoadKind::Walk, lag);
+        let rotor = machine.rotor.as_ref().unwrap();
+        let sensors = Sensors::choose(&machine, None).unwrap();
+        let plan = RotorPlan::new(&machine, rotor, &sensors.channels).unwrap();
+        let f = &plan.transitions().unwrap()[0].1;
+        let payload = build::image(&machine, &sensors).unwrap();
+        let image = Image::from_bytes(&payload).unwrap();
+        let Model::Rotor(model) = &image.model else {
+            panic!("not a rotor");
+        };
+        let model = model.clone();
+        let n = f.nrows();
+        let q = Mat::from_fn(n, n, |i, j| {
+            let (low, high) = (i.min(j), i.max(j));
+            f64::from(model.process_noise.get(high * (high + 1) / 2 + low))
+        });
+        let eigen = q.self_adjoint_eigen(Side::Lower).unwrap();
+        let root = Mat::from_fn(n, n, |i, j| {
+            eigen.U()[(i, j)] * eigen.S()[j].max(0.0).sqrt()
+        });
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut line = Line::try_build(image).unwrap();
+        let mut x = Mat::<f64>::zeros(n, 1);
+        let mut forces = Vec::new();
+        // All, and those after a gap: sum and count of the squared error over the variance.
+        let mut found = [(0.0, 0.0); 2];
+        for tick in 0..30_000_u32 {
+            x = f * &x + &root * Mat::from_fn(n, 1, |_, _| normal());
+            forces.push([0, 1, 2, 3].map(|j| x[(2 * NZ + j, 0)]));
+            let mut raw = RawSample {
+                tick,
+                ..RawSample::default()
+            };
+            for (k, channel) in model.channels.iter().enumerate() {
+                let moved: f64 = (channel.row.iter().enumerate())
+                    .map(|(i, h)| f64::from(*h) * x[(i, 0)])
+                    .sum();
+                let reading = moved + f64::from(channel.variance).sqrt() * normal();
+                raw.set_word(
+                    k,
+                    (reading / f64::from(channel.converter.gain)).round() as i32,
+                );
+            }
+            let since = tick % 500;
+            if since < 40 && tick > 1000 {
+                continue;
+            }
+            let estimate = line.step(&raw);
+            if tick < 1000 {
+                continue;
+            }
+            for (j, load) in estimate.loads.iter().enumerate() {
+                let of = tick as usize - usize::from(lag);
+                let scale = f64::from(model.scale[2 * NZ + j]);
+                let off = f64::from(load.value) - scale * forces[of][j];
+                let part = (off / f64::from(load.std)).powi(2);
+                found[0] = (found[0].0 + part, found[0].1 + 1.0);
+                if since < 60 && tick > 1500 {
+                    found[1] = (found[1].0 + part, found[1].1 + 1.0);
+                }
+            }
+        }
+        let [all, after] = found.map(|(sum, count)| sum / count);
+        println!("lag {lag}: squared error over variance {all:.2}, after gaps {after:.2}");
+        assert!(
+            (0.9..1.1).contains(&all) && (0.7..1.2).contains(&after),
+            "{lag}: {all} {after}"
+        );
     }
 }
 
