@@ -252,9 +252,9 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
                 self.predict_covariance(state, &turn);
             }
             self.update(state, &m, &zeros, &mut estimate);
+            state.started = self.believes(state);
         }
         self.loads(state, &mut estimate);
-        state.started = self.believes(state);
         estimate
     }
 
@@ -479,14 +479,14 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             let (Some(scale), Some(x)) = (self.model.scale.get(d), self.state(state).get(d)) else {
                 continue;
             };
-            let own = &state.belief.covariance[d % NX][d % NX];
-            let own = libm::sqrtf(told.map_or(*own, |moment| moment.variances[j % FORCES]));
             let table = state.active.load_std[j % MAX_LOADS];
-            // By a gain, the variance stays that of another speed.
-            let deviation = if steady || converged && own < table {
+            let deviation = if steady {
                 table
             } else {
-                own
+                let own = &state.belief.covariance[d % NX][d % NX];
+                let own = libm::sqrtf(told.map_or(*own, |moment| moment.variances[j % FORCES]));
+                // By a gain, the variance stays that of another speed.
+                if converged && own < table { table } else { own }
             };
             let (value, std) = (x * scale, deviation * scale);
             let finite = value.is_finite() && std.is_finite();
