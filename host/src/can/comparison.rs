@@ -96,7 +96,8 @@ pub struct Figures {
     pub restarts: u64,
     /// Name of the model that the machine runs, where it told.
     pub machine_model: Option<u32>,
-    /// From raw sample to the machine's load frame, mean [ms].
+    /// From raw sample to the load frame that the machine made from it, mean [ms]; by how many samples
+    /// its estimates lag is not in it.
     pub lag_mean_ms: f64,
     /// From raw sample to the machine's load frame, most [ms].
     pub lag_max_ms: f64,
