@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use loadtwin::build::{self, Sensors};
-use loadtwin::machine::{LoadKind, Machine};
+use loadtwin::machine::{LoadKind, Machine, Rotor};
 use loadtwin_common::raw::RawSample;
 
 use crate::simulated;
@@ -34,12 +34,17 @@ pub fn machine() -> Machine {
 pub fn walking() -> Machine {
     let mut machine = machine();
     let rotor = machine.rotor.as_mut().expect("a rotor");
+    walk(rotor);
+    assert!(rotor.lag() > 0);
+    machine
+}
+
+/// The loads of `rotor` may do anything.
+pub fn walk(rotor: &mut Rotor) {
     for load in &mut rotor.loads {
         load.kind = LoadKind::Walk;
         load.walk_n_per_sqrt_s = None;
     }
-    assert!(rotor.lag() > 0);
-    machine
 }
 
 /// The model image of `machine`.

@@ -9,6 +9,7 @@
 //!
 //! Source: Rezende et al. 2023, section 2.
 
+mod active;
 pub mod filter;
 mod model;
 pub mod past;
@@ -23,11 +24,11 @@ use crate::innovation::Gate;
 use crate::measurement::{Converter, Counter, Measurement, Unwrap};
 use crate::phase::Phase;
 use crate::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
+use active::Active;
 use filter::{Belief, FORCES, Row, Turn, predict_covariance, predict_state, predicted, update};
-use past::{Gain, MAX_LAG, Moment, Past};
+use past::{MAX_LAG, Moment, Past};
 use shaft::Shaft;
 
-use model::Between;
 pub use model::{
     MAX_MODES, MAX_STATES, Numbers, RotorChannel, RotorModel, ShaftEncoder, Speeds, WAVES,
 };
@@ -37,9 +38,6 @@ const LONGEST_GAP: u32 = 100;
 
 /// Refusals in a row after which a reading is believed again.
 const PATIENCE: u16 = 25;
-
-/// Steps of the table by which the speed may move before the matrices follow.
-const FOLLOW: f32 = 1.0 / 128.0;
 
 /// Part of the speeds' range beyond its ends that is still estimated.
 const MARGIN: f32 = 0.02;
@@ -72,17 +70,6 @@ pub struct RotorState<const NZ: usize, const NX: usize> {
     contradict: usize,
     age: u16,
     started: bool,
-}
-
-/// The tables at the present speed.
-#[derive(Clone, Debug)]
-struct Active<const NZ: usize, const NX: usize> {
-    place: f32,
-    dense: [[f32; NX]; NZ],
-    /// Of the last sample, and of those before it.
-    gains: [Gain<NX>; 1 + MAX_LAG],
-    variance: [f32; MAX_CHANNELS],
-    load_std: [f32; MAX_LOADS],
 }
 
 impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
@@ -134,13 +121,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             past: Past::new(Moment::unknown(self.model.speeds.nominal)),
             gates: [self.gate; MAX_CHANNELS],
             shaft: Shaft::new(self.model.speeds.nominal),
-            active: Active {
-                place: f32::MAX,
-                dense: [[0.0; NX]; NZ],
-                gains: [[[0.0; NX]; MAX_CHANNELS]; 1 + MAX_LAG],
-                variance: [0.0; MAX_CHANNELS],
-                load_std: [0.0; MAX_LOADS],
-            },
+            active: Active::new(),
             calm: 0,
             corrected: 0,
             contradict: 0,
@@ -152,51 +133,6 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
     /// Samples by which the estimates lag.
     pub fn lag(&self) -> usize {
         usize::from(self.model.lag).min(MAX_LAG)
-    }
-
-    /// Interpolates the tables at `speed` where it has moved enough.
-    fn follow(&self, active: &mut Active<NZ, NX>, speed: f32) {
-        let speeds = &self.model.speeds;
-        let last = f32::from(speeds.count) - 1.0;
-        let place = (speed - speeds.lowest) / speeds.step;
-        if !place.is_finite() {
-            return;
-        }
-        // `clamp` panics where the ends are the wrong way round.
-        let place = match place {
-            place if place > last => last,
-            place if place > 0.0 => place,
-            _ => 0.0,
-        };
-        if (place - active.place).abs() <= FOLLOW {
-            return;
-        }
-        active.place = place;
-        let stride = self.model.stride();
-        let low = place as usize;
-        let part = place - low as f32;
-        let mut between = Between {
-            tables: self.model.tables,
-            at: low * stride,
-            next: if part > 0.0 { stride } else { 0 },
-            part,
-        };
-        for row in &mut active.dense {
-            between.read(row.get_mut(..2 * NZ + FORCES).unwrap_or_default());
-        }
-        let channels = self.model.channels.len();
-        let mut row = [0.0; MAX_CHANNELS];
-        for gain in active.gains.iter_mut().take(1 + self.lag()) {
-            for i in 0..NX {
-                between.read(row.get_mut(..channels).unwrap_or_default());
-                for (column, value) in gain.iter_mut().zip(&row) {
-                    column[i] = *value;
-                }
-            }
-        }
-        between.read(active.variance.get_mut(..channels).unwrap_or_default());
-        let loads = self.model.loads.len();
-        between.read(active.load_std.get_mut(..loads).unwrap_or_default());
     }
 
     /// One sample: convert, predict, update with each usable reading.
@@ -219,12 +155,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             state.shaft.turn(by);
         }
         let speed = state.shaft.speed;
-        // In one that comes twice, or late, no time passes.
-        let turn = if m.stale {
-            self.constant
-        } else {
-            self.turn(state, &m)
-        };
+        let turn = self.turn(state, &m);
         let steady = state.calm >= self.model.full_samples && !self.counts_nothing(&m);
         if !fresh && !m.stale {
             for _ in 0..=m.lost {
@@ -282,7 +213,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         state.gates = [self.gate; MAX_CHANNELS];
         state.shaft = Shaft::new(self.model.speeds.nominal);
         state.past = Past::new(Moment::unknown(state.shaft.speed));
-        self.follow(&mut state.active, self.model.speeds.nominal);
+        state.active.follow(&self.model, self.model.speeds.nominal);
         state.calm = 0;
         state.corrected = 0;
         state.contradict = 0;
@@ -297,6 +228,10 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
 
     /// The shaft one sample on, and the matrices after its speed.
     fn turn(&self, state: &mut RotorState<NZ, NX>, m: &Measurement) -> Turn<f32> {
+        // In a sample that comes twice, or late, no time passes.
+        if m.stale {
+            return self.constant;
+        }
         let reading = m.angles.first().and_then(|angle| angle.ok());
         let (dt, samples) = (self.model.sample_s, m.lost.saturating_add(1));
         let encoder = self.model.encoder.as_ref();
@@ -306,7 +241,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         if encoder.is_none() {
             return self.constant;
         }
-        self.follow(&mut state.active, motion.speed);
+        state.active.follow(&self.model, motion.speed);
         // The turn of one of the samples that were lost.
         let each = motion.turned / samples as f32;
         Turn {

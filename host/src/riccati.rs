@@ -61,17 +61,17 @@ pub fn steady_covariance(
 /// Source: Bosmans et al. 2023, eq. (20).
 pub fn gain(covariance: &Mat<f64>, observation: &Mat<f64>, measurement_noise: &[f64]) -> Mat<f64> {
     let hp = observation * covariance;
-    let s = innovation_covariance(covariance, observation, measurement_noise);
+    let s = innovation_covariance(&hp, observation, measurement_noise);
     s.partial_piv_lu().solve(hp).transpose().to_owned()
 }
 
-/// `S = H P H' + R`, m x m.
-fn innovation_covariance(
-    covariance: &Mat<f64>,
+/// `S = H P H' + R`, m x m, of `hp` = `H P`.
+pub fn innovation_covariance(
+    hp: &Mat<f64>,
     observation: &Mat<f64>,
     measurement_noise: &[f64],
 ) -> Mat<f64> {
-    let mut s = observation * covariance * observation.transpose();
+    let mut s = hp * observation.transpose();
     for (i, r) in measurement_noise.iter().enumerate() {
         s[(i, i)] += r;
     }
@@ -94,7 +94,8 @@ pub fn gains_before(
     measurement_noise: &[f64],
     lag: usize,
 ) -> Vec<(Mat<f64>, Mat<f64>)> {
-    let s = innovation_covariance(covariance, observation, measurement_noise).partial_piv_lu();
+    let hp = observation * covariance;
+    let s = innovation_covariance(&hp, observation, measurement_noise).partial_piv_lu();
     let closed = transition - transition * gain * observation;
     let mut m = covariance.clone();
     let next = || {

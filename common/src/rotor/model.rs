@@ -57,31 +57,6 @@ impl<'a> Numbers<'a> {
     }
 }
 
-/// Numbers between those of two speeds of a table, one after the other.
-pub(super) struct Between<'a> {
-    /// The whole table.
-    pub tables: Numbers<'a>,
-    /// Place of the next one at the lower speed.
-    pub at: usize,
-    /// From there to the one at the higher speed.
-    pub next: usize,
-    /// Part of the way to the higher speed, 0 to 1.
-    pub part: f32,
-}
-
-impl Between<'_> {
-    /// Fills `into` with the next ones.
-    // Inlined, each size of filter would hold several copies.
-    #[inline(never)]
-    pub fn read(&mut self, into: &mut [f32]) {
-        for slot in into {
-            let low = self.tables.get(self.at);
-            *slot = low + self.part * (self.tables.get(self.at + self.next) - low);
-            self.at += 1;
-        }
-    }
-}
-
 /// The numbers of a rotor in a model image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RotorModel<'a> {

@@ -61,8 +61,8 @@ impl Data {
         self.judged(&tried, &sums, overdispersion)
     }
 
-    /// As [`Self::trial`], of several and with the draws: stream by stream, so that what all are held against is
-    /// read from memory once.
+    /// As [`Self::trial`], of several and with the draws: stream by stream, so that what all are
+    /// held against is read from memory once.
     pub(super) fn trials<S: Observed>(&self, all: &[Tried<'_, S>]) -> Vec<Trial> {
         let columns: Vec<_> = all.iter().map(|t| self.by_stream(t.columns)).collect();
         let mut sums: Vec<Vec<Option<Sums>>> = vec![Vec::new(); all.len()];

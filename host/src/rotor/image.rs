@@ -13,7 +13,7 @@ use super::convergence::{Recursion, triangle};
 use super::plan::{RotorPlan, UNIT_M};
 use crate::build::{self, BuildError, Sensors};
 use crate::machine::{Channel, Encoder, Machine, QUANTISATION, Rotor};
-use crate::riccati::{gain, gains_before, steady_covariance};
+use crate::riccati::{gain, gains_before, innovation_covariance, steady_covariance};
 
 /// Load at the end of the scale on the bus, in nominal loads.
 const FULL_SCALE: f64 = 16.0;
@@ -135,10 +135,8 @@ impl RotorPlan {
                 );
             }
             let hp = h * &steady;
-            tables.extend(
-                (0..variances.len())
-                    .map(|i| variances[i] + (0..nx).map(|j| hp[(i, j)] * h[(i, j)]).sum::<f64>()),
-            );
+            let s = innovation_covariance(&hp, h, variances);
+            tables.extend((0..variances.len()).map(|i| s[(i, i)]));
             let told = before.into_iter().map(|(_, told)| told);
             let posterior = told.fold(&steady - &k * &hp, |p, told| p - told);
             let d = 2 * nz..2 * nz + self.nominal.len();

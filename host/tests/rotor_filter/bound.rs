@@ -7,39 +7,34 @@ use std::path::Path;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 use loadtwin::build::Sensors;
-use loadtwin::machine::{Channel, Machine, Senses};
+use loadtwin::machine::{Machine, Senses};
 use loadtwin::replay::Samples;
 use loadtwin::simulate::{AppliedUnbalance, RotorScenario};
+use loadtwin_common::raw::RawSample;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::{judged, machine, paper, record, replayed_as, soft};
 
-/// Sensors and displacements of every node [m], `[sample][of each]`.
-struct Recorded {
-    readings: Vec<Vec<f64>>,
-    displacements: Vec<Vec<f64>>,
+/// Samples, and displacements of every node [m], `[sample][of each]`.
+pub struct Recorded {
+    pub raw: Vec<RawSample>,
+    pub displacements: Vec<Vec<f64>>,
 }
 
 impl Recorded {
-    fn read(machine: &Machine, path: &Path) -> Self {
+    pub fn read(machine: &Machine, path: &Path) -> Self {
         let sensors = Sensors::choose(machine, None).unwrap();
         let mut samples = Samples::open(machine, &sensors, path).unwrap();
-        let (mut readings, mut displacements) = (Vec::new(), Vec::new());
+        let (mut raw, mut displacements) = (Vec::new(), Vec::new());
         while samples
             .next_block(|sample| {
-                let of = |(k, channel): (usize, &Channel)| {
-                    f64::from(sample.raw.words[k] - channel.zero_word()) * channel.lsb_si()
-                };
-                readings.push(sensors.channels.iter().enumerate().map(of).collect());
+                raw.push(sample.raw);
                 displacements.push(sample.displacements.to_vec());
             })
             .unwrap()
         {}
-        Self {
-            readings,
-            displacements,
-        }
+        Self { raw, displacements }
     }
 }
 
@@ -87,8 +82,9 @@ impl Bound {
         let mut information = Mat::<f64>::identity(p, p);
         let mut seen = Mat::<f64>::zeros(p, 1);
         let mut worst = 0.0_f64;
-        for (i, readings) in recorded.readings.iter().enumerate() {
-            for (channel, reading) in machine.channels.iter().zip(readings) {
+        for (i, raw) in recorded.raw.iter().enumerate() {
+            for (channel, word) in machine.channels.iter().zip(raw.words) {
+                let reading = f64::from(word - channel.zero_word()) * channel.lsb_si();
                 let Senses::Displacement(at) = &channel.senses else {
                     continue;
                 };

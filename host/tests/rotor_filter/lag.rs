@@ -3,7 +3,7 @@
 use faer::{Mat, Side};
 use loadtwin::build::{self, Sensors};
 use loadtwin::machine::{LoadKind, Machine};
-use loadtwin::replay::{Samples, run_line};
+use loadtwin::replay::run_line;
 use loadtwin::rotor::RotorPlan;
 use loadtwin_common::fault::Fault;
 use loadtwin_common::image::{Image, Model};
@@ -13,35 +13,22 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::bound::rotors;
-use crate::{Case, machine, paper, record};
+use crate::bound::{Recorded, rotors};
+use crate::{Case, driven_by, machine, paper, record};
 
-fn lagging(mut machine: Machine, kind: LoadKind, lag: u8) -> Machine {
-    let rotor = machine.rotor.as_mut().unwrap();
-    rotor.lag_samples = Some(lag);
-    for load in &mut rotor.loads {
-        load.kind = kind;
-        load.walk_n_per_sqrt_s = None;
-    }
+/// With loads that may do anything.
+fn lagging(machine: Machine, lag: u8) -> Machine {
+    let mut machine = driven_by(machine, LoadKind::Walk);
+    machine.rotor.as_mut().unwrap().lag_samples = Some(lag);
     machine
 }
 
-/// Samples of the paper's case without noise, and what moved the nodes.
-fn quiet(machine: &Machine) -> (Vec<RawSample>, Vec<Vec<f64>>) {
+/// The paper's case without noise.
+fn quiet(machine: &Machine) -> Recorded {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rotor.parquet");
     record(machine, paper(0.0, 1), &path);
-    let sensors = Sensors::choose(machine, None).unwrap();
-    let mut samples = Samples::open(machine, &sensors, &path).unwrap();
-    let (mut raw, mut displacements) = (Vec::new(), Vec::new());
-    while samples
-        .next_block(|sample| {
-            raw.push(sample.raw);
-            displacements.push(sample.displacements.to_vec());
-        })
-        .unwrap()
-    {}
-    (raw, displacements)
+    Recorded::read(machine, &path)
 }
 
 /// Forces that may do anything are known the better, the more was read since.
@@ -51,7 +38,7 @@ fn the_later_an_estimate_the_less_it_errs() {
         let case = Case::noisy(LoadKind::Walk, 1e-7);
         for seed in [3, 4] {
             let errors = [0, 1, 2, 4].map(|lag| {
-                let outcome = case.run(lagging(rotor.clone(), LoadKind::Walk, lag), seed);
+                let outcome = case.run(lagging(rotor.clone(), lag), seed);
                 (outcome.settled_um, outcome.force_percent)
             });
             println!("{}, seed {seed}: {errors:.2?}", rotor.name);
@@ -69,11 +56,14 @@ fn the_later_an_estimate_the_less_it_errs() {
 #[test]
 fn an_estimate_is_of_the_sample_that_it_says() {
     for lag in 0..=4_u8 {
-        let mut machine = lagging(machine(), LoadKind::Walk, lag);
+        let mut machine = lagging(machine(), lag);
         for channel in &mut machine.channels {
             channel.noise_std = 1e-8;
         }
-        let (mut raw, displacements) = quiet(&machine);
+        let Recorded {
+            mut raw,
+            displacements,
+        } = quiet(&machine);
         raw.retain(|sample| !matches!(sample.tick, 2500 | 3100..3103 | 3300..3420));
         raw.insert(2200, raw[2199]);
         for sample in &mut raw {
@@ -129,7 +119,7 @@ fn an_estimate_is_of_the_sample_that_it_says() {
 fn the_deviation_that_is_told_is_that_of_the_error() {
     const NZ: usize = 8;
     for lag in [0, 2, 4] {
-        let machine = lagging(machine(), LoadKind::Walk, lag);
+        let machine = lagging(machine(), lag);
         let rotor = machine.rotor.as_ref().unwrap();
         let sensors = Sensors::choose(&machine, None).unwrap();
         let plan = RotorPlan::new(&machine, rotor, &sensors.channels).unwrap();
@@ -208,7 +198,7 @@ fn a_replay_shows_every_sample_beside_the_estimate_of_it() {
     let path = folder.path().join("rotor.parquet");
     record(&machine(), paper(1.0, 1), &path);
     let shown = |lag: u8| {
-        let machine = lagging(machine(), LoadKind::Walk, lag);
+        let machine = lagging(machine(), lag);
         let sensors = Sensors::choose(&machine, None).unwrap();
         let mut shown = Vec::new();
         run_line(&machine, &sensors, &path, |sample, estimate, _, _| {

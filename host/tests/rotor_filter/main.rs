@@ -206,6 +206,17 @@ fn paper(noise: f64, seed: u64) -> RotorScenario {
     }
 }
 
+/// `machine` with loads of a `kind`.
+fn driven_by(mut machine: Machine, kind: LoadKind) -> Machine {
+    for load in &mut machine.rotor.as_mut().unwrap().loads {
+        load.kind = kind;
+        if kind == LoadKind::Walk {
+            load.walk_n_per_sqrt_s = None;
+        }
+    }
+    machine
+}
+
 /// A case: what the sensors are like, and whether their noise is in the recording.
 #[derive(Clone, Copy)]
 struct Case {
@@ -232,15 +243,9 @@ impl Case {
                 channel.adc.bits = 32;
             }
         }
-        let rotor = machine.rotor.as_mut().unwrap();
-        for load in &mut rotor.loads {
-            load.kind = self.kind;
-            if self.kind == LoadKind::Walk {
-                load.walk_n_per_sqrt_s = None;
-            }
-        }
+        let machine = driven_by(machine, self.kind);
         let scenario = RotorScenario {
-            speeds_rad_s: [rotor.speed_rad_s; 2],
+            speeds_rad_s: [machine.rotor.as_ref().unwrap().speed_rad_s; 2],
             ..paper(f64::from(u8::from(self.noisy)), seed)
         };
         let outcome = replayed(&machine, scenario);

@@ -1,0 +1,111 @@
+//! The tables of a rotor at its present speed.
+
+use super::filter::FORCES;
+use super::model::{Numbers, RotorModel};
+use super::past::{Gain, MAX_LAG};
+use crate::estimate::MAX_LOADS;
+use crate::raw::MAX_CHANNELS;
+
+/// Steps of the table by which the speed may move before the matrices follow.
+const FOLLOW: f32 = 1.0 / 128.0;
+
+/// What a speed has of the tables, between those that they hold.
+#[derive(Clone, Debug)]
+pub(super) struct Active<const NZ: usize, const NX: usize> {
+    place: f32,
+    /// `D`.
+    pub dense: [[f32; NX]; NZ],
+    /// Of the last sample, and of those before it.
+    pub gains: [Gain<NX>; 1 + MAX_LAG],
+    /// Of each channel's innovation.
+    pub variance: [f32; MAX_CHANNELS],
+    /// Steady standard deviation of each load.
+    pub load_std: [f32; MAX_LOADS],
+}
+
+impl<const NZ: usize, const NX: usize> Active<NZ, NX> {
+    /// Of no speed yet.
+    #[inline]
+    pub fn new() -> Self {
+        Self {
+            place: f32::MAX,
+            dense: [[0.0; NX]; NZ],
+            gains: [[[0.0; NX]; MAX_CHANNELS]; 1 + MAX_LAG],
+            variance: [0.0; MAX_CHANNELS],
+            load_std: [0.0; MAX_LOADS],
+        }
+    }
+
+    /// Interpolates the tables of `model` at `speed` where it has moved enough.
+    pub fn follow(&mut self, model: &RotorModel<'_>, speed: f32) {
+        let speeds = &model.speeds;
+        let last = f32::from(speeds.count) - 1.0;
+        let place = (speed - speeds.lowest) / speeds.step;
+        if !place.is_finite() {
+            return;
+        }
+        // `clamp` panics where the ends are the wrong way round.
+        let place = match place {
+            place if place > last => last,
+            place if place > 0.0 => place,
+            _ => 0.0,
+        };
+        if (place - self.place).abs() <= FOLLOW {
+            return;
+        }
+        self.place = place;
+        let stride = model.stride();
+        let low = place as usize;
+        let part = place - low as f32;
+        let mut between = Between {
+            tables: model.tables,
+            at: low * stride,
+            next: if part > 0.0 { stride } else { 0 },
+            part,
+        };
+        for row in &mut self.dense {
+            between.read(row.get_mut(..2 * NZ + FORCES).unwrap_or_default());
+        }
+        let channels = model.channels.len();
+        let mut row = [0.0; MAX_CHANNELS];
+        for gain in self.gains.iter_mut().take(1 + usize::from(model.lag)) {
+            for i in 0..NX {
+                between.read(row.get_mut(..channels).unwrap_or_default());
+                for (column, value) in gain.iter_mut().zip(&row) {
+                    column[i] = *value;
+                }
+            }
+        }
+        between.read(self.variance.get_mut(..channels).unwrap_or_default());
+        between.read(
+            self.load_std
+                .get_mut(..model.loads.len())
+                .unwrap_or_default(),
+        );
+    }
+}
+
+/// Numbers between those of two speeds of a table, one after the other.
+struct Between<'a> {
+    /// The whole table.
+    tables: Numbers<'a>,
+    /// Place of the next one at the lower speed.
+    at: usize,
+    /// From there to the one at the higher speed.
+    next: usize,
+    /// Part of the way to the higher speed, 0 to 1.
+    part: f32,
+}
+
+impl Between<'_> {
+    /// Fills `into` with the next ones.
+    // Inlined, each size of filter would hold several copies.
+    #[inline(never)]
+    fn read(&mut self, into: &mut [f32]) {
+        for slot in into {
+            let low = self.tables.get(self.at);
+            *slot = low + self.part * (self.tables.get(self.at + self.next) - low);
+            self.at += 1;
+        }
+    }
+}
