@@ -91,7 +91,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
                 bias: channel.bias_state.map(usize::from),
             }
         });
-        let angle = model.speeds.nominal * model.sample_s;
+        let (along, across) = turned(model.speeds.nominal * model.sample_s, 1.0);
         Ok(Self {
             rows: rows.collect(),
             converters: model.channels.iter().map(|c| c.converter).collect(),
@@ -100,8 +100,8 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             constant: Turn {
                 turning: model.turning,
                 pairs: model.loads.len() / 2,
-                cosine: libm::cosf(angle),
-                sine: libm::sinf(angle),
+                along,
+                across,
                 left: model.left,
             },
             model,
@@ -244,9 +244,10 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         state.active.follow(&self.model, motion.speed);
         // The turn of one of the samples that were lost.
         let each = motion.turned / samples as f32;
+        let (along, across) = turned(each, motion.growth);
         Turn {
-            cosine: motion.growth * libm::cosf(each),
-            sine: motion.growth * libm::sinf(each),
+            along,
+            across,
             ..self.constant
         }
     }
@@ -453,4 +454,16 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
     pub fn speed(&self, state: &RotorState<NZ, NX>) -> f32 {
         (self.told(state)).map_or(state.shaft.speed, |moment| moment.speed)
     }
+}
+
+/// What a force that turns by `angle` [rad] and grows `growth` times gains along itself and across:
+/// `(g cos(a) - 1, g sin(a))`, by half the angle, so that nothing is lost beside the 1.
+fn turned(angle: f32, growth: f32) -> (f32, f32) {
+    let half = 0.5 * angle;
+    let (sine, cosine) = (libm::sinf(half), libm::cosf(half));
+    let gained = growth - 1.0;
+    (
+        gained - growth * (2.0 * sine * sine),
+        growth * (2.0 * sine * cosine),
+    )
 }

@@ -4,13 +4,16 @@
 //! (NZ), forces `f` in pairs (x, y) that drive them ([`FORCES`]), and what is left, the
 //! biases `b` of sensors (NX - 2 NZ - [`FORCES`]).
 //!
-//! `z+ = z + e`, `e+ = D (z, e, f)`, `s+ = R s` with `s = (f, b)`; a sensor reads `h z + b`
+//! `z+ = z + e`, `e+ = e + D (z, e, f)`, `s+ = R s` with `s = (f, b)`; a sensor reads `h z + b`
 //!
 //! Any discretised second-order system takes this form (with
 //! `e = (A_11 - I) z + A_12 z' + B_1 f`), and of its transition only `D` is dense:
-//! the prediction of `P` takes less than half of what it takes with (z, z').
+//! the prediction of `P` takes less than half of what it takes with (z, z'). `D` is what
+//! changes, not what stays: damping is some 1e-4 in a sample, of which f32 has all digits,
+//! and beside a 1 only three. So it is with the turn of forces ([`Turn`]).
 //!
-//! Source: Rezende et al. 2023, eq. (7), (10)-(12).
+//! Source: Rezende et al. 2023, eq. (7), (10)-(12); Middleton and Goodwin, IEEE Trans. Autom.
+//! Control 31 (1986), for changes in place of values.
 #![expect(
     clippy::range_plus_one,
     reason = "an inclusive range carries a flag that keeps its loop from being unrolled"
@@ -103,10 +106,11 @@ pub struct Turn<T> {
     pub turning: u8,
     /// Pairs of forces.
     pub pairs: usize,
-    /// Cosine of the shaft's angle in the sample, times the growth.
-    pub cosine: T,
-    /// Sine of it, times the growth.
-    pub sine: T,
+    /// What a pair gains along itself: `g cos(a) - 1`, of the shaft's angle `a` in the sample
+    /// and the growth `g`.
+    pub along: T,
+    /// And across: `g sin(a)`.
+    pub across: T,
     /// Part of each bias that is left after the sample.
     pub left: [T; BIASES],
 }
@@ -117,8 +121,8 @@ impl<T: Real> Turn<T> {
         for (k, pair) in s.chunks_exact_mut(2).take(self.pairs).enumerate() {
             if let ([x, y], true) = (pair, self.turning & (1 << k) != 0) {
                 (*x, *y) = (
-                    self.cosine * *x - self.sine * *y,
-                    self.sine * *x + self.cosine * *y,
+                    *x + (self.along * *x - self.across * *y),
+                    *y + (self.across * *x + self.along * *y),
                 );
             }
         }
@@ -151,7 +155,7 @@ pub fn predict_state<T: Real, const NZ: usize, const NX: usize>(
         for k in 1..2 * NZ + FORCES {
             sum += dense[i][k] * state[k];
         }
-        next[i] = sum;
+        next[i] = state[NZ + i] + sum;
     }
     for i in 0..NZ {
         let step = state[NZ + i];
@@ -163,8 +167,8 @@ pub fn predict_state<T: Real, const NZ: usize, const NX: usize>(
 
 /// The covariance one sample on, `P <- F P F' + Q`.
 ///
-/// `W = D P`; then `P_zz` gets `P_ze + P_ez + P_ee`, `P_ez = W_z + W_e`, `P_ee =
-/// W D'`, `P_es = W_s R'`, `P_zs <- (P_zs + P_es) R'`, `P_ss <- R P_ss R'`.
+/// `W = P_e + D P`; then `P_zz` gets `P_ze + P_ez + P_ee`, `P_ez = W_z + W_e`, `P_ee =
+/// W_e + W D'`, `P_es = W_s R'`, `P_zs <- (P_zs + P_es) R'`, `P_ss <- R P_ss R'`.
 ///
 /// `noise`: lower triangle of `Q`, row by row.
 #[inline(never)]
@@ -183,7 +187,8 @@ pub fn predict_covariance<T: Real, const NZ: usize, const NX: usize>(
     let mut w = [[T::ZERO; NX]; NZ];
     for i in (0..NZ).step_by(ROWS) {
         for j in 0..NX {
-            let (mut a, mut b, mut c, mut d) = (T::ZERO, T::ZERO, T::ZERO, T::ZERO);
+            let e = NZ + i;
+            let (mut a, mut b, mut c, mut d) = (p[j][e], p[j][e + 1], p[j][e + 2], p[j][e + 3]);
             for k in 0..2 * NZ + FORCES {
                 let column = p[j][k];
                 a += dense[i][k] * column;
@@ -222,8 +227,8 @@ pub fn predict_covariance<T: Real, const NZ: usize, const NX: usize>(
     }
     for i in 0..NZ {
         for j in 0..i + 1 {
-            let mut sum = w[i][0] * dense[j][0];
-            for k in 1..2 * NZ + FORCES {
+            let mut sum = w[i][NZ + j];
+            for k in 0..2 * NZ + FORCES {
                 sum += w[i][k] * dense[j][k];
             }
             p[NZ + i][NZ + j] = sum;

@@ -46,7 +46,7 @@ impl Recursion<'_> {
 
     fn sized<const NZ: usize, const NX: usize>(&self) -> u32 {
         let dense: [[f64; NX]; NZ] =
-            std::array::from_fn(|i| std::array::from_fn(|j| self.f[(NZ + i, j)]));
+            std::array::from_fn(|i| std::array::from_fn(|j| changes(self.f, NZ, i, j)));
         let rows: Vec<Row<f64, NZ>> = (self.rows.iter().zip(self.biases))
             .map(|(row, bias)| Row {
                 modal: std::array::from_fn(|j| row[j]),
@@ -74,6 +74,11 @@ impl Recursion<'_> {
         let settled = history.iter().rev().take_while(|p| near(p)).count();
         (history.len() - settled) as u32 + 1
     }
+}
+
+/// `D`, row `i` and column `j`, of the transition `f` of `modes` modal displacements.
+pub(super) fn changes(f: &Mat<f64>, modes: usize, i: usize, j: usize) -> f64 {
+    f[(modes + i, j)] - f64::from(u8::from(j == modes + i))
 }
 
 /// Lower triangle by rows.

@@ -10,7 +10,7 @@ use crate::exponential::exponential;
 /// Smallest part of a mode's speed that must be seen in its next displacement.
 const SEEN: f64 = 1e-6;
 
-/// `z+ = z + e`, `e+ = D (z, e, s)`, `s+ = R s`, and how to come there from
+/// `z+ = z + e`, `e+ = e + D (z, e, s)`, `s+ = R s`, and how to come there from
 /// `(z, z', s)`.
 #[derive(Clone, Debug)]
 pub struct Discrete {
@@ -46,7 +46,7 @@ pub(super) fn held(rotor: &Truncated, dt_s: f64) -> Mat<f64> {
 /// The filter's coordinates for `held` = `[A_D B_D]` and forces that move by `R`.
 ///
 /// `e = (A_11 - I) z + A_12 z' + B_1 s`, so that
-/// `e+ = (A_11 - I)(z + e) + A_12 (A_21 z + A_22 z' + B_2 s) + B_1 R s` with
+/// `e+ = (A_11 - I)(z + e) + A_12 (A_21 z + A_22 z' + B_2 s) + B_1 R s` = `e + D (z, e, s)` with
 /// `z' = A_12^-1 (e - (A_11 - I) z - B_1 s)`.
 ///
 /// None where a mode is sampled at a multiple of half its period, so that its
@@ -77,7 +77,7 @@ pub fn discrete(held: &Mat<f64>, moved: &Mat<f64>) -> Option<Discrete> {
         .transpose()
         .to_owned();
     let d_z = &a11 + &a12 * &a21 - &carried * &a11;
-    let d_e = &a11 + &carried;
+    let d_e = &a11 + &carried - &identity;
     let d_s = &a12 * &b2 - &carried * &b1 + &b1 * moved;
     let states = n + m;
     let dense = Mat::from_fn(r, states, |i, j| match j {
@@ -96,6 +96,7 @@ pub fn discrete(held: &Mat<f64>, moved: &Mat<f64>) -> Option<Discrete> {
             };
             transition[(r + i, j)] = dense[(i, j)];
         }
+        transition[(r + i, r + i)] += 1.0;
         transition[(i, i)] = 1.0;
         transition[(i, r + i)] = 1.0;
     }

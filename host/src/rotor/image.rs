@@ -9,7 +9,7 @@ use loadtwin_common::rotor::{
     Numbers, RotorChannel, RotorModel as ImageModel, ShaftEncoder, Speeds,
 };
 
-use super::convergence::{Recursion, triangle};
+use super::convergence::{Recursion, changes, triangle};
 use super::plan::{RotorPlan, UNIT_M};
 use crate::build::{self, BuildError, Sensors};
 use crate::machine::{Channel, Encoder, Machine, QUANTISATION, Rotor};
@@ -62,8 +62,8 @@ impl RotorPlan {
             turn: Turn {
                 turning: self.turning_bits(),
                 pairs: self.turning.len(),
-                cosine: angle.cos(),
-                sine: angle.sin(),
+                along: angle.cos() - 1.0,
+                across: angle.sin(),
                 left: self.left(),
             },
             dt_s: self.dt_s,
@@ -123,8 +123,8 @@ impl RotorPlan {
             let k = gain(&steady, h, variances);
             tables.extend(
                 (0..nz)
-                    .flat_map(|i| (0..2 * nz + FORCES).map(move |j| (nz + i, j)))
-                    .map(|at| f[at]),
+                    .flat_map(|i| (0..2 * nz + FORCES).map(move |j| (i, j)))
+                    .map(|(i, j)| changes(&f, nz, i, j)),
             );
             let before = gains_before(&f, h, &steady, &k, variances, lag.into());
             for gain in std::iter::once(&k).chain(before.iter().map(|(gain, _)| gain)) {

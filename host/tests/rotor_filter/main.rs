@@ -68,8 +68,8 @@ fn golden<T: Real>(run: &str, from: fn(f64) -> T, into: fn(T) -> f64) -> f64 {
     let turn = Turn {
         turning: if run == "rot" { 3 } else { 0 },
         pairs: 2,
-        cosine: from((omega * dt).cos()),
-        sine: from((omega * dt).sin()),
+        along: from((omega * dt).cos() - 1.0),
+        across: from((omega * dt).sin()),
         left: [T::ZERO; BIASES],
     };
     let unit = 1e-6;

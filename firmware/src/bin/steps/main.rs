@@ -287,7 +287,7 @@ fn rotor_filter<const NX: usize>([full, scheduled, lagging]: [&str; 3]) {
     let dense: [[f32; NX]; NZ] = core::array::from_fn(|i| {
         core::array::from_fn(|j| match j {
             _ if j == i => -0.05,
-            _ if j == NZ + i => 0.9,
+            _ if j == NZ + i => -0.1,
             _ => 1e-3,
         })
     });
@@ -299,8 +299,8 @@ fn rotor_filter<const NX: usize>([full, scheduled, lagging]: [&str; 3]) {
     let turn = Turn {
         turning: 3,
         pairs: 2,
-        cosine: 0.999,
-        sine: 0.044,
+        along: -0.001,
+        across: 0.044,
         left: [0.999; BIASES],
     };
     let noise = [1e-6_f32; MAX_STATES * (MAX_STATES + 1) / 2];
