@@ -156,6 +156,15 @@ impl<'a> Line<'a> {
         }
     }
 
+    /// Whether the next sample of a rotor is estimated as of one that is not as described.
+    pub fn rotor_doubted(&self) -> bool {
+        match &self.kind {
+            Kind::Rotor20(r, s) => r.doubted(s),
+            Kind::Rotor24(r, s) => r.doubted(s),
+            _ => false,
+        }
+    }
+
     /// The modal displacements and the rest of a rotor's state that the estimate is of, in the image's
     /// scale, for displacements at nodes without sensor; empty for other machines.
     pub fn rotor_state(&self) -> &[f32] {

@@ -5,11 +5,13 @@
 //! matrices over the speed. The full recursion runs until its gain has
 //! converged; then the steady gain of the speed takes its place, until a
 //! reading is missing or refused. An estimate may lag by some samples, of which
-//! it knows more then ([`past`]).
+//! it knows more then ([`past`]). A model that the innovations contradict is held
+//! to less closely ([`doubt`]).
 //!
 //! Source: Rezende et al. 2023, section 2.
 
 mod active;
+pub mod doubt;
 pub mod filter;
 mod model;
 pub mod past;
@@ -25,12 +27,13 @@ use crate::measurement::{Converter, Counter, Measurement, Unwrap};
 use crate::phase::Phase;
 use crate::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
 use active::Active;
+use doubt::Doubt;
 use filter::{Belief, FORCES, Row, Turn, predict_covariance, predict_state, predicted, update};
 use past::{MAX_LAG, Moment, Past};
 use shaft::Shaft;
 
 pub use model::{
-    MAX_MODES, MAX_STATES, Numbers, RotorChannel, RotorModel, ShaftEncoder, Speeds, WAVES,
+    MAX_MODES, MAX_STATES, Noise, Numbers, RotorChannel, RotorModel, ShaftEncoder, Speeds, WAVES,
 };
 
 /// Samples after which a gap is a new start.
@@ -62,6 +65,7 @@ pub struct RotorState<const NZ: usize, const NX: usize> {
     gates: [Gate; MAX_CHANNELS],
     shaft: Shaft,
     active: Active<NZ, NX>,
+    doubt: Doubt,
     /// Samples in a row that used every sensor.
     calm: u32,
     /// Samples in a row that corrected those before them.
@@ -122,6 +126,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             gates: [self.gate; MAX_CHANNELS],
             shaft: Shaft::new(self.model.speeds.nominal),
             active: Active::new(),
+            doubt: Doubt::default(),
             calm: 0,
             corrected: 0,
             contradict: 0,
@@ -156,12 +161,11 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         }
         let speed = state.shaft.speed;
         let turn = self.turn(state, &m);
-        let steady = state.calm >= self.model.full_samples && !self.counts_nothing(&m);
+        let steady = state.calm >= self.noise(state).full_samples && !self.counts_nothing(&m);
         if !fresh && !m.stale {
             for _ in 0..=m.lost {
                 if self.lag() > 0 {
-                    let moment = Moment::of::<NZ>(&state.belief, speed);
-                    state.past.push(moment);
+                    state.past.push().take::<NZ>(&state.belief, speed);
                 }
                 predict_state(&mut state.belief.state, &state.active.dense, &turn);
                 if !steady {
@@ -186,7 +190,51 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             state.started = self.believes(state);
         }
         self.loads(state, &mut estimate);
+        self.judge(state, &m, &estimate.sensors);
         estimate
+    }
+
+    /// Whether the innovations still speak for the model, or it for them.
+    fn judge(&self, state: &mut RotorState<NZ, NX>, m: &Measurement, sensors: &[SensorEstimate]) {
+        let Some(doubted) = &self.model.doubted else {
+            return;
+        };
+        if m.stale {
+            return;
+        }
+        if m.lost > 0 {
+            state.doubt.skip();
+        }
+        if state.doubt.push(sensors) {
+            self.turn_to(state, doubted);
+        }
+    }
+
+    /// Whether the model is doubted.
+    pub fn doubted(&self, state: &RotorState<NZ, NX>) -> bool {
+        self.model.doubted.is_some() && state.doubt.doubted()
+    }
+
+    /// The noise that the filter has at present.
+    fn noise(&self, state: &RotorState<NZ, NX>) -> &Noise<'a> {
+        let doubted = self.model.doubted.as_ref();
+        (doubted.filter(|_| state.doubt.doubted())).unwrap_or(&self.model.described)
+    }
+
+    /// The model is doubted from now on, or no longer: both begin at what a filter that doubts it
+    /// knows.
+    #[cold]
+    fn turn_to(&self, state: &mut RotorState<NZ, NX>, doubted: &Noise<'_>) {
+        fill(&mut state.belief.covariance, &doubted.covariance);
+        state.calm = if state.doubt.doubted() {
+            doubted.full_samples
+        } else {
+            0
+        };
+        state.corrected = 0;
+        state.active.forget();
+        let noise = self.noise(state);
+        state.active.follow(&self.model, noise, state.shaft.speed);
     }
 
     /// Whether the forces and their variances are numbers.
@@ -197,23 +245,17 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
     }
 
     fn restart(&self, state: &mut RotorState<NZ, NX>) {
-        let Belief {
-            state: mean,
-            covariance,
-        } = &mut state.belief;
-        mean.fill(0.0);
-        let mut entry = 0;
-        for i in 0..NX {
-            for j in 0..=i {
-                covariance[i][j] = self.model.initial_covariance.get(entry);
-                covariance[j][i] = covariance[i][j];
-                entry += 1;
-            }
-        }
+        state.belief.state.fill(0.0);
+        fill(&mut state.belief.covariance, &self.model.initial_covariance);
+        state.doubt = Doubt::default();
         state.gates = [self.gate; MAX_CHANNELS];
         state.shaft = Shaft::new(self.model.speeds.nominal);
         state.past = Past::new(Moment::unknown(state.shaft.speed));
-        state.active.follow(&self.model, self.model.speeds.nominal);
+        (state.active).follow(
+            &self.model,
+            &self.model.described,
+            self.model.speeds.nominal,
+        );
         state.calm = 0;
         state.corrected = 0;
         state.contradict = 0;
@@ -241,7 +283,8 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         if encoder.is_none() {
             return self.constant;
         }
-        state.active.follow(&self.model, motion.speed);
+        let noise = self.noise(state);
+        state.active.follow(&self.model, noise, motion.speed);
         // The turn of one of the samples that were lost.
         let each = motion.turned / samples as f32;
         let (along, across) = turned(each, motion.growth);
@@ -279,7 +322,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
     }
 
     fn predict_covariance(&self, state: &mut RotorState<NZ, NX>, turn: &Turn<f32>) {
-        let noise = &self.model.process_noise;
+        let noise = &self.noise(state).process;
         let p = &mut state.belief.covariance;
         predict_covariance(p, &state.active.dense, turn, |i| noise.get(i));
     }
@@ -401,7 +444,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
 
     fn loads(&self, state: &RotorState<NZ, NX>, estimate: &mut Estimate) {
         let lag = self.lag();
-        let converged = state.calm >= self.model.full_samples && state.age == 0;
+        let converged = state.calm >= self.noise(state).full_samples && state.age == 0;
         let steady = converged && state.corrected as usize >= lag;
         let told = self.told(state);
         let speeds = &self.model.speeds;
@@ -453,6 +496,19 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
     /// The tracked speed that the estimate is of [rad/s].
     pub fn speed(&self, state: &RotorState<NZ, NX>) -> f32 {
         (self.told(state)).map_or(state.shaft.speed, |moment| moment.speed)
+    }
+}
+
+/// A covariance of its lower triangle.
+#[inline(never)]
+fn fill<const NX: usize>(covariance: &mut [[f32; NX]; NX], triangle: &Numbers<'_>) {
+    let mut entry = 0;
+    for i in 0..NX {
+        for j in 0..=i {
+            covariance[i][j] = triangle.get(entry);
+            covariance[j][i] = covariance[i][j];
+            entry += 1;
+        }
     }
 }
 

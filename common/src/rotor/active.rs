@@ -1,7 +1,7 @@
 //! The tables of a rotor at its present speed.
 
 use super::filter::FORCES;
-use super::model::{Numbers, RotorModel};
+use super::model::{Noise, Numbers, RotorModel};
 use super::past::{Gain, MAX_LAG};
 use crate::estimate::MAX_LOADS;
 use crate::raw::MAX_CHANNELS;
@@ -36,8 +36,14 @@ impl<const NZ: usize, const NX: usize> Active<NZ, NX> {
         }
     }
 
-    /// Interpolates the tables of `model` at `speed` where it has moved enough.
-    pub fn follow(&mut self, model: &RotorModel<'_>, speed: f32) {
+    /// What comes next is of another table.
+    pub fn forget(&mut self) {
+        self.place = f32::MAX;
+    }
+
+    /// Interpolates the tables of `model` and `noise` at `speed` where it has moved enough.
+    #[inline(never)]
+    pub fn follow(&mut self, model: &RotorModel<'_>, noise: &Noise<'_>, speed: f32) {
         let speeds = &model.speeds;
         let last = f32::from(speeds.count) - 1.0;
         let place = (speed - speeds.lowest) / speeds.step;
@@ -54,30 +60,31 @@ impl<const NZ: usize, const NX: usize> Active<NZ, NX> {
             return;
         }
         self.place = place;
-        let stride = model.stride();
         let low = place as usize;
         let part = place - low as f32;
-        let mut between = Between {
-            tables: model.tables,
+        let between = |tables, stride| Between {
+            tables,
             at: low * stride,
             next: if part > 0.0 { stride } else { 0 },
             part,
         };
+        let mut dense = between(model.dense, model.dense_stride());
         for row in &mut self.dense {
-            between.read(row.get_mut(..2 * NZ + FORCES).unwrap_or_default());
+            dense.read(row.get_mut(..2 * NZ + FORCES).unwrap_or_default());
         }
+        let mut steady = between(noise.steady, model.steady_stride());
         let channels = model.channels.len();
         let mut row = [0.0; MAX_CHANNELS];
         for gain in self.gains.iter_mut().take(1 + usize::from(model.lag)) {
             for i in 0..NX {
-                between.read(row.get_mut(..channels).unwrap_or_default());
+                steady.read(row.get_mut(..channels).unwrap_or_default());
                 for (column, value) in gain.iter_mut().zip(&row) {
                     column[i] = *value;
                 }
             }
         }
-        between.read(self.variance.get_mut(..channels).unwrap_or_default());
-        between.read(
+        steady.read(self.variance.get_mut(..channels).unwrap_or_default());
+        steady.read(
             self.load_std
                 .get_mut(..model.loads.len())
                 .unwrap_or_default(),

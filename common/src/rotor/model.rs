@@ -70,18 +70,18 @@ pub struct RotorModel<'a> {
     pub speeds: Speeds,
     /// Samples by which the estimates lag, at most [`MAX_LAG`].
     pub lag: u8,
-    /// For each speed: `D` by rows over modal displacements, their changes and forces, the steady gain `K` by rows, the steady gains of the
-    /// samples before the last by rows, the variance of each channel's innovation, the steady standard deviation of each load as told, after the lag.
+    /// For each speed: `D` by rows over modal displacements, their changes and forces.
     #[serde(borrow)]
-    pub tables: Numbers<'a>,
-    /// Lower triangle of Q by rows.
+    pub dense: Numbers<'a>,
+    /// What the filter is where the model is as described.
     #[serde(borrow)]
-    pub process_noise: Numbers<'a>,
+    pub described: Noise<'a>,
+    /// What it is where that is doubted, if it ever is.
+    #[serde(borrow)]
+    pub doubted: Option<Noise<'a>>,
     /// Lower triangle of the covariance before the first sample.
     #[serde(borrow)]
     pub initial_covariance: Numbers<'a>,
-    /// Samples in a row, all sensors used, after which the gain has converged.
-    pub full_samples: u32,
     /// NIS above which a reading is left out, > 0.
     pub gate_nis: f32,
     /// Bit k: load pair k turns with the shaft.
@@ -96,6 +96,23 @@ pub struct RotorModel<'a> {
     pub encoder: Option<ShaftEncoder>,
     /// The pulse that homes the shaft's angle.
     pub index: Option<IndexPulse>,
+}
+
+/// A process noise, and what the filter comes to with it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Noise<'a> {
+    /// Lower triangle of Q by rows.
+    #[serde(borrow)]
+    pub process: Numbers<'a>,
+    /// For each speed: the steady gain `K` by rows, the steady gains of the samples before the last by rows, the
+    /// variance of each channel's innovation, the steady standard deviation of each load as told, after the lag.
+    #[serde(borrow)]
+    pub steady: Numbers<'a>,
+    /// Lower triangle of the steady covariance at the machine's speed.
+    #[serde(borrow)]
+    pub covariance: Numbers<'a>,
+    /// Samples in a row, all sensors used, after which the gain has converged.
+    pub full_samples: u32,
 }
 
 /// Speeds of a table.
@@ -159,14 +176,16 @@ impl RotorChannel {
 }
 
 impl RotorModel<'_> {
-    /// Numbers of one speed in the tables.
-    pub fn stride(&self) -> usize {
-        let (nz, nx, ny) = (
-            usize::from(self.modes),
-            self.scale.len(),
-            self.channels.len(),
-        );
-        nz * (2 * nz + FORCES) + (1 + usize::from(self.lag)) * nx * ny + ny + self.loads.len()
+    /// Numbers of `D` at one speed.
+    pub fn dense_stride(&self) -> usize {
+        let nz = usize::from(self.modes);
+        nz * (2 * nz + FORCES)
+    }
+
+    /// Numbers of one speed in the steady tables.
+    pub fn steady_stride(&self) -> usize {
+        let (nx, ny) = (self.scale.len(), self.channels.len());
+        (1 + usize::from(self.lag)) * nx * ny + ny + self.loads.len()
     }
 
     /// Checks every length and range for `modes` modes and `states` states.
@@ -185,28 +204,32 @@ impl RotorModel<'_> {
         if !(speeds.lowest >= 0.0 && speeds.lowest.is_finite()) || speeds.count == 0 {
             return Err(Error::OutOfRange("speeds"));
         }
-        let stride = self.stride();
-        self.tables
-            .check(usize::from(speeds.count) * stride, "tables")?;
-        self.process_noise.check(triangle, "process_noise")?;
-        self.initial_covariance
-            .check(triangle, "initial_covariance")?;
-        for i in 0..states {
-            let diagonal = i * (i + 3) / 2;
-            if self.process_noise.get(diagonal) < 0.0 {
-                return Err(Error::NotPositive("process_noise"));
-            }
-            if self.initial_covariance.get(diagonal) < 0.0 {
-                return Err(Error::NotPositive("initial_covariance"));
-            }
-        }
+        self.dense
+            .check(usize::from(speeds.count) * self.dense_stride(), "dense")?;
         let (ny, nd) = (self.channels.len(), self.loads.len());
-        for k in 0..usize::from(speeds.count) {
-            let end = (k + 1) * stride;
-            positive(
-                (end - nd - ny..end - nd).map(|i| self.tables.get(i)),
-                "innovation variance",
-            )?;
+        let covariance = |m: &Numbers<'_>, name| {
+            m.check(triangle, name)?;
+            if (0..states).any(|i| m.get(i * (i + 3) / 2) < 0.0) {
+                return Err(Error::NotPositive(name));
+            }
+            Ok(())
+        };
+        covariance(&self.initial_covariance, "initial_covariance")?;
+        let stride = self.steady_stride();
+        for noise in [Some(&self.described), self.doubted.as_ref()] {
+            let Some(noise) = noise else { continue };
+            covariance(&noise.process, "process")?;
+            covariance(&noise.covariance, "covariance")?;
+            noise
+                .steady
+                .check(usize::from(speeds.count) * stride, "steady")?;
+            for k in 0..usize::from(speeds.count) {
+                let end = (k + 1) * stride;
+                positive(
+                    (end - nd - ny..end - nd).map(|i| noise.steady.get(i)),
+                    "innovation variance",
+                )?;
+            }
         }
         positive([self.gate_nis], "gate_nis")?;
         if nd == 0 || !nd.is_multiple_of(2) || nd > FORCES {

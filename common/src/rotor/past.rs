@@ -28,18 +28,18 @@ pub struct Moment<const NX: usize> {
 }
 
 impl<const NX: usize> Moment<NX> {
-    /// Of the sample that `belief` is of.
-    pub fn of<const NZ: usize>(belief: &Belief<f32, NX>, speed: f32) -> Self {
+    /// Becomes that of the sample that `belief` is of.
+    #[inline]
+    pub fn take<const NZ: usize>(&mut self, belief: &Belief<f32, NX>, speed: f32) {
         const { assert!(2 * NZ + FORCES <= NX, "states of a rotor") };
-        let mut variances = [0.0; FORCES];
-        for (j, variance) in variances.iter_mut().enumerate() {
+        // In halves: more than 64 bytes are copied by a call, word by word.
+        let (low, high) = self.state.split_at_mut(NX / 2);
+        low.copy_from_slice(&belief.state[..NX / 2]);
+        high.copy_from_slice(&belief.state[NX / 2..]);
+        for (j, variance) in self.variances.iter_mut().enumerate() {
             *variance = belief.covariance[2 * NZ + j][2 * NZ + j];
         }
-        Self {
-            state: belief.state,
-            variances,
-            speed,
-        }
+        self.speed = speed;
     }
 
     /// Of a sample before the first one.
@@ -78,10 +78,11 @@ impl<const NX: usize> Past<NX> {
         }
     }
 
-    /// `moment` becomes the one before the last.
-    pub fn push(&mut self, moment: Moment<NX>) {
+    /// Place for the one before the last.
+    #[inline]
+    pub fn push(&mut self) -> &mut Moment<NX> {
         self.latest = (self.latest + 1) % MAX_LAG;
-        self.moments[self.latest % MAX_LAG] = moment;
+        &mut self.moments[self.latest % MAX_LAG]
     }
 
     fn place(&self, back: usize) -> usize {
@@ -119,7 +120,7 @@ mod tests {
             (gain[0][0], gain[1][0]) = (0.25 * (j + 1) as f32, 1.0);
         }
         for k in 1..=9 {
-            past.push(moment(k));
+            *past.push() = moment(k);
             for back in 1..=MAX_LAG.min(k.into()) {
                 assert_eq!(past.at(back).speed, f32::from(k) - (back - 1) as f32);
             }
@@ -128,7 +129,7 @@ mod tests {
         let told = [1, 2, 3, 4].map(|back| past.at(back).state[0]);
         assert_eq!(told, [9.0 + 0.625, 8.0 + 1.125, 7.0 + 1.625, 6.0]);
         // A correction goes with its sample.
-        past.push(moment(10));
+        *past.push() = moment(10);
         assert_eq!(past.at(2).state[0], 9.625);
     }
 }

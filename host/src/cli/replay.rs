@@ -105,6 +105,7 @@ impl Replay {
                 .into_iter()
                 .chain(outcome.figures.note())
                 .chain(outcome.displacements.note())
+                .chain(outcome.displacements.doubt_note())
             {
                 say!("{note}");
             }
@@ -266,6 +267,8 @@ pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> 
         "speed_note": outcome.speeds.note(),
         "consistency_note": outcome.figures.note(),
         "stability_note": outcome.displacements.note(),
+        "doubted_samples": outcome.displacements.doubted_samples(),
+        "doubt_note": outcome.displacements.doubt_note(),
         "phasor_inversion": outcome.phasor.figures(),
         "baselines": outcome.baselines.as_ref().map(Baselines::figures),
     })

@@ -166,8 +166,13 @@ impl Default for Reduction {
 }
 
 /// Random walk of an unbalance whose description gives none, in nominal loads per
-/// sqrt(s): a mass that moves by 1 % in an hour.
-const UNBALANCE_WALK: f64 = 0.01 / 60.0;
+/// sqrt(s): a mass that moves by 0.1 % in an hour.
+const UNBALANCE_WALK: f64 = 0.001 / 60.0;
+
+/// The same, and what the model lacks in a sample, at least, where readings contradict the
+/// description: what errs least of rotors that are off by 0.04 to 3 % of their modulus.
+const DOUBTED_WALK: f64 = 0.3 / 60.0;
+const DOUBTED_MODEL: f64 = 3e-4;
 
 /// Lag of a rotor with a load that may do anything, whose description gives none [samples].
 const WALK_LAG: u8 = 2;
@@ -194,6 +199,22 @@ impl Rotor {
     pub fn lag(&self) -> u8 {
         let walks = self.loads.iter().any(|load| load.kind == LoadKind::Walk);
         self.lag_samples.unwrap_or(if walks { WALK_LAG } else { 0 })
+    }
+
+    /// With the noise for where readings contradict the description; None where it has that
+    /// already, or no load turns.
+    pub fn doubted(&self) -> Option<Self> {
+        let mut doubted = self.clone();
+        let turning = |load: &&mut RotorLoad| load.kind == LoadKind::Unbalance;
+        let (mut turns, mut more) = (false, self.reduction.model_std < DOUBTED_MODEL);
+        doubted.reduction.model_std = self.reduction.model_std.max(DOUBTED_MODEL);
+        for load in doubted.loads.iter_mut().filter(turning) {
+            let (walk, least) = (load.walk(self.speed_rad_s), DOUBTED_WALK * load.nominal_n);
+            load.walk_n_per_sqrt_s = Some(walk.max(least));
+            turns = true;
+            more |= walk < least;
+        }
+        (turns && more).then_some(doubted)
     }
 
     /// The material of `section`.

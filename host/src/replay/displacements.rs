@@ -32,6 +32,8 @@ pub struct Displacements {
     /// For each segment, the full recording first, and each node.
     errors: Vec<Vec<Error>>,
     peak: f64,
+    samples: u64,
+    doubted: u64,
 }
 
 #[derive(Clone, Copy, Default)]
@@ -79,6 +81,8 @@ impl Displacements {
             plan,
             segments,
             peak: 0.0,
+            samples: 0,
+            doubted: 0,
         })
     }
 
@@ -87,6 +91,8 @@ impl Displacements {
         let (Some(plan), Some(orbits)) = (&self.plan, &mut self.orbits) else {
             return;
         };
+        self.samples += 1;
+        self.doubted += u64::from(line.rotor_doubted());
         let speed = f64::from(line.rotor_speed());
         plan.displacements(line.rotor_state(), speed, &mut self.estimate);
         orbits.push(sample.t, &self.estimate, sample.displacements);
@@ -113,6 +119,23 @@ impl Displacements {
     /// One line where the rotor as described is unstable.
     pub fn note(&self) -> Option<String> {
         Some(self.plan.as_ref()?.instability()?.note())
+    }
+
+    /// Samples in which the rotor was estimated as one that is not as described.
+    pub fn doubted_samples(&self) -> u64 {
+        self.doubted
+    }
+
+    /// Where there were such, that in one line.
+    pub fn doubt_note(&self) -> Option<String> {
+        let percent = 100.0 * self.doubted as f64 / self.samples as f64;
+        (self.doubted > 0).then(|| {
+            format!(
+                "model: in {percent:.0} % of the samples the innovations contradict the description, which \
+                 is held to less closely there: noise goes further into the estimates; `loadtwin diagnose` \
+                 looks for the cause"
+            )
+        })
     }
 
     /// Largest displacement of the recording at any node [m].

@@ -6,7 +6,7 @@ use loadtwin_common::image::{LoadSignal, Model};
 use loadtwin_common::measurement::Converter;
 use loadtwin_common::rotor::filter::{FORCES, Turn};
 use loadtwin_common::rotor::{
-    Numbers, RotorChannel, RotorModel as ImageModel, ShaftEncoder, Speeds,
+    Noise, Numbers, RotorChannel, RotorModel as ImageModel, ShaftEncoder, Speeds,
 };
 
 use super::convergence::{Recursion, changes, triangle};
@@ -48,28 +48,38 @@ impl RotorPlan {
             .map(|c| (c.to_si(c.noise_std) / UNIT_M).powi(2))
             .collect();
         let nominal = self.discrete(self.nominal_rotor())?;
-        let (q, p) = self.covariances(rotor, &nominal);
-        let tables = self.tables(&h, &q, &variances, rotor.lag())?;
         let f = self.transition_of(&nominal);
+        let (_, p) = self.covariances(rotor, &nominal);
         let angle = self.nominal_speed * self.dt_s;
-        let recursion = Recursion {
-            f: &f,
-            rows: &rows,
-            biases: &biases,
-            variances: &variances,
-            q: &q,
-            p: &p,
-            turn: Turn {
-                turning: self.turning_bits(),
-                pairs: self.turning.len(),
-                along: angle.cos() - 1.0,
-                across: angle.sin(),
-                left: self.left(),
-            },
-            dt_s: self.dt_s,
+        let noise = |rotor: &Rotor| -> Result<PackedNoise, BuildError> {
+            let (q, _) = self.covariances(rotor, &nominal);
+            let recursion = Recursion {
+                f: &f,
+                rows: &rows,
+                biases: &biases,
+                variances: &variances,
+                q: &q,
+                p: &p,
+                turn: Turn {
+                    turning: self.turning_bits(),
+                    pairs: self.turning.len(),
+                    along: angle.cos() - 1.0,
+                    across: angle.sin(),
+                    left: self.left(),
+                },
+                dt_s: self.dt_s,
+            };
+            let covariance = posterior(&f, &h, &q, &variances)?;
+            Ok(PackedNoise {
+                process: bytes(triangle(&q)),
+                steady: bytes(self.steady(&h, &q, &variances, rotor.lag())?),
+                covariance: bytes(triangle(&covariance)),
+                full_samples: recursion.converged_after(self.size),
+            })
         };
-        let full_samples = recursion.converged_after(self.size);
-        let (tables, q, p) = (bytes(tables), bytes(triangle(&q)), bytes(triangle(&p)));
+        let described = noise(rotor)?;
+        let doubted = rotor.doubted().as_ref().map(noise).transpose()?;
+        let (dense, p) = (bytes(self.dense()?), bytes(triangle(&p)));
         let encoder = (sensors.encoders.first()).map(|e| self.shaft_encoder(e, machine.rate_hz));
         let index = machine.index.as_ref().filter(|_| encoder.is_some());
         let step = match self.speeds.as_slice() {
@@ -87,10 +97,10 @@ impl RotorPlan {
                 nominal: self.nominal_speed as f32,
             },
             lag: rotor.lag(),
-            tables: Numbers::new(&tables),
-            process_noise: Numbers::new(&q),
+            dense: Numbers::new(&dense),
+            described: described.view(),
+            doubted: doubted.as_ref().map(PackedNoise::view),
             initial_covariance: Numbers::new(&p),
-            full_samples,
             gate_nis: machine.tuning.gate_nis as f32,
             turning: self.turning_bits(),
             left: self.left().map(|left| left as f32),
@@ -104,10 +114,24 @@ impl RotorPlan {
         build::packed(machine, Model::Rotor(model))
     }
 
-    /// For each speed of the schedule: the part of `F` that varies, the steady gain and those of
-    /// the `lag` samples before, the variances of the innovations, and the standard deviations of
-    /// the loads.
-    fn tables(
+    /// For each speed of the schedule: the part of `F` that varies.
+    fn dense(&self) -> Result<Vec<f64>, BuildError> {
+        let nz = self.size.0;
+        let mut dense = Vec::new();
+        for rotor in self.rotors() {
+            let f = self.transition_of(&self.discrete(rotor)?);
+            dense.extend(
+                (0..nz)
+                    .flat_map(|i| (0..2 * nz + FORCES).map(move |j| (i, j)))
+                    .map(|(i, j)| changes(&f, nz, i, j)),
+            );
+        }
+        Ok(dense)
+    }
+
+    /// For each speed of the schedule: the steady gain and those of the `lag` samples before, the
+    /// variances of the innovations, and the standard deviations of the loads.
+    fn steady(
         &self,
         h: &Mat<f64>,
         q: &Mat<f64>,
@@ -121,11 +145,6 @@ impl RotorPlan {
             let f = self.transition_of(&discrete);
             let steady = steady_covariance(&f, h, q, variances).ok_or(BuildError::NotObserved)?;
             let k = gain(&steady, h, variances);
-            tables.extend(
-                (0..nz)
-                    .flat_map(|i| (0..2 * nz + FORCES).map(move |j| (i, j)))
-                    .map(|(i, j)| changes(&f, nz, i, j)),
-            );
             let before = gains_before(&f, h, &steady, &k, variances, lag.into());
             for gain in std::iter::once(&k).chain(before.iter().map(|(gain, _)| gain)) {
                 tables.extend(
@@ -203,6 +222,37 @@ impl RotorPlan {
             bias_state: self.bias_state(channel).map(|state| state as u8),
         })
     }
+}
+
+/// What the filter comes to with a process noise, as it lies in an image.
+struct PackedNoise {
+    process: Vec<u8>,
+    steady: Vec<u8>,
+    covariance: Vec<u8>,
+    full_samples: u32,
+}
+
+impl PackedNoise {
+    fn view(&self) -> Noise<'_> {
+        Noise {
+            process: Numbers::new(&self.process),
+            steady: Numbers::new(&self.steady),
+            covariance: Numbers::new(&self.covariance),
+            full_samples: self.full_samples,
+        }
+    }
+}
+
+/// Covariance to which the filter converges, after the update.
+fn posterior(
+    f: &Mat<f64>,
+    h: &Mat<f64>,
+    q: &Mat<f64>,
+    variances: &[f64],
+) -> Result<Mat<f64>, BuildError> {
+    let prior = steady_covariance(f, h, q, variances).ok_or(BuildError::NotObserved)?;
+    let k = gain(&prior, h, variances);
+    Ok(&prior - &k * h * &prior)
 }
 
 /// Numbers as they lie in an image.

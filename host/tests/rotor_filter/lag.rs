@@ -133,7 +133,7 @@ fn the_deviation_that_is_told_is_that_of_the_error() {
         let n = f.nrows();
         let q = Mat::from_fn(n, n, |i, j| {
             let (low, high) = (i.min(j), i.max(j));
-            f64::from(model.process_noise.get(high * (high + 1) / 2 + low))
+            f64::from(model.described.process.get(high * (high + 1) / 2 + low))
         });
         let eigen = q.self_adjoint_eigen(Side::Lower).unwrap();
         let root = Mat::from_fn(n, n, |i, j| {

@@ -138,6 +138,7 @@ struct Outcome {
     peak_um: f64,
     force_percent: f64,
     samples: u64,
+    doubted: u64,
 }
 
 fn machine() -> Machine {
@@ -188,6 +189,7 @@ fn judged(machine: &Machine, path: &Path) -> Outcome {
         peak_um: 1e6 * displacements.peak_m(),
         force_percent: 100.0 * f64::sqrt(squares / truth),
         samples: figures.samples(),
+        doubted: displacements.doubted_samples(),
     }
 }
 
@@ -372,12 +374,13 @@ fn a_run_up_through_the_first_critical_speed() {
         let outcome = replayed(&machine, scenario);
         let part = outcome.settled_um / outcome.peak_um;
         println!(
-            "run-up in {duration_s} s, {counts} counts: start-up {:.1} µm, settled {:.1} µm of {:.0} µm, {:.3} %, force {:.2} %",
+            "run-up in {duration_s} s, {counts} counts: start-up {:.1} µm, settled {:.1} µm of {:.0} µm, {:.3} %, force {:.2} %, doubted {}",
             outcome.start_um,
             outcome.settled_um,
             outcome.peak_um,
             100.0 * part,
-            outcome.force_percent
+            outcome.force_percent,
+            outcome.doubted
         );
         assert!(outcome.peak_um > 3000.0 && part <= most, "{part}");
         assert!(outcome.force_percent <= 0.5, "{}", outcome.force_percent);
@@ -404,6 +407,8 @@ fn biases_of_sensors_are_estimated_where_asked() {
         }
         let run = |machine: &Machine, real: &Machine| {
             let outcome = replayed_as(machine, real, paper(1.0, seed));
+            // What a sensor is off by, is not the model.
+            assert_eq!(outcome.doubted, 0);
             (outcome.settled_um, outcome.force_percent)
         };
         described.name = "as described".into();
@@ -434,7 +439,8 @@ fn the_image_takes_a_second_and_a_full_step_three_microseconds() {
     let Model::Rotor(model) = &mut image.model else {
         panic!("not a rotor");
     };
-    model.full_samples = u32::MAX;
+    model.doubted = None;
+    model.described.full_samples = u32::MAX;
     let mut line = Line::try_build(image).unwrap();
     let count = 100_000;
     let started = Instant::now();

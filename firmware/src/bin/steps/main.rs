@@ -334,7 +334,7 @@ fn rotor_filter<const NX: usize>([full, scheduled, lagging]: [&str; 3]) {
     let mut past = Past::new(Moment::unknown(0.0));
     let before = black_box([gain; 2]);
     report(lagging, |k| {
-        past.push(Moment::of::<NZ>(&belief, 0.0));
+        past.push().take::<NZ>(&belief, 0.0);
         let nu = by_gain(&mut belief, k);
         past.correct(&before, &nu);
         black_box(past.at(2));
@@ -351,9 +351,13 @@ fn rotor_line(name: &str, sealed: &[u8], full: bool) {
     let Model::Rotor(model) = &mut image.model else {
         panic!("not the image of a rotor");
     };
-    let settled = if full { 100 } else { model.full_samples };
+    let settled = if full {
+        100
+    } else {
+        model.described.full_samples
+    };
     if full {
-        model.full_samples = u32::MAX;
+        model.described.full_samples = u32::MAX;
     }
     let sensors = model.channels.len();
     let mut line = Line::try_build(image).unwrap();

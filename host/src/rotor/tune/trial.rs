@@ -125,7 +125,8 @@ impl<'a> Trial<'a> {
         let Model::Rotor(model) = &mut image.model else {
             return Ok(Outcome::REFUSED);
         };
-        model.process_noise = Numbers::new(&q);
+        model.doubted = None;
+        model.described.process = Numbers::new(&q);
         model.initial_covariance = Numbers::new(&p);
         for (channel, sensor) in model.channels.iter_mut().zip(&self.sensors.channels) {
             let is = |c: &&crate::machine::Channel| c.name == sensor.name;
@@ -133,7 +134,7 @@ impl<'a> Trial<'a> {
                 channel.variance *= (changed.noise_std / sensor.noise_std).powi(2) as f32;
             }
         }
-        model.full_samples = u32::MAX;
+        model.described.full_samples = u32::MAX;
         model.gate_nis = f32::MAX;
         let mut fit = Fit::new(model);
         let mut misfit = 0.0;
