@@ -30,7 +30,7 @@ use active::Active;
 use doubt::Doubt;
 use filter::{Belief, FORCES, Row, Turn, predict_covariance, predict_state, predicted, update};
 use past::{MAX_LAG, Moment, Past};
-use shaft::Shaft;
+use shaft::{Shaft, turned};
 
 pub use model::{
     MAX_MODES, MAX_STATES, Noise, Numbers, RotorChannel, RotorModel, ShaftEncoder, Speeds, WAVES,
@@ -225,16 +225,15 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
     /// knows.
     #[cold]
     fn turn_to(&self, state: &mut RotorState<NZ, NX>, doubted: &Noise<'_>) {
-        fill(&mut state.belief.covariance, &doubted.covariance);
+        doubted.covariance.fill(&mut state.belief.covariance);
         state.calm = if state.doubt.doubted() {
             doubted.full_samples
         } else {
             0
         };
         state.corrected = 0;
-        state.active.forget();
         let noise = self.noise(state);
-        state.active.follow(&self.model, noise, state.shaft.speed);
+        state.active.begin(&self.model, noise, state.shaft.speed);
     }
 
     /// Whether the forces and their variances are numbers.
@@ -246,16 +245,13 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
 
     fn restart(&self, state: &mut RotorState<NZ, NX>) {
         state.belief.state.fill(0.0);
-        fill(&mut state.belief.covariance, &self.model.initial_covariance);
+        (self.model.initial_covariance).fill(&mut state.belief.covariance);
         state.doubt = Doubt::default();
         state.gates = [self.gate; MAX_CHANNELS];
         state.shaft = Shaft::new(self.model.speeds.nominal);
         state.past = Past::new(Moment::unknown(state.shaft.speed));
-        (state.active).follow(
-            &self.model,
-            &self.model.described,
-            self.model.speeds.nominal,
-        );
+        let noise = self.noise(state);
+        state.active.begin(&self.model, noise, state.shaft.speed);
         state.calm = 0;
         state.corrected = 0;
         state.contradict = 0;
@@ -497,29 +493,4 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
     pub fn speed(&self, state: &RotorState<NZ, NX>) -> f32 {
         (self.told(state)).map_or(state.shaft.speed, |moment| moment.speed)
     }
-}
-
-/// A covariance of its lower triangle.
-#[inline(never)]
-fn fill<const NX: usize>(covariance: &mut [[f32; NX]; NX], triangle: &Numbers<'_>) {
-    let mut entry = 0;
-    for i in 0..NX {
-        for j in 0..=i {
-            covariance[i][j] = triangle.get(entry);
-            covariance[j][i] = covariance[i][j];
-            entry += 1;
-        }
-    }
-}
-
-/// What a force that turns by `angle` [rad] and grows `growth` times gains along itself and across:
-/// `(g cos(a) - 1, g sin(a))`, by half the angle, so that nothing is lost beside the 1.
-fn turned(angle: f32, growth: f32) -> (f32, f32) {
-    let half = 0.5 * angle;
-    let (sine, cosine) = (libm::sinf(half), libm::cosf(half));
-    let gained = growth - 1.0;
-    (
-        gained - growth * (2.0 * sine * sine),
-        growth * (2.0 * sine * cosine),
-    )
 }

@@ -36,9 +36,10 @@ impl<const NZ: usize, const NX: usize> Active<NZ, NX> {
         }
     }
 
-    /// What comes next is of another table.
-    pub fn forget(&mut self) {
+    /// Follows the tables of another noise from now on.
+    pub fn begin(&mut self, model: &RotorModel<'_>, noise: &Noise<'_>, speed: f32) {
         self.place = f32::MAX;
+        self.follow(model, noise, speed);
     }
 
     /// Interpolates the tables of `model` and `noise` at `speed` where it has moved enough.

@@ -45,6 +45,19 @@ impl<'a> Numbers<'a> {
         }
     }
 
+    /// Both triangles of a matrix, of its lower one.
+    #[inline(never)]
+    pub(super) fn fill<const N: usize>(&self, matrix: &mut [[f32; N]; N]) {
+        let mut entry = 0;
+        for i in 0..N {
+            for j in 0..=i {
+                matrix[i][j] = self.get(entry);
+                matrix[j][i] = matrix[i][j];
+                entry += 1;
+            }
+        }
+    }
+
     fn check(&self, len: usize, name: &'static str) -> Result<(), Error> {
         if self.bytes.len() != 4 * len {
             return Err(Error::OutOfRange(name));

@@ -132,6 +132,18 @@ impl Shaft {
     }
 }
 
+/// What a force that turns by `angle` [rad] and grows `growth` times gains along itself and across:
+/// `(g cos(a) - 1, g sin(a))`, by half the angle, so that nothing is lost beside the 1.
+pub fn turned(angle: f32, growth: f32) -> (f32, f32) {
+    let half = 0.5 * angle;
+    let (sine, cosine) = (libm::sinf(half), libm::cosf(half));
+    let gained = growth - 1.0;
+    (
+        gained - growth * (2.0 * sine * sine),
+        growth * (2.0 * sine * cosine),
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

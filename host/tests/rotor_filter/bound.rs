@@ -6,10 +6,12 @@ use std::path::Path;
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
-use loadtwin::build::Sensors;
+use loadtwin::build::{self, Sensors};
 use loadtwin::machine::{Machine, Senses};
 use loadtwin::replay::Samples;
 use loadtwin::simulate::{AppliedUnbalance, RotorScenario};
+use loadtwin_common::image::{Image, Model};
+use loadtwin_common::line::Line;
 use loadtwin_common::raw::RawSample;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -201,29 +203,72 @@ fn the_filter_errs_by_little_more_than_what_no_estimator_betters() {
     }
 }
 
+/// A rotor with a modulus 0.2 %, bearings 1 % and all damping 10 % above what is described, times `factor`.
+fn off(described: &Machine, factor: f64) -> Machine {
+    let mut real = described.clone();
+    let rotor = real.rotor.as_mut().unwrap();
+    for material in &mut rotor.materials {
+        material.young_pa *= 1.0 + 0.002 * factor;
+    }
+    for section in &mut rotor.sections {
+        section.alpha_per_s *= 1.0 + 0.1 * factor;
+        section.beta_s *= 1.0 + 0.1 * factor;
+    }
+    for bearing in &mut rotor.bearings {
+        for k in bearing.stiffness_n_per_m.iter_mut().flatten().flatten() {
+            *k *= 1.0 + 0.01 * factor;
+        }
+        for c in bearing.damping_n_s_per_m.iter_mut().flatten() {
+            *c *= 1.0 + 0.1 * factor;
+        }
+    }
+    real
+}
+
+/// After a gap that is a new start, nothing is left of a doubt, nor of its gains.
+#[test]
+fn a_new_start_has_no_doubt() {
+    const NEW: usize = 2850;
+    let described = machine();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rotor.parquet");
+    record(&off(&described, 0.2), paper(1.0, 21), &path);
+    let raw = Recorded::read(&described, &path).raw;
+    let sensors = Sensors::choose(&described, None).unwrap();
+    let payload = build::image(&described, &sensors).unwrap();
+    let line = || {
+        let mut image = Image::from_bytes(&payload).unwrap();
+        let Model::Rotor(model) = &mut image.model else {
+            panic!("not a rotor");
+        };
+        // Steady before it is doubted anew.
+        model.described.full_samples = 600;
+        Line::try_build(image).unwrap()
+    };
+    let (mut going, mut fresh) = (line(), line());
+    for sample in &raw[..2700] {
+        going.step(sample);
+    }
+    assert!(going.rotor_doubted());
+    let mut steady = 0;
+    for sample in &raw[NEW..] {
+        let (a, b) = (going.step(sample), fresh.step(sample));
+        for (a, b) in a.loads.iter().zip(&b.loads) {
+            assert_eq!((a.value, a.std), (b.value, b.std), "{}", sample.tick);
+        }
+        steady += u32::from(a.steady && !going.rotor_doubted());
+    }
+    assert!(steady > 300, "{steady}");
+}
+
 /// Modulus 0.2 %, bearings 1 % and all damping 10 % above and below what is described, and a fifth
 /// and fivefold of it.
 #[test]
 fn a_rotor_that_is_not_quite_as_described_is_estimated_within_some_per_mille() {
     for described in rotors().into_iter().chain([drawn(3)]) {
         for sign in [-5.0, -1.0, -0.2, 0.2, 1.0, 5.0] {
-            let mut real = described.clone();
-            let rotor = real.rotor.as_mut().unwrap();
-            for material in &mut rotor.materials {
-                material.young_pa *= 1.0 + 0.002 * sign;
-            }
-            for section in &mut rotor.sections {
-                section.alpha_per_s *= 1.0 + 0.1 * sign;
-                section.beta_s *= 1.0 + 0.1 * sign;
-            }
-            for bearing in &mut rotor.bearings {
-                for k in bearing.stiffness_n_per_m.iter_mut().flatten().flatten() {
-                    *k *= 1.0 + 0.01 * sign;
-                }
-                for c in bearing.damping_n_s_per_m.iter_mut().flatten() {
-                    *c *= 1.0 + 0.1 * sign;
-                }
-            }
+            let real = off(&described, sign);
+            let rotor = described.rotor.as_ref().unwrap();
             let scenario = RotorScenario {
                 speeds_rad_s: [rotor.speed_rad_s; 2],
                 ..paper(1.0, 21)
