@@ -1,28 +1,22 @@
 //! Design-time mathematics, recordings, replay, reports and CAN on the host.
+//!
+//! Each module is a crate of its own under `host/`; this one has the command.
 #![forbid(unsafe_code)]
 
-pub mod atomic_file;
-pub mod balance;
-pub mod bearing;
-pub mod build;
-pub mod calibrate;
-pub mod can;
 pub mod cli;
-pub mod diagnose;
-pub mod exponential;
-pub mod gearbox;
-pub mod key;
-pub mod machine;
-pub mod metrics;
-pub mod recording;
-pub mod reduce;
-pub mod replay;
-pub mod report;
-pub mod riccati;
-pub mod rotor;
-pub mod seal;
-pub mod simulate;
-pub mod strain;
 pub mod tables;
-pub mod tune;
-pub mod upload;
+
+pub use loadtwin_can as can;
+pub use loadtwin_can::image::{key, seal, upload};
+pub use loadtwin_design::{bearing, build, gearbox, reduce, rotor};
+pub use loadtwin_diagnose as diagnose;
+pub use loadtwin_drive as balance;
+pub use loadtwin_files::atomic_file;
+pub use loadtwin_identification::{calibrate, rotor_tune, tune};
+pub use loadtwin_machine as machine;
+pub use loadtwin_machine::strain;
+pub use loadtwin_math::{exponential, metrics, riccati};
+pub use loadtwin_recording as recording;
+pub use loadtwin_replay as replay;
+pub use loadtwin_report as report;
+pub use loadtwin_simulate as simulate;

@@ -4,9 +4,10 @@
 use std::path::{Path, PathBuf};
 
 use faer::c64;
+use loadtwin::machine::read_ross;
 use loadtwin::machine::{Machine, Rotor};
 use loadtwin::rotor::{
-    Reduced, RotorModel, TimeResponse, Unbalance, campbell, modes, read_ross, unbalance_response,
+    Reduced, RotorModel, TimeResponse, Unbalance, campbell, modes, unbalance_response,
 };
 
 /// 7 g at 68 mm.

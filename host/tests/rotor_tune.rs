@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 
 use loadtwin::build::{self, Sensors};
 use loadtwin::machine::Machine;
-use loadtwin::rotor::tune::Trial;
+use loadtwin::rotor_tune::Trial;
 use loadtwin::simulate::{RotorScenario, RotorSimulation};
 use serde_json::Value;
 

@@ -9,13 +9,14 @@ use serde_json::{Value, json};
 use super::output::say;
 use super::progress::Progress;
 use crate::atomic_file::AtomicFile;
-use crate::bearing::{Rig, recorded};
+use crate::bearing::Rig;
 use crate::build::Sensors;
 use crate::calibrate::{
     self, Candidate, Description, Gauge, MapSource, Observations, Proposal, calibrated, fronts,
     page, select,
 };
 use crate::machine::{Bearing, Kind, Machine, resampled};
+use crate::replay::recorded;
 use crate::tune::{NOISE_BINS, rms};
 
 /// Sizes of the sets that are proposed.

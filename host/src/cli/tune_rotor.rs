@@ -11,7 +11,7 @@ use super::tune::{Choice as Asked, Tune};
 use crate::build::Sensors;
 use crate::calibrate::Description;
 use crate::machine::{Machine, Rotor, RotorLoad, six_digits};
-use crate::rotor::tune::{Choice, Judged, Method, judge, page, tune};
+use crate::rotor_tune::{Choice, Judged, Method, judge, page, tune};
 
 impl Tune {
     /// Both methods on the recordings of a rotor, judged on one that took no part.

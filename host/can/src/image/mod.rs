@@ -1,0 +1,5 @@
+//! Keys, signatures and uploads of model images.
+
+pub mod key;
+pub mod seal;
+pub mod upload;

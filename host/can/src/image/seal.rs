@@ -1,0 +1,45 @@
+//! Sealing a model image: header, signature, payload, CRC.
+
+use loadtwin_common::sealed::{CRC, Header};
+use thiserror::Error;
+
+use crate::image::key::SigningKey;
+
+/// The payload is empty or does not fit a container.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error("found a model of {0} bytes, allowed: 1 to 4294967175")]
+pub struct SealError(pub usize);
+
+/// Seals a payload; without a key the image is for the host only.
+///
+/// `issue`: rises with every image that the signer publishes; `replaces`: the
+/// issue of a newer image that this one may replace on a board.
+///
+/// ```
+/// use loadtwin::{key::SigningKey, seal::seal};
+/// use loadtwin_common::sealed::open_signed;
+///
+/// let key = SigningKey::generate()?;
+/// let image = seal(b"model", 7, None, Some(&key))?;
+/// let (header, payload) = open_signed(&image, Some(&key.public()))?;
+/// assert_eq!((header.issue, payload), (7, &b"model"[..]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+/// [`SealError`].
+pub fn seal(
+    payload: &[u8],
+    issue: u32,
+    replaces: Option<u32>,
+    key: Option<&SigningKey>,
+) -> Result<Vec<u8>, SealError> {
+    let mut header = Header::for_payload(payload, issue, replaces.unwrap_or(0))
+        .ok_or(SealError(payload.len()))?;
+    if let Some(key) = key {
+        header.signature = key.sign(&header.signed_bytes());
+    }
+    let mut image = [&header.to_bytes()[..], payload].concat();
+    image.extend(CRC.checksum(&image).to_le_bytes());
+    Ok(image)
+}

@@ -1,0 +1,132 @@
+//! The file that `loadtwin calibrate` writes for a bearing: how its gauges
+//! answer to its contacts.
+
+use std::path::Path;
+
+use loadtwin_common::bearing::{FEATURES, HARMONICS, LOADS, ROWS};
+use serde::{Deserialize, Serialize};
+
+use super::baseline::Baseline;
+use super::linear::{COEFFICIENTS, DRIFT};
+use super::physical::Physical;
+use loadtwin_machine::MachineError;
+
+/// Coefficients of a gauge's local strain by row, harmonic and feature: real and imaginary part.
+pub type Local = [[[[f64; 2]; FEATURES]; HARMONICS]; ROWS];
+
+/// What was fitted to recordings with known loads.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Calibration {
+    /// Mean of the loads on the rig: forces [N], moments [N m].
+    pub load_mean: [f64; LOADS],
+    /// Their covariance.
+    pub load_covariance: [[f64; LOADS]; LOADS],
+    /// The bearing against its description.
+    pub physical: Physical,
+    /// Its standard deviation.
+    pub physical_std: Physical,
+    /// Each gauge, in the order of the description.
+    pub gauge: Vec<Answer>,
+    /// What the algorithms need that the filter is compared with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub baseline: Option<Baseline>,
+}
+
+/// How one gauge answers [um/m / kN], moments over the groove's radius.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Answer {
+    /// Name of the gauge.
+    pub name: String,
+    /// Standard deviation of a sample [um/m].
+    pub noise_std: f64,
+    /// Error of the local strain's model where there is no strain [um/m].
+    pub resting_error: f64,
+    /// Error of the local strain's model, as part of the strain.
+    pub model_error: f64,
+    /// Standard deviation of the bulk strain about the model [um/m].
+    pub bulk_error: f64,
+    /// Bulk strain at no load when calibrated [um/m].
+    pub offset: f64,
+    /// Bulk strain by `Fx, Fy, Fz, Mx / R, Mz / R`.
+    pub bulk_load: [f64; LOADS],
+    /// Its standard deviation.
+    pub bulk_load_std: [f64; LOADS],
+    /// Bulk strain by the features of each row.
+    pub bulk_feature: [[f64; FEATURES]; ROWS],
+    /// Its standard deviation.
+    pub bulk_feature_std: [[f64; FEATURES]; ROWS],
+    /// Local strain.
+    pub local: Local,
+    /// Its standard deviation.
+    pub local_std: Local,
+}
+
+impl Answer {
+    /// Its coefficients in the order of [`super::linear::rows`], without drift.
+    pub(super) fn coefficients(&self) -> [f64; COEFFICIENTS] {
+        let mut all = [0.0; COEFFICIENTS];
+        all[0] = self.offset;
+        let bulk = (self.bulk_load.iter()).chain(self.bulk_feature.iter().flatten());
+        let local = self.local.iter().flatten().flatten().flatten();
+        for (slot, value) in all[DRIFT..].iter_mut().zip(bulk.chain(local)) {
+            *slot = *value;
+        }
+        all
+    }
+}
+
+impl Calibration {
+    /// What is assumed before a bearing was calibrated: local strain in phase
+    /// with the balls, no bulk strain.
+    pub fn guess(gauges: usize) -> Self {
+        let mut local = Local::default();
+        for row in &mut local {
+            row[0][0][0] = GUESS;
+        }
+        Self {
+            load_mean: [0.0; LOADS],
+            load_covariance: [[0.0; LOADS]; LOADS],
+            physical: Physical::default(),
+            physical_std: Physical::default(),
+            gauge: vec![
+                Answer {
+                    noise_std: 5.0,
+                    local,
+                    ..Answer::default()
+                };
+                gauges
+            ],
+            baseline: None,
+        }
+    }
+
+    /// Reads the file in `path`.
+    ///
+    /// # Errors
+    /// When it cannot be read or is none.
+    pub fn read(path: &Path, gauges: usize) -> Result<Self, MachineError> {
+        let text = std::fs::read_to_string(path).map_err(|source| MachineError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        let read: Self =
+            toml::from_str(&text).map_err(|error| MachineError::syntax(path, &text, &error))?;
+        if read.gauge.len() != gauges {
+            return Err(MachineError::violation(
+                path,
+                &text,
+                loadtwin_machine::Violation {
+                    field: "gauge".into(),
+                    found: format!("{} tables", read.gauge.len()),
+                    allowed: format!("{gauges}, one for each gauge of the machine"),
+                },
+            ));
+        }
+        Ok(read)
+    }
+}
+
+/// Amplitude of the first harmonic by a ball's load that is assumed [um/m / kN].
+const GUESS: f64 = 12.0;

@@ -1,0 +1,57 @@
+//! Sensitivity and noise of a channel over the carrier angle, as the image holds them.
+
+use crate::build::BuildError;
+use loadtwin_machine::{Drivetrain, MAP_ENTRIES, Machine, resampled};
+
+/// The tables of one channel, as they lie in the image.
+pub(super) struct Tables {
+    pub unit: f64,
+    pub sensed: f64,
+    pub mean: f64,
+    pub deviation: f64,
+    pub map: Vec<u8>,
+    pub variance: Vec<u8>,
+}
+
+impl Tables {
+    pub fn new(
+        machine: &Machine,
+        drivetrain: &Drivetrain,
+        channel: &loadtwin_machine::Channel,
+    ) -> Result<Self, BuildError> {
+        let map = powered(&channel.sensitivity_over_angle(machine)?);
+        let noise = channel.noise_over_angle(machine)?;
+        let sensed = drivetrain.nominal_sensed(&channel.senses);
+        let peak = map.iter().fold(0.0_f64, |peak, m| peak.max(m.abs()));
+        // Readings are of the order of 100 at the nominal load.
+        let unit = 10.0_f64.powf((peak * sensed).log10().floor() - 2.0);
+        let mean = map.iter().sum::<f64>() / map.len() as f64;
+        let deviation =
+            (map.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / map.len() as f64).sqrt();
+        let bins = noise.len().next_power_of_two();
+        let variance = (0..bins).map(|i| (noise[i * noise.len() / bins] / unit).powi(2));
+        Ok(Self {
+            unit,
+            sensed,
+            mean,
+            deviation,
+            variance: little_endian(variance),
+            map: little_endian(map.iter().map(|m| m * sensed / unit)),
+        })
+    }
+}
+
+/// A map in 1 or in [`MAP_ENTRIES`] steps.
+fn powered(values: &[f64]) -> Vec<f64> {
+    if values.len() == 1 {
+        values.to_vec()
+    } else {
+        resampled(values, MAP_ENTRIES)
+    }
+}
+
+fn little_endian(values: impl Iterator<Item = f64>) -> Vec<u8> {
+    values
+        .flat_map(|value| (value as f32).to_le_bytes())
+        .collect()
+}

@@ -1,0 +1,11 @@
+//! Design of estimators: machine description to model image.
+//!
+//! [`build`] is the entry; one module for each machine kind has its mathematics.
+//! [`reduce`] makes strain maps from a finite-element model.
+#![forbid(unsafe_code)]
+
+pub mod bearing;
+pub mod build;
+pub mod gearbox;
+pub mod reduce;
+pub mod rotor;

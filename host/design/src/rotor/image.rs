@@ -1,0 +1,272 @@
+//! From the plan of a rotor to the rotor of the image.
+
+use faer::Mat;
+use heapless::Vec as FixedVec;
+use loadtwin_common::image::{LoadSignal, Model};
+use loadtwin_common::measurement::Converter;
+use loadtwin_common::rotor::filter::{FORCES, Turn};
+use loadtwin_common::rotor::{
+    Noise, Numbers, RotorChannel, RotorModel as ImageModel, ShaftEncoder, Speeds,
+};
+
+use super::convergence::{Recursion, changes, triangle};
+use super::plan::{RotorPlan, UNIT_M};
+use crate::build::encoder;
+use crate::build::{self, BuildError, Sensors};
+use loadtwin_machine::{Channel, Encoder, Machine, QUANTISATION, Rotor};
+use loadtwin_math::riccati::{gain, gains_before, innovation_covariance, steady_covariance};
+
+/// Load at the end of the scale on the bus, in nominal loads.
+const FULL_SCALE: f64 = 16.0;
+
+/// Standard deviation at which an estimate is no longer valid, in nominal loads.
+const VALID_STD: f64 = 1.0;
+
+/// Bandwidth of the tracked speed, in sample rates, at most [Hz], and where an encoder tells the
+/// angle as closely as this [turns].
+const TRACKING: f64 = 0.01;
+const TRACKING_HZ: f64 = 20.0;
+const TRACKED_TURNS: f64 = QUANTISATION / 4096.0;
+
+impl RotorPlan {
+    /// The image's payload, as postcard bytes.
+    ///
+    /// # Errors
+    /// When there is no steady filter, or a sensor set that an image cannot hold.
+    pub fn image(
+        &self,
+        machine: &Machine,
+        rotor: &Rotor,
+        sensors: &Sensors,
+    ) -> Result<Vec<u8>, BuildError> {
+        let (nz, nx) = self.size;
+        let rows: Vec<Vec<f64>> = sensors.channels.iter().map(|c| self.row(c)).collect();
+        let biases: Vec<Option<usize>> = (sensors.channels.iter())
+            .map(|c| self.bias_state(c))
+            .collect();
+        let h = Mat::from_fn(rows.len(), nx, |i, j| rows[i][j]);
+        let variances: Vec<f64> = (sensors.channels.iter())
+            .map(|c| (c.to_si(c.noise_std) / UNIT_M).powi(2))
+            .collect();
+        let nominal = self.discrete(self.nominal_rotor())?;
+        let f = self.transition_of(&nominal);
+        let (_, p) = self.covariances(rotor, &nominal);
+        let angle = self.nominal_speed * self.dt_s;
+        let noise = |rotor: &Rotor| -> Result<PackedNoise, BuildError> {
+            let (q, _) = self.covariances(rotor, &nominal);
+            let recursion = Recursion {
+                f: &f,
+                rows: &rows,
+                biases: &biases,
+                variances: &variances,
+                q: &q,
+                p: &p,
+                turn: Turn {
+                    turning: self.turning_bits(),
+                    pairs: self.turning.len(),
+                    along: angle.cos() - 1.0,
+                    across: angle.sin(),
+                    left: self.left(),
+                },
+                dt_s: self.dt_s,
+            };
+            let covariance = posterior(&f, &h, &q, &variances)?;
+            Ok(PackedNoise {
+                process: bytes(triangle(&q)),
+                steady: bytes(self.steady(&h, &q, &variances, rotor.lag())?),
+                covariance: bytes(triangle(&covariance)),
+                full_samples: recursion.converged_after(self.size),
+            })
+        };
+        let described = noise(rotor)?;
+        let doubted = rotor.doubted().as_ref().map(noise).transpose()?;
+        let (dense, p) = (bytes(self.dense()?), bytes(triangle(&p)));
+        let encoder = (sensors.encoders.first()).map(|e| self.shaft_encoder(e, machine.rate_hz));
+        let index = machine.index.as_ref().filter(|_| encoder.is_some());
+        let step = match self.speeds.as_slice() {
+            [a, b, ..] => b - a,
+            _ => 1.0,
+        };
+        let model = ImageModel {
+            modes: nz as u8,
+            scale: fixed(&self.scale)?,
+            sample_s: self.dt_s as f32,
+            speeds: Speeds {
+                lowest: self.speeds[0] as f32,
+                step: step as f32,
+                count: self.speeds.len() as u16,
+                nominal: self.nominal_speed as f32,
+            },
+            lag: rotor.lag(),
+            dense: Numbers::new(&dense),
+            described: described.view(),
+            doubted: doubted.as_ref().map(PackedNoise::view),
+            initial_covariance: Numbers::new(&p),
+            gate_nis: machine.tuning.gate_nis as f32,
+            turning: self.turning_bits(),
+            left: self.left().map(|left| left as f32),
+            loads: Self::loads(rotor)?,
+            channels: (sensors.channels.iter().zip(&rows).zip(&variances))
+                .map(|((channel, row), variance)| self.channel(channel, row, *variance))
+                .collect::<Result<_, _>>()?,
+            encoder,
+            index: index.map(|index| encoder::pulse(index, 0, sensors.encoders.first())),
+        };
+        build::packed(machine, Model::Rotor(model))
+    }
+
+    /// For each speed of the schedule: the part of `F` that varies.
+    fn dense(&self) -> Result<Vec<f64>, BuildError> {
+        let nz = self.size.0;
+        let mut dense = Vec::new();
+        for rotor in self.rotors() {
+            let f = self.transition_of(&self.discrete(rotor)?);
+            dense.extend(
+                (0..nz)
+                    .flat_map(|i| (0..2 * nz + FORCES).map(move |j| (i, j)))
+                    .map(|(i, j)| changes(&f, nz, i, j)),
+            );
+        }
+        Ok(dense)
+    }
+
+    /// For each speed of the schedule: the steady gain and those of the `lag` samples before, the
+    /// variances of the innovations, and the standard deviations of the loads.
+    fn steady(
+        &self,
+        h: &Mat<f64>,
+        q: &Mat<f64>,
+        variances: &[f64],
+        lag: u8,
+    ) -> Result<Vec<f64>, BuildError> {
+        let (nz, nx) = self.size;
+        let mut tables = Vec::new();
+        for rotor in self.rotors() {
+            let discrete = self.discrete(rotor)?;
+            let f = self.transition_of(&discrete);
+            let steady = steady_covariance(&f, h, q, variances).ok_or(BuildError::NotObserved)?;
+            let k = gain(&steady, h, variances);
+            let before = gains_before(&f, h, &steady, &k, variances, lag.into());
+            for gain in std::iter::once(&k).chain(before.iter().map(|(gain, _)| gain)) {
+                tables.extend(
+                    (0..nx)
+                        .flat_map(|i| (0..variances.len()).map(move |j| (i, j)))
+                        .map(|at| gain[at]),
+                );
+            }
+            let hp = h * &steady;
+            let s = innovation_covariance(&hp, h, variances);
+            tables.extend((0..variances.len()).map(|i| s[(i, i)]));
+            let told = before.into_iter().map(|(_, told)| told);
+            let posterior = told.fold(&steady - &k * &hp, |p, told| p - told);
+            let d = 2 * nz..2 * nz + self.nominal.len();
+            tables.extend(d.map(|d| posterior[(d, d)].max(0.0).sqrt()));
+        }
+        Ok(tables)
+    }
+
+    /// Gains of a filter of which every pole is `rest`; slower where the encoder is coarse, by
+    /// the cube root, as the best one for accelerations that change alike would be.
+    ///
+    /// Source: Brookner, Tracking and Kalman Filtering Made Easy (1998), section 1.4,
+    /// critically damped g-h-k filter; Kalata 1984, tracking index.
+    fn shaft_encoder(&self, encoder: &Encoder, rate_hz: f64) -> ShaftEncoder {
+        let turns = encoder.noise_std_counts() / encoder.counts_per_turn.abs();
+        let coarse = (TRACKED_TURNS / turns).min(1.0).cbrt();
+        let bandwidth = (TRACKING * rate_hz).min(TRACKING_HZ * coarse);
+        let rest = (-std::f64::consts::TAU * bandwidth * self.dt_s).exp();
+        let (gone, dt) = (1.0 - rest, self.dt_s);
+        ShaftEncoder {
+            counter: encoder::counter(encoder, 1.0),
+            angle_gain: (1.0 - rest.powi(3)) as f32,
+            speed_gain: (1.5 * gone * gone * (1.0 + rest) / dt) as f32,
+            acceleration_gain: (gone.powi(3) / (dt * dt)) as f32,
+        }
+    }
+
+    fn loads<const N: usize>(rotor: &Rotor) -> Result<FixedVec<LoadSignal, N>, BuildError> {
+        (rotor.loads.iter())
+            .flat_map(|load| load.names.iter().map(move |name| (name, load.nominal_n)))
+            .map(|(name, nominal)| {
+                Ok(LoadSignal {
+                    name: (name.as_str().try_into())
+                        .map_err(|_| BuildError::TooLarge("a load's name"))?,
+                    full_scale: (FULL_SCALE * nominal) as f32,
+                    valid_std: (VALID_STD * nominal) as f32,
+                })
+            })
+            .collect()
+    }
+
+    fn channel(
+        &self,
+        channel: &Channel,
+        row: &[f64],
+        variance: f64,
+    ) -> Result<RotorChannel, BuildError> {
+        let extreme = 1_i64 << (channel.adc.bits - 1);
+        Ok(RotorChannel {
+            converter: Converter {
+                zero: channel.zero_word(),
+                gain: (channel.lsb_si() / UNIT_M) as f32,
+                lowest: (-extreme) as i32,
+                highest: (extreme - 1) as i32,
+                stuck_after: channel.adc.stuck_after,
+            },
+            unit: UNIT_M as f32,
+            offset: (channel.to_si(channel.offset) / UNIT_M) as f32,
+            runout: (channel.runout.iter())
+                .map(|wave| wave.map(|part| (channel.to_si(part) / UNIT_M) as f32))
+                .collect(),
+            row: fixed(&row[..self.size.0])?,
+            variance: variance as f32,
+            bias_state: self.bias_state(channel).map(|state| state as u8),
+        })
+    }
+}
+
+/// What the filter comes to with a process noise, as it lies in an image.
+struct PackedNoise {
+    process: Vec<u8>,
+    steady: Vec<u8>,
+    covariance: Vec<u8>,
+    full_samples: u32,
+}
+
+impl PackedNoise {
+    fn view(&self) -> Noise<'_> {
+        Noise {
+            process: Numbers::new(&self.process),
+            steady: Numbers::new(&self.steady),
+            covariance: Numbers::new(&self.covariance),
+            full_samples: self.full_samples,
+        }
+    }
+}
+
+/// Covariance to which the filter converges, after the update.
+fn posterior(
+    f: &Mat<f64>,
+    h: &Mat<f64>,
+    q: &Mat<f64>,
+    variances: &[f64],
+) -> Result<Mat<f64>, BuildError> {
+    let prior = steady_covariance(f, h, q, variances).ok_or(BuildError::NotObserved)?;
+    let k = gain(&prior, h, variances);
+    Ok(&prior - &k * h * &prior)
+}
+
+/// Numbers as they lie in an image.
+pub(super) fn bytes(values: Vec<f64>) -> Vec<u8> {
+    (values.into_iter())
+        .flat_map(|value| (value as f32).to_le_bytes())
+        .collect()
+}
+
+fn fixed<const N: usize>(values: &[f64]) -> Result<FixedVec<f32, N>, BuildError> {
+    let mut fixed = FixedVec::new();
+    for value in values {
+        (fixed.push(*value as f32)).map_err(|_| BuildError::TooLarge("the number of states"))?;
+    }
+    Ok(fixed)
+}

@@ -1,0 +1,76 @@
+//! Bearings: residuals of strain and of the cages' rates given the loads that references tell.
+//!
+//! Phases are followed as on the rig, with the loads told. Of each gauge there is then the
+//! mean strain less what the calibration says of it (bulk), and the strain that goes with the
+//! balls, along what the calibration says of it (local); of each row how much its cage lags. What an
+//! offset that warms up can do is taken out of the bulk strain, and of what effects predict alike.
+
+mod clean;
+mod effect;
+mod observed;
+mod recorded;
+mod seen;
+mod write;
+
+use std::sync::Arc;
+
+use loadtwin_common::bearing::{GAUGES, ROWS};
+
+use loadtwin_machine::Machine;
+use seen::Seen;
+
+use super::taken::Readings;
+
+/// Streams: bulk and local strain of each gauge, slip of each cage.
+const STREAMS: usize = 2 * GAUGES + ROWS;
+
+/// What a residual is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    /// Mean strain of a gauge [um/m].
+    Bulk(usize),
+    /// Strain of a gauge that goes with the balls, along the predicted one [um/m].
+    Local(usize),
+    /// By which part the cage of a row goes faster than its contacts tell it.
+    Slip(usize),
+}
+
+impl Kind {
+    fn of(k: usize) -> Self {
+        match k {
+            0..GAUGES => Self::Bulk(k),
+            _ if k < 2 * GAUGES => Self::Local(k - GAUGES),
+            _ => Self::Slip(k - 2 * GAUGES),
+        }
+    }
+}
+
+/// A residual.
+#[derive(Clone, Debug)]
+pub struct BearingStream {
+    name: String,
+    residual: Vec<f64>,
+    /// What a clean bearing leaves, root mean square.
+    noise_std: f64,
+}
+
+/// A recording of a bearing as residuals.
+#[derive(Clone)]
+pub struct BearingSession {
+    seen: Arc<Seen>,
+    streams: Vec<BearingStream>,
+    /// Since the first recording's start [s].
+    t: Vec<f64>,
+}
+
+/// What of a description takes an effect: the machine.
+pub type BearingPlace = Machine;
+
+impl BearingSession {
+    /// A column by what it is of and block.
+    fn each(&self, of: impl Fn(Kind, usize) -> f64) -> Readings {
+        (0..STREAMS)
+            .map(|k| (0..self.t.len()).map(|i| of(Kind::of(k), i)).collect())
+            .collect()
+    }
+}

@@ -1,0 +1,44 @@
+//! The description of a bearing with what was found.
+
+use std::path::Path;
+
+use super::BearingSession;
+use crate::{DiagnoseError, Diagnosis};
+use loadtwin_identification::calibrate::{CalibrateError, Description};
+use loadtwin_machine::Machine;
+
+/// Writes `machine` with the effects found to `path`; gives the names of the effects that the
+/// line has no place for.
+///
+/// # Errors
+/// When a file cannot be read or written.
+pub(super) fn write(
+    machine: &Machine,
+    diagnosis: &Diagnosis<BearingSession>,
+    path: &Path,
+) -> Result<Vec<&'static str>, DiagnoseError> {
+    let mut mended = machine.clone();
+    let mut absent = Vec::new();
+    for found in &diagnosis.selection.found {
+        let own = found.parameters.iter().find(|own| !own.is_empty());
+        let taken = own.is_some_and(|own| found.effect.mend(&found.shape, own, &mut mended));
+        if !taken {
+            absent.push(found.effect.name());
+        }
+    }
+    let mut description = Description::read(&machine.path).map_err(CalibrateError::from)?;
+    if let (Some(was), Some(is)) = (&machine.bearing, &mended.bearing) {
+        if was.preload_um != is.preload_um {
+            description.set_in("bearing", "preload_um", is.preload_um);
+        }
+        // From another folder the calibration has another name.
+        if let Some(file) = &was.calibration
+            && path.parent() != machine.path.parent()
+        {
+            let file = std::fs::canonicalize(machine.resolve(file))?;
+            description.set_in("bearing", "calibration", file.display().to_string());
+        }
+    }
+    description.write(path).map_err(CalibrateError::from)?;
+    Ok(absent)
+}

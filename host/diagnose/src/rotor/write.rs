@@ -1,0 +1,67 @@
+//! The description of a rotor with what was found.
+
+use std::path::Path;
+
+use super::{RotorPlace, RotorSession};
+use crate::effect::Coupling;
+use crate::{DiagnoseError, Diagnosis};
+use loadtwin_identification::calibrate::{CalibrateError, Description};
+use loadtwin_machine::Machine;
+
+/// Writes `machine` with the effects found to `path`; gives the names of the effects that the
+/// line has no place for.
+///
+/// # Errors
+/// When a file cannot be read or written.
+pub(super) fn write(
+    machine: &Machine,
+    diagnosis: &Diagnosis<RotorSession>,
+    path: &Path,
+) -> Result<Vec<&'static str>, DiagnoseError> {
+    let mut place = RotorPlace {
+        machine: machine.clone(),
+        channel: None,
+    };
+    let channels = diagnosis.sessions[0].channels();
+    let mut absent = Vec::new();
+    for found in &diagnosis.selection.found {
+        let acting = (found.parameters.iter().enumerate()).filter(|(_, own)| !own.is_empty());
+        let count = match found.effect.coupling() {
+            Coupling::Shared => 1,
+            Coupling::Own => usize::MAX,
+        };
+        // Where it cannot be told at which of several places, none is changed.
+        let mut taken = found.elsewhere.is_empty();
+        for (k, own) in acting.take(count).filter(|_| found.elsewhere.is_empty()) {
+            place.channel = machine
+                .channels
+                .iter()
+                .position(|c| c.name == channels[k].name);
+            taken &= found.effect.mend(&found.shape, own, &mut place);
+        }
+        if !taken {
+            absent.push(found.effect.name());
+        }
+    }
+    let mut description = Description::read(&machine.path).map_err(CalibrateError::from)?;
+    for (was, is) in machine.channels.iter().zip(&place.machine.channels) {
+        if was.offset != is.offset {
+            description.set_number("channel", &is.name, "offset", is.offset);
+        }
+        if was.runout != is.runout {
+            description.set_matrix("channel", &is.name, "runout", &is.runout);
+        }
+        if let Some(sensitivity) = is.sensitivity.filter(|_| was.sensitivity != is.sensitivity) {
+            description.set_number("channel", &is.name, "sensitivity", sensitivity);
+        }
+    }
+    if let (Some(was), Some(is)) = (&machine.rotor, &place.machine.rotor) {
+        for (i, (was, is)) in was.bearings.iter().zip(&is.bearings).enumerate() {
+            if let Some(k) = is.stiffness_n_per_m.filter(|_| was != is) {
+                description.set_matrix_at("rotor.bearing", i, "stiffness_n_per_m", &k);
+            }
+        }
+    }
+    description.write(path).map_err(CalibrateError::from)?;
+    Ok(absent)
+}

@@ -1,0 +1,94 @@
+//! The improved description: the person's text with other numbers in `[balance]`.
+
+use std::io::Write;
+use std::path::Path;
+
+use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, value};
+
+use super::{BalanceError, Linear};
+use loadtwin_files::atomic_file::AtomicFile;
+use loadtwin_machine::{BalanceEffect, Machine};
+
+/// Digits of a coefficient.
+const DIGITS: usize = 8;
+
+/// Writes the description of `machine` with a new linear part and effects to `path`.
+///
+/// # Errors
+/// When the description cannot be read again or `path` not be written.
+pub fn write(
+    machine: &Machine,
+    linear: &Linear,
+    effects: &[BalanceEffect],
+    path: &Path,
+) -> Result<(), BalanceError> {
+    let failed = |path: &Path, reason: String| BalanceError::Write {
+        path: path.to_owned(),
+        reason,
+    };
+    let text =
+        std::fs::read_to_string(&machine.path).map_err(|e| failed(&machine.path, e.to_string()))?;
+    let mut document: DocumentMut = text.parse().map_err(|e: toml_edit::TomlError| {
+        failed(&machine.path, e.to_string().replace('\n', " "))
+    })?;
+    let Some(balance) = document
+        .get_mut("balance")
+        .and_then(Item::as_table_like_mut)
+    else {
+        return Err(failed(&machine.path, "no table [balance]".into()));
+    };
+    for (key, number) in [
+        ("offset", linear.offset),
+        ("inertia", linear.inertia),
+        ("drag", linear.drag),
+    ] {
+        balance.insert(key, value(rounded(number)));
+    }
+    // The recalibrated factor of a load goes into its gain.
+    for (i, (load, factor)) in machine
+        .balance
+        .iter()
+        .flat_map(|b| &b.loads)
+        .zip(&linear.load_gains)
+        .enumerate()
+    {
+        let entry = balance
+            .get_mut("load")
+            .and_then(Item::as_array_of_tables_mut)
+            .and_then(|loads| loads.get_mut(i));
+        match entry {
+            Some(entry) => {
+                entry.insert("gain", value(rounded(load.gain * factor)));
+            }
+            None => {
+                return Err(failed(
+                    &machine.path,
+                    "write each load as [[balance.load]]".into(),
+                ));
+            }
+        }
+    }
+    let mut tables = ArrayOfTables::new();
+    for effect in effects {
+        let numbers = |list: &[f64]| -> Array { list.iter().map(|x| rounded(*x)).collect() };
+        let mut table = Table::new();
+        table.insert("name", value(&effect.name));
+        table.insert("shape", value(numbers(&effect.shape)));
+        table.insert("coefficients", value(numbers(&effect.coefficients)));
+        tables.push(table);
+    }
+    balance.remove("effect");
+    if !effects.is_empty() {
+        balance.insert("effect", Item::ArrayOfTables(tables));
+    }
+    let write = || -> std::io::Result<()> {
+        let mut file = AtomicFile::create(path)?;
+        file.write_all(document.to_string().as_bytes())?;
+        file.finish()
+    };
+    write().map_err(|e| failed(path, e.to_string()))
+}
+
+fn rounded(x: f64) -> f64 {
+    format!("{x:.*e}", DIGITS - 1).parse().unwrap_or(x)
+}

@@ -1,0 +1,280 @@
+//! What the balance of a measured drive lacks, found in its recordings.
+//!
+//! `drive = offset + inertia a + drag v + sum_j gain_j load_j + effects + rest`.
+//! The linear part is what a description starts with; each effect is a physical
+//! term with a few parameters ([`effect`]). Effects are added one by one where
+//! they predict what took no part in the fit, and the result is reported on
+//! recordings that took no part at all.
+#![forbid(unsafe_code)]
+
+mod certainty;
+mod description;
+mod design;
+mod diagnosis;
+pub mod effect;
+mod fit;
+mod motion;
+mod outcome;
+mod remainder;
+mod selection;
+mod smooth;
+mod spike;
+
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+pub use diagnosis::{
+    Alternative, BeforeAfter, Beyond, Diagnosis, Errors, Figure, FoundEffect, FoundEvidence,
+    Linear, Parameters, Validated,
+};
+pub use effect::EFFECTS;
+pub use remainder::Remainder;
+
+use design::{OFFSET_PRIOR, Table};
+use effect::{Effect, Scale};
+use fit::{Columns, shared};
+use loadtwin_machine::{Balance, BalanceEffect, Machine, MachineError, Regime, Violation};
+use loadtwin_recording::RecordingError;
+use motion::Motion;
+use outcome::Outcome;
+use selection::{LINEAR_PRIOR, Selection};
+
+/// Fewest judged values that a diagnosis rests on.
+const FEWEST: usize = 60;
+
+/// Fewest recordings at steady speed.
+const FEWEST_STEADY: usize = 8;
+
+/// Why a balance cannot be diagnosed.
+#[derive(Debug, Error)]
+pub enum BalanceError {
+    /// The description has no table `[balance]`.
+    #[error("{}: no table [balance], which says what drives and what moves", .0.display())]
+    NoBalance(PathBuf),
+    /// An effect of the description is not one that a drive can have.
+    #[error(transparent)]
+    Machine(#[from] MachineError),
+    /// A recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// A recording is too short.
+    #[error("{}: found {found} rows, allowed: at least {allowed}", recording.display())]
+    TooShort {
+        /// Which.
+        recording: PathBuf,
+        /// Its rows.
+        found: usize,
+        /// Rows that are enough.
+        allowed: usize,
+    },
+    /// All recordings together say too little.
+    #[error("{found} {what}, allowed: at least {allowed}")]
+    TooLittle {
+        /// What was counted.
+        what: &'static str,
+        /// How many there are.
+        found: usize,
+        /// How many are enough.
+        allowed: usize,
+    },
+    /// The drive never changes.
+    #[error("{}: the drive is the same in every row", .0.display())]
+    Constant(PathBuf),
+    /// The improved description cannot be written.
+    #[error("{}: {reason}", path.display())]
+    Write {
+        /// Which file.
+        path: PathBuf,
+        /// Why not.
+        reason: String,
+    },
+}
+
+/// What to diagnose.
+pub struct Request<'a> {
+    /// The description, with a table `[balance]`.
+    pub machine: &'a Machine,
+    /// Recordings to fit.
+    pub fit: &'a [PathBuf],
+    /// Recordings to report on; a third of each fitted one where empty.
+    pub validate: &'a [PathBuf],
+    /// The drive is judged below this [Hz].
+    pub cutoff_hz: f64,
+    /// Where the improved description goes.
+    pub machine_out: Option<&'a Path>,
+}
+
+/// Closes the loop: finds what the balance lacks, and reports the error before and after.
+///
+/// # Errors
+/// When the recordings cannot be read or say too little.
+pub fn diagnose(
+    request: &Request<'_>,
+    progress: impl Fn(f64) + Sync,
+) -> Result<Diagnosis, BalanceError> {
+    let machine = request.machine;
+    let balance = machine
+        .balance
+        .as_ref()
+        .ok_or_else(|| BalanceError::NoBalance(machine.path.clone()))?;
+    check_effects(machine)?;
+    let read = |paths: &[PathBuf]| -> Result<Vec<Motion>, BalanceError> {
+        paths
+            .iter()
+            .map(|path| Motion::read(machine, balance, path, request.cutoff_hz))
+            .collect()
+    };
+    let (fitted, validation) = if request.validate.is_empty() {
+        held_out(read(request.fit)?)
+    } else {
+        (read(request.fit)?, read(request.validate)?)
+    };
+    let (table, judge) = (Table::new(&fitted), Table::new(&validation));
+    enough(&fitted, &table, balance)?;
+    enough_to_judge(&judge)?;
+
+    let base = base(balance, &fitted);
+    let scale = Scale::new(&fitted, request.cutoff_hz);
+    let find = |base| Selection::find(&fitted, &table, base, &scale, &progress);
+    let alike = find(base.clone());
+    // What differs between recordings is what operating points are there for, and
+    // is fitted as such; unless that explains nothing: sensors may not have been zeroed.
+    let offsets = design::offsets(&fitted, &table);
+    let selection = if alike.parts.is_empty() && !offsets.is_empty() {
+        let own = vec![OFFSET_PRIOR; offsets.len()];
+        find(base.with(&offsets, &own))
+    } else {
+        alike
+    };
+    let outcome = Outcome::new(
+        balance,
+        &selection,
+        &base,
+        (&fitted, &table),
+        (&validation, &judge),
+    );
+
+    let machine_out = request.machine_out.map(Path::to_owned);
+    if let Some(path) = &machine_out {
+        description::write(machine, &outcome.linear, &outcome.effects, path)?;
+    }
+    Ok(outcome.diagnosis(request, machine_out, &selection, balance))
+}
+
+/// The last third of each recording is left out; of positions held, each third;
+/// of recordings at steady speed, each third.
+fn held_out(motions: Vec<Motion>) -> (Vec<Motion>, Vec<Motion>) {
+    if motions.first().is_some_and(|m| m.regime == Regime::Steady) {
+        let (mut fit, mut rest) = (Vec::new(), Vec::new());
+        for (i, motion) in motions.into_iter().enumerate() {
+            if i % 3 == 1 { &mut rest } else { &mut fit }.push(motion);
+        }
+        (fit, rest)
+    } else {
+        motions.into_iter().map(Motion::split).unzip()
+    }
+}
+
+fn enough(motions: &[Motion], table: &Table, balance: &Balance) -> Result<(), BalanceError> {
+    let (what, found, allowed) = match balance.regime {
+        Regime::Steady => (
+            "recordings at steady speed to fit",
+            motions.len(),
+            FEWEST_STEADY,
+        ),
+        _ => ("values below the cut-off to fit", table.len(), FEWEST),
+    };
+    if found < allowed {
+        return Err(BalanceError::TooLittle {
+            what,
+            found,
+            allowed,
+        });
+    }
+    let first = table.drive[0];
+    if table.drive.iter().all(|d| *d == first) {
+        return Err(BalanceError::Constant(motions[0].path.clone()));
+    }
+    Ok(())
+}
+
+fn enough_to_judge(table: &Table) -> Result<(), BalanceError> {
+    if table.len() < 3 {
+        return Err(BalanceError::TooLittle {
+            what: "values to validate on",
+            found: table.len(),
+            allowed: 3,
+        });
+    }
+    Ok(())
+}
+
+/// The linear model's columns and those of the effects that the description has.
+fn base(balance: &Balance, motions: &[Motion]) -> Columns {
+    let mut base = Columns::default();
+    let linear = design::linear(motions);
+    base.push(&linear, &vec![LINEAR_PRIOR; linear.len()]);
+    for known in &balance.effects {
+        if let Some(effect) = find(&known.name) {
+            let columns = design::columns(motions, effect, &known.shape);
+            base.push(&columns, &shared(columns.len(), LINEAR_PRIOR));
+        }
+    }
+    base
+}
+
+/// The effect called `name`.
+fn find(name: &str) -> Option<&'static dyn Effect> {
+    EFFECTS.iter().copied().find(|e| e.name() == name)
+}
+
+/// Checks the effects that a description lists: names, and numbers of values.
+///
+/// # Errors
+/// The field that is out of its range, with its line in the file.
+pub fn check_effects(machine: &Machine) -> Result<(), MachineError> {
+    let Some(balance) = &machine.balance else {
+        return Ok(());
+    };
+    for (i, effect) in balance.effects.iter().enumerate() {
+        let refused = |part: &str, found: String, allowed: String| {
+            machine.refused(Violation {
+                field: format!("balance.effect[{}].{part}", i + 1),
+                found,
+                allowed,
+            })
+        };
+        if find(&effect.name).is_none() {
+            let known: Vec<&str> = EFFECTS.iter().map(|e| e.name()).collect();
+            return Err(refused(
+                "name",
+                format!("{:?}", effect.name),
+                known.join(", "),
+            ));
+        }
+        check_effect(effect, balance.loads.len())
+            .map_err(|(part, allowed)| refused(part, "another number of values".into(), allowed))?;
+    }
+    Ok(())
+}
+
+/// Whether an effect has the numbers that it needs; else the field that has not,
+/// and what is allowed.
+fn check_effect(effect: &BalanceEffect, loads: usize) -> Result<(), (&'static str, String)> {
+    let Some(known) = find(&effect.name) else {
+        return Ok(());
+    };
+    if effect.shape.len() != known.shape_length() {
+        return Err(("shape", format!("{} values", known.shape_length())));
+    }
+    // A number of columns follows from the shape.
+    if effect.shape.iter().any(|s| !s.is_finite() || s.abs() > 1e9) {
+        return Err(("shape", "finite values".into()));
+    }
+    let terms = known.terms(&effect.shape, loads).len();
+    if effect.coefficients.len() != terms {
+        return Err(("coefficients", format!("{terms} values")));
+    }
+    Ok(())
+}

@@ -1,0 +1,160 @@
+//! A machine with the gauges as measured, and its description.
+
+use std::path::Path;
+
+use super::description::{Description, map_file};
+use super::{CalibrateError, Gauge, MapSource};
+use crate::tune::{MeasurementNoise, NOISE_BINS, rms, step_function};
+use loadtwin_machine::{Channel, Creep, Hysteresis, MAP_ENTRIES, Machine, Thermal, resampled};
+
+/// The machine with offset, sensitivity and noise of its gauges as fitted; its
+/// maps lie in `folder`. Faulty gauges stay as described.
+///
+/// # Errors
+/// When a map cannot be read or written.
+pub fn calibrated(
+    machine: &Machine,
+    gauges: &[Gauge],
+    source: MapSource,
+    folder: &Path,
+) -> Result<Machine, CalibrateError> {
+    let mut changed = machine.clone();
+    let path = folder.join("maps.csv");
+    let mut maps = Vec::new();
+    for gauge in gauges.iter().filter(|gauge| gauge.fault.is_none()) {
+        let Some((offset, map)) = gauge.model(source) else {
+            continue;
+        };
+        let own = |values: &[f64]| in_unit(&machine.channels[gauge.channel], values);
+        let channel = &mut changed.channels[gauge.channel];
+        channel.offset = channel.unit.from_si(offset);
+        if map.len() == 1 {
+            channel.sensitivity = own(map).first().copied();
+            channel.sensitivity_map = None;
+        } else {
+            channel.sensitivity = None;
+            channel.sensitivity_map = Some(path.clone());
+            maps.push((
+                &machine.channels[gauge.channel],
+                resampled(&own(map), MAP_ENTRIES),
+            ));
+        }
+    }
+    map_file(&path, &maps, "/Nm")?;
+    let noise = gauges
+        .iter()
+        .filter(|gauge| gauge.fault.is_none())
+        .filter_map(|gauge| Some((gauge.channel, gauge.noise.as_ref()?)));
+    with_noise(&changed, noise, folder)
+}
+
+/// The machine with the noise of channels, by their number, as measured; its
+/// map lies in `folder`.
+///
+/// # Errors
+/// When the map cannot be written.
+pub fn with_noise<'a>(
+    machine: &Machine,
+    noise: impl Iterator<Item = (usize, &'a MeasurementNoise)>,
+    folder: &Path,
+) -> Result<Machine, CalibrateError> {
+    let mut changed = machine.clone();
+    let path = folder.join("noise.csv");
+    let mut columns = Vec::new();
+    for (i, noise) in noise {
+        let channel = &mut changed.channels[i];
+        channel.noise_std = channel.unit.from_si(rms(&noise.scaled));
+        channel.noise_map = Some(path.clone());
+        columns.push((
+            &machine.channels[i],
+            in_unit(&machine.channels[i], &noise.scaled),
+        ));
+    }
+    map_file(&path, &columns, "")?;
+    Ok(changed)
+}
+
+impl Description {
+    /// Takes over the gauges of `changed` where they are not those of
+    /// `described`, and writes the description to `path`, all maps beside it.
+    ///
+    /// # Errors
+    /// When a map cannot be read or a file cannot be written.
+    pub fn write_with_gauges(
+        &mut self,
+        described: &Machine,
+        changed: &Machine,
+        path: &Path,
+    ) -> Result<(), CalibrateError> {
+        let stem = path
+            .file_stem()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        let (map_name, noise_name) = (format!("{stem}-maps.csv"), format!("{stem}-noise.csv"));
+        let (mut maps, mut noises) = (Vec::new(), Vec::new());
+        for (was, is) in described.channels.iter().zip(&changed.channels) {
+            let name = &was.name;
+            if is.offset != was.offset {
+                self.set_number("channel", name, "offset", is.offset);
+            }
+            if is.sensitivity_map.is_some() {
+                let map = in_unit(is, &is.sensitivity_over_angle(changed)?);
+                self.remove("channel", name, "sensitivity");
+                self.set("channel", name, "sensitivity_map", map_name.as_str());
+                maps.push((is, resampled(&map, MAP_ENTRIES)));
+            } else if let Some(sensitivity) =
+                is.sensitivity.filter(|_| is.sensitivity != was.sensitivity)
+            {
+                self.set_number("channel", name, "sensitivity", sensitivity);
+            }
+            if is.bending != was.bending {
+                self.set_number("channel", name, "bending", is.bending);
+            }
+            if is.nonlinearity != was.nonlinearity {
+                self.set_number("channel", name, "nonlinearity", is.nonlinearity);
+            }
+            if is.late_s != was.late_s {
+                self.set_number("channel", name, "late_s", is.late_s);
+            }
+            if is.creep != was.creep
+                && let Some(Creep { at_nominal, time_s }) = is.creep
+            {
+                let numbers = [("at_nominal", at_nominal), ("time_s", time_s)];
+                self.set_numbers("channel", name, "creep", numbers.into_iter());
+            }
+            if is.hysteresis != was.hysteresis
+                && let Some(Hysteresis { half_width, level }) = is.hysteresis
+            {
+                let numbers = [("half_width", half_width), ("level", level)];
+                self.set_numbers("channel", name, "hysteresis", numbers.into_iter());
+            }
+            if is.thermal != was.thermal
+                && let Some(Thermal {
+                    zero_per_k,
+                    gain_per_k,
+                }) = is.thermal
+            {
+                let numbers = [("zero_per_k", zero_per_k), ("gain_per_k", gain_per_k)];
+                self.set_numbers("channel", name, "thermal", numbers.into_iter());
+            }
+            if is.noise_std != was.noise_std {
+                self.set_number("channel", name, "noise_std", is.noise_std);
+            }
+            if is.noise_map.is_some() {
+                let noise = in_unit(is, &is.noise_over_angle(changed)?);
+                self.set("channel", name, "noise_map", noise_name.as_str());
+                noises.push((is, step_function(&noise, NOISE_BINS)));
+            }
+        }
+        map_file(&path.with_file_name(map_name), &maps, "/Nm")?;
+        map_file(&path.with_file_name(noise_name), &noises, "")?;
+        Ok(self.write(path)?)
+    }
+}
+
+fn in_unit(channel: &Channel, si: &[f64]) -> Vec<f64> {
+    si.iter()
+        .map(|value| channel.unit.from_si(*value))
+        .collect()
+}

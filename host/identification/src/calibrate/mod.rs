@@ -1,0 +1,464 @@
+//! `loadtwin calibrate`: what measured readings say about the gauges of a machine.
+//!
+//! Reads recordings in two passes, the motion first and then the readings,
+//! and keeps sums over the carrier angle instead of samples.
+
+mod description;
+mod fault;
+mod gauge_model;
+mod moments;
+mod motion;
+mod page;
+mod placement;
+mod selection;
+mod surface;
+
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use thiserror::Error;
+
+pub use description::{Description, DescriptionError, map_file};
+pub use fault::GaugeFault;
+pub use gauge_model::{calibrated, with_noise};
+pub use moments::{BINS, Moments, Sums};
+pub use motion::Motion;
+pub use page::{Proposal, page};
+pub use placement::{Placement, fine};
+pub use selection::{Candidate, fronts, select};
+pub use surface::Surface;
+
+use crate::tune::MeasurementNoise;
+use loadtwin_machine::{Channel, Machine, MachineError, Senses, earlier};
+use loadtwin_recording::{Quantity, Reader, RecordingError, Unit, Wanted};
+use loadtwin_replay::ReplayError;
+
+/// Least standard deviation of what a gauge senses, as part of its root mean
+/// square, from which offset and sensitivity can be told apart.
+const LEAST_VARIATION: f64 = 0.05;
+
+/// Why nothing can be calibrated.
+#[derive(Debug, Error)]
+pub enum CalibrateError {
+    /// The machine is none whose gauges are over a carrier angle.
+    #[error("the machine has no [drivetrain]; only drivetrains can be calibrated")]
+    NoDrivetrain,
+    /// A file cannot be used.
+    #[error(transparent)]
+    Machine(#[from] MachineError),
+    /// The recording cannot be used.
+    #[error(transparent)]
+    Replay(#[from] ReplayError),
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The recording does not say enough.
+    #[error("{}: {reason}", recording.display())]
+    TooLittle {
+        /// The recording.
+        recording: PathBuf,
+        /// What it lacks and what is needed.
+        reason: String,
+    },
+    /// The description cannot be written.
+    #[error(transparent)]
+    Description(#[from] DescriptionError),
+}
+
+/// What the recordings say about the channels of a machine.
+pub struct Observations {
+    /// Sums of each channel, in the order of the machine; none for a channel
+    /// that measures no load, or for one that no reference tells the truth of.
+    pub channels: Vec<Option<Moments>>,
+    /// Samples read.
+    pub samples: u64,
+    /// Turns of the carrier that were used.
+    pub turns: f64,
+}
+
+impl Observations {
+    /// Reads `recordings`; tells the part done, 0 to 1.
+    ///
+    /// # Errors
+    /// When a recording cannot be read, has no reference load, or its index
+    /// pulse never came.
+    pub fn read(
+        machine: &Machine,
+        recordings: &[PathBuf],
+        mut progress: impl FnMut(f64),
+    ) -> Result<Self, CalibrateError> {
+        let mut all = Self {
+            channels: machine.channels.iter().map(|_| None).collect(),
+            samples: 0,
+            turns: 0.0,
+        };
+        for (i, recording) in recordings.iter().enumerate() {
+            let done = |part: f64| (i as f64 + part) / recordings.len() as f64;
+            let motion = Motion::read(machine, recording, |part| progress(done(0.3 * part)))?;
+            if !motion.homed() {
+                return Err(CalibrateError::TooLittle {
+                    recording: recording.clone(),
+                    reason:
+                        "the index pulse never came: less than one turn of the carrier, or no pulse"
+                            .into(),
+                });
+            }
+            all.add(machine, recording, &motion, |part| {
+                progress(done(0.3 + 0.7 * part));
+            })?;
+        }
+        Ok(all)
+    }
+
+    fn add(
+        &mut self,
+        machine: &Machine,
+        recording: &Path,
+        motion: &Motion,
+        mut progress: impl FnMut(f64),
+    ) -> Result<(), CalibrateError> {
+        let mut known: Vec<(&Senses, Option<Vec<f64>>)> = Vec::new();
+        for channel in &machine.channels {
+            if !known.iter().any(|(senses, _)| *senses == &channel.senses) {
+                known.push((&channel.senses, motion.sensed(machine, &channel.senses)));
+            }
+        }
+        if known.iter().all(|(_, sensed)| sensed.is_none()) {
+            let columns: Vec<&str> = machine.references.iter().map(|r| r.name.as_str()).collect();
+            return Err(CalibrateError::TooLittle {
+                recording: recording.to_owned(),
+                reason: format!(
+                    "no reference load for any channel; found none of the columns [{}]",
+                    columns.join(", ")
+                ),
+            });
+        }
+        let sensed = |channel: &Channel| {
+            known
+                .iter()
+                .find(|(senses, _)| *senses == &channel.senses)?
+                .1
+                .as_deref()
+        };
+        let angles: Vec<f64> = (0..motion.len())
+            .map(|i| motion.angle(i).unwrap_or(f64::NAN))
+            .collect();
+        let warming = warming(machine, recording)?;
+        let mut jobs: Vec<(&Channel, &mut Moments, Answered<'_>)> = machine
+            .channels
+            .iter()
+            .zip(&mut self.channels)
+            .filter_map(|(channel, slot)| {
+                let sensed = sensed(channel)?;
+                let answered = Answered::new(machine, channel, &angles, sensed, warming.as_deref());
+                Some((channel, slot.get_or_insert_default(), answered))
+            })
+            .collect();
+        let mut reader = open(
+            machine,
+            recording,
+            jobs.iter().map(|(channel, ..)| *channel),
+        )?;
+        let words: Vec<bool> = jobs
+            .iter()
+            .map(|(channel, ..)| is_words(&reader, channel))
+            .collect();
+        let mut row = 0;
+        while let Some(block) = reader.next().transpose()? {
+            jobs.par_iter_mut()
+                .zip(&words)
+                .zip(&block.columns)
+                .for_each(|(((channel, moments, answered), words), column)| {
+                    let Some(column) = column else { return };
+                    let stuck_after = match channel.adc.stuck_after {
+                        0 => (fault::STUCK_AFTER_S * machine.rate_hz) as u32,
+                        words => u32::from(words),
+                    };
+                    for (i, value) in column.iter().enumerate() {
+                        let y = if *words {
+                            channel.reading(*value)
+                        } else {
+                            *value
+                        };
+                        moments.watch(y, stuck_after);
+                        let k = row + i;
+                        if !y.is_nan() && k < answered.angle.len() {
+                            moments.push(answered.angle[k], answered.bent[k], y - answered.zero[k]);
+                        }
+                    }
+                });
+            row += block.len();
+            progress(reader.progress());
+        }
+        self.samples += row as u64;
+        let used = || angles.iter().filter(|angle| angle.is_finite());
+        if let (Some(first), Some(last)) = (used().next(), used().next_back()) {
+            self.turns += (last - first).abs() / std::f64::consts::TAU;
+        }
+        Ok(())
+    }
+}
+
+/// What the reading of a channel is in proportion to, and how its zero moves; where the carrier was.
+struct Answered<'a> {
+    /// Carrier angle when each reading was taken [rad]; NaN where it is not known.
+    angle: Cow<'a, [f64]>,
+    /// As [`Channel::bent`], warmed.
+    bent: Vec<f64>,
+    /// Creep, hysteresis and warmth [SI].
+    zero: Vec<f64>,
+}
+
+impl<'a> Answered<'a> {
+    fn new(
+        machine: &Machine,
+        channel: &Channel,
+        angle: &'a [f64],
+        sensed: &[f64],
+        warming: Option<&[f64]>,
+    ) -> Self {
+        let late = channel.late_s * machine.rate_hz;
+        let sensed = &earlier(sensed, late);
+        let nominal = (machine.drivetrain.as_ref())
+            .map_or(1.0, |drivetrain| drivetrain.nominal_sensed(&channel.senses));
+        let level = |s: &f64| if s.is_finite() { s / nominal } else { 0.0 };
+        let crept = channel.creep.map_or(vec![0.0; sensed.len()], |creep| {
+            creep.course(sensed.iter().map(level), 1.0 / machine.rate_hz)
+        });
+        let mut last = 0.0;
+        let held = sensed.iter().map(|s| {
+            if s.is_finite() {
+                last = s / nominal;
+            }
+            last
+        });
+        let turned = (channel.hysteresis).map_or(vec![0.0; sensed.len()], |h| h.course(held));
+        let thermal = channel.thermal.unwrap_or_default();
+        let warm = |i: usize| warming.and_then(|w| w.get(i)).copied().unwrap_or(0.0);
+        Self {
+            angle: earlier(angle, late),
+            bent: (sensed.iter().enumerate())
+                .map(|(i, s)| channel.bent(*s, nominal) * (1.0 + thermal.gain_per_k * warm(i)))
+                .collect(),
+            zero: (crept.into_iter().zip(turned).enumerate())
+                .map(|(i, (z, q))| channel.to_si(z + q + thermal.zero_per_k * warm(i)))
+                .collect(),
+        }
+    }
+}
+
+/// How much warmer each sample of `recording` is than where zeros hold [K]; none where no gauge
+/// answers to that, or no temperature was recorded.
+fn warming(machine: &Machine, recording: &Path) -> Result<Option<Vec<f64>>, CalibrateError> {
+    let Some(thermometer) = machine.thermometer() else {
+        return Ok(None);
+    };
+    if machine.channels.iter().all(|c| c.thermal.is_none()) {
+        return Ok(None);
+    }
+    let wanted = Wanted {
+        name: &thermometer.name,
+        unit: thermometer.unit.si(),
+        required: false,
+    };
+    let mut temperatures = Vec::new();
+    for block in Reader::open(recording, &machine.recording, &[wanted])? {
+        let mut block = block?;
+        let Some(column) = block.columns.pop().flatten() else {
+            return Ok(None);
+        };
+        temperatures.extend(column);
+    }
+    Ok(Some(
+        thermometer.warming(&temperatures, 1.0 / machine.rate_hz),
+    ))
+}
+
+fn is_words(reader: &Reader, channel: &Channel) -> bool {
+    reader
+        .columns()
+        .iter()
+        .find(|column| column.name == channel.name)
+        .and_then(|column| column.unit.as_deref()?.parse::<Unit>().ok())
+        .is_some_and(|unit| unit.quantity() == Quantity::Counts)
+}
+
+/// Opens `recording` for `channels`, each in SI or in words.
+fn open<'a>(
+    machine: &Machine,
+    recording: &Path,
+    channels: impl Iterator<Item = &'a Channel>,
+) -> Result<Reader, CalibrateError> {
+    let found = Reader::open(recording, &machine.recording, &[])?;
+    let wanted: Vec<Wanted<'_>> = channels
+        .map(|channel| Wanted {
+            name: &channel.name,
+            unit: if is_words(&found, channel) {
+                Unit::COUNTS
+            } else {
+                channel.unit.si()
+            },
+            required: true,
+        })
+        .collect();
+    Ok(Reader::open(recording, &machine.recording, &wanted)?
+        .expect_period(1.0 / machine.rate_hz)?)
+}
+
+/// What a calibration found of one channel; readings in SI.
+pub struct Gauge {
+    /// Number of the channel in the machine.
+    pub channel: usize,
+    /// The surface fit of its readings, where there is one.
+    pub surface: Option<Surface>,
+    /// Its updated model.
+    pub placement: Option<Placement>,
+    /// Its noise about the model that was asked for.
+    pub noise: Option<MeasurementNoise>,
+    /// What is wrong with it.
+    pub fault: Option<GaugeFault>,
+}
+
+/// Which sensitivity the calibrated description gets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MapSource {
+    /// The described map, moved and spread over the patch of candidates.
+    Placed,
+    /// The surface that was fitted to the readings.
+    Measured,
+}
+
+/// Fits every channel of `machine` to its observations.
+///
+/// `patch_rad`: how far from its described angle a gauge may sit, > 0.
+///
+/// # Errors
+/// When the recordings have too little torque variation or do not cover a
+/// turn of the carrier, or a map cannot be read.
+pub fn calibrate(
+    machine: &Machine,
+    observations: &Observations,
+    recording: &Path,
+    patch_rad: f64,
+    source: MapSource,
+) -> Result<Vec<Gauge>, CalibrateError> {
+    let refused = |reason: String| CalibrateError::TooLittle {
+        recording: recording.to_owned(),
+        reason,
+    };
+    let mut jobs = Vec::new();
+    for (i, (channel, moments)) in machine
+        .channels
+        .iter()
+        .zip(&observations.channels)
+        .enumerate()
+    {
+        let Some(moments) = moments else { continue };
+        jobs.push((
+            i,
+            channel,
+            moments,
+            channel.sensitivity_over_angle(machine)?,
+            channel.candidates_over_angle(machine)?,
+        ));
+    }
+    for (_, channel, moments, map, _) in &jobs {
+        let total = moments.total();
+        if total.n == 0.0 {
+            continue;
+        }
+        if map.len() > 1 && moments.coverage() < 1.0 {
+            return Err(refused(format!(
+                "the carrier covered {:.0} % of a turn (channel {}); at least one full turn is needed",
+                100.0 * moments.coverage(),
+                channel.name
+            )));
+        }
+        let mean_square = total.ss / total.n;
+        let variation = (1.0 - (total.s / total.n).powi(2) / mean_square)
+            .max(0.0)
+            .sqrt();
+        if variation < LEAST_VARIATION {
+            return Err(refused(format!(
+                "what channel {} senses varies by {:.1} % of its root mean square; at least {:.0} % is needed to tell offset from sensitivity: add a recording with torque ramps",
+                channel.name,
+                100.0 * variation,
+                100.0 * LEAST_VARIATION
+            )));
+        }
+    }
+    let mut gauges: Vec<Gauge> = jobs
+        .par_iter()
+        .map(|(i, channel, moments, map, patch)| {
+            let described = channel.to_si(channel.offset);
+            let surface = Surface::fit(moments, map.len() > 1);
+            let placement = Placement::fit(moments, map, patch, described, patch_rad);
+            let fault = fault::of_gauge(
+                moments,
+                observations.samples,
+                placement.as_ref().map(|p| p.gain),
+                surface.as_ref().map(|s| s.adjusted_r2),
+            );
+            let mut gauge = Gauge {
+                channel: *i,
+                surface,
+                placement,
+                noise: None,
+                fault,
+            };
+            gauge.noise = gauge.model(source).map(|(offset, map)| {
+                MeasurementNoise::new(
+                    moments,
+                    offset,
+                    map,
+                    channel.lsb_si().abs() / 12.0_f64.sqrt(),
+                )
+            });
+            gauge
+        })
+        .collect();
+    name_swapped(machine, &jobs, &mut gauges);
+    Ok(gauges)
+}
+
+impl Gauge {
+    /// Offset and sensitivity over the angle of the calibrated model.
+    pub fn model(&self, source: MapSource) -> Option<(f64, &[f64])> {
+        match source {
+            MapSource::Placed => self
+                .placement
+                .as_ref()
+                .map(|p| (p.offset, p.map.as_slice())),
+            MapSource::Measured => self.surface.as_ref().map(|s| (s.offset, s.map.as_slice())),
+        }
+    }
+}
+
+type Patch = Vec<(String, Vec<f64>)>;
+type Job<'a> = (usize, &'a Channel, &'a Moments, Vec<f64>, Patch);
+
+/// Looks for swapped gauges among those of one group that sense the same.
+fn name_swapped(machine: &Machine, jobs: &[Job<'_>], gauges: &mut [Gauge]) {
+    let kin =
+        |a: &Channel, b: &Channel| a.senses == b.senses && a.group == b.group && a.unit == b.unit;
+    for first in 0..jobs.len() {
+        let channel = jobs[first].1;
+        if jobs[..first].iter().any(|job| kin(job.1, channel)) {
+            continue;
+        }
+        let group: Vec<usize> = (first..jobs.len())
+            .filter(|&j| kin(jobs[j].1, channel) && jobs[j].2.total().n > 0.0)
+            .collect();
+        let readings: Vec<(&Moments, &[f64])> = group
+            .iter()
+            .map(|&j| (jobs[j].2, jobs[j].3.as_slice()))
+            .collect();
+        for (a, b) in fault::swapped(&readings) {
+            for (one, other) in [(group[a], group[b]), (group[b], group[a])] {
+                let name = machine.channels[jobs[other].0].name.clone();
+                gauges[one].fault = Some(GaugeFault::SwappedWith(name));
+            }
+        }
+    }
+}

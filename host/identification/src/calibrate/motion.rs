@@ -1,0 +1,351 @@
+//! Carrier angle, speeds and loads of a recording, and what each channel senses.
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+use std::path::Path;
+
+use loadtwin_common::image::Image;
+use loadtwin_common::measurement::Unwrap;
+
+use super::CalibrateError;
+use loadtwin_design::build::{self, Filter, Sensors};
+use loadtwin_design::gearbox::Torsion;
+use loadtwin_machine::{CREEP, Direction, Drivetrain, Inertia, Machine, Senses};
+use loadtwin_replay::{ReplayError, Samples};
+
+/// Half the span over which speed and acceleration are differences of mean
+/// angles [s]: wide enough for coarse encoders, short against ramps.
+const HALF_SPAN_S: f64 = 0.25;
+
+/// Turns in one unit of a [`loadtwin_common::phase::Phase`].
+const TURNS_PER_PHASE: f64 = 1.0 / 18_446_744_073_709_551_616.0;
+
+/// How a recorded machine moved and was loaded, sample by sample.
+pub struct Motion {
+    dt_s: f64,
+    /// Angle of the first encoder's shaft, referred to the carrier and
+    /// continuous over turns [rad].
+    angle: Vec<f64>,
+    speed: Vec<f64>,
+    acceleration: Vec<f64>,
+    /// Each load of the drivetrain, NaN where the recording has no reference.
+    loads: Vec<Vec<f64>>,
+    /// Samples whose angle was measured and homed and whose speed is known.
+    usable: Vec<bool>,
+    homed: bool,
+}
+
+impl Motion {
+    /// Reads encoder, index pulse and references of `recording`; tells the part
+    /// read so far, 0 to 1.
+    ///
+    /// # Errors
+    /// When the recording cannot be read or has no encoder.
+    pub fn read(
+        machine: &Machine,
+        recording: &Path,
+        mut progress: impl FnMut(f64),
+    ) -> Result<Self, CalibrateError> {
+        let refused = |reason: &str| CalibrateError::TooLittle {
+            recording: recording.to_owned(),
+            reason: reason.to_owned(),
+        };
+        let drivetrain = machine
+            .drivetrain
+            .as_ref()
+            .ok_or(CalibrateError::NoDrivetrain)?;
+        let encoders: Vec<_> = machine.encoders.iter().take(1).cloned().collect();
+        if encoders.is_empty() {
+            return Err(refused(
+                "the machine has no encoder, and the maps are over its angle",
+            ));
+        }
+        // The counter of the index's encoder is the one that is homed.
+        let (homing, error) = (machine.homed_encoder().cloned(), machine.homed_error());
+        let sensors = Sensors {
+            channels: Vec::new(),
+            encoders: homing.map_or(encoders, |encoder| vec![encoder]),
+            name: String::new(),
+            filter: Filter::default(),
+            walks: BTreeMap::new(),
+        };
+        let payload = build::image(machine, &sensors).map_err(ReplayError::from)?;
+        let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
+        let model = image.model.gearbox().ok_or(CalibrateError::NoDrivetrain)?;
+        let counters: Vec<_> = model
+            .encoders
+            .iter()
+            .map(|encoder| encoder.counter)
+            .collect();
+
+        let load_of: Vec<usize> = machine
+            .references
+            .iter()
+            .map(|r| {
+                drivetrain
+                    .loads
+                    .iter()
+                    .position(|l| l.name == r.load)
+                    .unwrap_or(0)
+            })
+            .collect();
+        let mut motion = Self {
+            dt_s: 1.0 / machine.rate_hz,
+            angle: Vec::new(),
+            speed: Vec::new(),
+            acceleration: Vec::new(),
+            loads: vec![Vec::new(); drivetrain.loads.len()],
+            usable: Vec::new(),
+            homed: model.index.is_none(),
+        };
+        let (mut unwrap, mut last, mut angle, mut step) = (Unwrap::default(), None, 0.0, 0.0);
+        let mut samples = Samples::open(machine, &sensors, recording)?;
+        loop {
+            let more = samples.next_block(|sample| {
+                // The twist between carrier and encoder is small against what a map resolves.
+                let lead = loadtwin_common::phase::Phase::default();
+                let m = unwrap.convert(&sample.raw, &[], &counters, model.index.as_ref(), lead);
+                let phase = m.angles[0].ok();
+                if let Some(phase) = phase {
+                    let mut moved = last.map_or(phase.0, |last: u64| phase.0.wrapping_sub(last));
+                    if let (Some(by), false) = (m.rehomed, motion.homed) {
+                        // What was read before stands turned by as much.
+                        moved = moved.wrapping_sub(by.0);
+                        let by = by.0 as i64 as f64 * TURNS_PER_PHASE * TAU;
+                        for angle in &mut motion.angle {
+                            *angle += by;
+                            *angle -= error(*angle);
+                        }
+                        angle += by;
+                        motion.homed = true;
+                    }
+                    step = moved as i64 as f64 * TURNS_PER_PHASE * TAU;
+                    last = Some(phase.0);
+                }
+                angle += step;
+                motion.angle.push(angle);
+                motion.usable.push(phase.is_some());
+                for load in &mut motion.loads {
+                    load.push(f64::NAN);
+                }
+                for (value, load) in sample.references.iter().zip(&load_of) {
+                    if let (false, Some(slot)) = (value.is_nan(), motion.loads[*load].last_mut()) {
+                        *slot = *value;
+                    }
+                }
+            })?;
+            progress(samples.progress());
+            if !more {
+                break;
+            }
+        }
+        motion.differentiate();
+        if !motion.usable.iter().any(|usable| *usable) {
+            return Err(refused("it is shorter than a second"));
+        }
+        motion.refer_to_carrier(machine, drivetrain, &sensors.encoders[0].inertia);
+        Ok(motion)
+    }
+
+    /// Speed and acceleration from differences of moving means of the angle;
+    /// the ends, where these do not reach, are not used.
+    fn differentiate(&mut self) {
+        let n = self.angle.len();
+        let half = ((HALF_SPAN_S / self.dt_s) as usize).max(1);
+        // Deviations from uniform motion, so that the sums stay small.
+        let first = self.angle.first().copied().unwrap_or(0.0);
+        let slope = (self.angle.last().copied().unwrap_or(0.0) - first) / n.max(1) as f64;
+        let mut sums = vec![0.0];
+        for (i, angle) in self.angle.iter().enumerate() {
+            sums.push(sums[i] + angle - first - slope * i as f64);
+        }
+        let mean = |from: usize| (sums[from + half] - sums[from]) / half as f64;
+        let span = half as f64 * self.dt_s;
+        self.speed = vec![0.0; n];
+        self.acceleration = vec![0.0; n];
+        for i in 0..n {
+            if i < 2 * half || i + 2 * half > n {
+                self.usable[i] = false;
+                continue;
+            }
+            let (before, now, after) = (
+                mean(i - half - half / 2),
+                mean(i - half / 2),
+                mean(i + half - half / 2),
+            );
+            self.speed[i] = (after - before) / (2.0 * span) + slope / self.dt_s;
+            self.acceleration[i] = (after - 2.0 * now + before) / (span * span);
+        }
+    }
+
+    /// Takes off the twist between carrier and encoder, as the estimator does.
+    fn refer_to_carrier(&mut self, machine: &Machine, drivetrain: &Drivetrain, inertia: &str) {
+        let torsion = Torsion::new(drivetrain);
+        let row = torsion.angle_row(inertia);
+        let stiffness: Vec<f64> = torsion.referred_stiffness().collect();
+        for (k, stiffness) in stiffness.iter().enumerate() {
+            if row[1 + k] == 0.0 {
+                continue;
+            }
+            let shaft = &drivetrain.shafts[k];
+            let Some(torque) = self.sensed(machine, &Senses::Shaft(shaft.name.clone())) else {
+                continue;
+            };
+            for (angle, torque) in self.angle.iter_mut().zip(torque) {
+                if torque.is_finite() {
+                    *angle -= row[1 + k] * torque * shaft.speed_ratio / stiffness;
+                }
+            }
+        }
+    }
+
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.angle.len()
+    }
+
+    /// Whether there is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.angle.is_empty()
+    }
+
+    /// Whether the index pulse came, or none is needed.
+    pub fn homed(&self) -> bool {
+        self.homed
+    }
+
+    /// Carrier angle of sample `i` [rad]; none where it was not measured.
+    pub fn angle(&self, i: usize) -> Option<f64> {
+        self.usable[i].then(|| self.angle[i])
+    }
+
+    /// Speed of the main shaft at sample `i` [rad/s].
+    pub fn speed(&self, i: usize) -> f64 {
+        self.speed[i]
+    }
+
+    /// Load number `j` of the drivetrain at sample `i` [N m]; NaN without reference.
+    pub fn load(&self, j: usize, i: usize) -> f64 {
+        self.loads[j][i]
+    }
+
+    /// What `senses` sensed in each sample [SI], NaN where unknown; none for
+    /// what no reference of the recording tells.
+    ///
+    /// The torque of a shaft follows from the loads on one side of it, less
+    /// what accelerates the inertias there and what their friction takes:
+    /// `tau_i = sum_(m <= i) (loads_m - J_m dw/dt - c_m w - friction_m)`, or from the other side. The
+    /// train counts as rigid: this holds while the loads change slowly against
+    /// its lowest torsional mode.
+    pub fn sensed(&self, machine: &Machine, senses: &Senses) -> Option<Vec<f64>> {
+        let drivetrain = machine.drivetrain.as_ref()?;
+        let known = |j: usize| self.loads[j].iter().any(|load| load.is_finite());
+        match senses {
+            Senses::Drive(_)
+            | Senses::Displacement(_)
+            | Senses::OuterRing(_)
+            | Senses::Temperature => None,
+            Senses::Speed(name) => {
+                let ratio = drivetrain
+                    .inertias
+                    .iter()
+                    .find(|i| i.name == *name)?
+                    .speed_ratio;
+                Some(self.speed.iter().map(|speed| speed * ratio).collect())
+            }
+            Senses::Load(name) => {
+                let j = drivetrain.loads.iter().position(|l| l.name == *name)?;
+                known(j).then(|| self.loads[j].clone())
+            }
+            Senses::Shaft(name) => {
+                let shaft = drivetrain.shafts.iter().position(|s| s.name == *name)?;
+                let side = |after: bool| Side::of(drivetrain, shaft, after, self);
+                // The side with less inertia is known better.
+                let mut sides = [side(false), side(true)];
+                sides.sort_by(|a, b| a.moment.total_cmp(&b.moment));
+                let side = sides
+                    .into_iter()
+                    .find(|s| !s.loads.is_empty() && s.loads.iter().all(|(j, _)| known(*j)))?;
+                let ratio = drivetrain.shafts[shaft].speed_ratio;
+                Some(
+                    (0..self.len())
+                        .map(|i| self.torque(&side, i) / ratio)
+                        .collect(),
+                )
+            }
+        }
+    }
+
+    fn torque(&self, side: &Side, i: usize) -> f64 {
+        let driven: f64 = side
+            .loads
+            .iter()
+            .map(|(j, factor)| factor * self.loads[*j][i])
+            .sum();
+        let lost =
+            side.moment * self.acceleration[i] + side.drag * self.speed[i] + side.dry_friction[i];
+        let torque = side.sign * (driven - lost);
+        // What is lost of the torque carried is a part of the torque itself.
+        torque / (1.0 + side.sign * side.losses[i] * torque.signum())
+    }
+}
+
+/// All that stands on one side of a shaft, referred to the main shaft.
+struct Side {
+    sign: f64,
+    moment: f64,
+    drag: f64,
+    /// Sample by sample [N m].
+    dry_friction: Vec<f64>,
+    /// Part of the torque carried that is lost, signed as the motion.
+    losses: Vec<f64>,
+    /// Number of each load and its factor.
+    loads: Vec<(usize, f64)>,
+}
+
+impl Side {
+    fn of(drivetrain: &Drivetrain, shaft: usize, after: bool, motion: &Motion) -> Self {
+        let inertias = || {
+            drivetrain
+                .inertias
+                .iter()
+                .enumerate()
+                .filter(|(m, _)| (*m > shaft) == after)
+                .map(|(_, j)| j)
+        };
+        let direction = |direction: Direction| direction.sign();
+        let mut dry_friction = vec![0.0; motion.len()];
+        let mut losses = vec![0.0; motion.len()];
+        for inertia in inertias() {
+            let referred = inertia.referred_friction().unwrap_or_default();
+            let known = |w: &f64| if w.is_finite() { *w } else { 0.0 };
+            let speeds = || motion.speed.iter().map(known);
+            let creeping = CREEP * drivetrain.nominal_speed_rad_s;
+            let unloaded = speeds().map(|w| (w, 0.0));
+            let course = referred.course(unloaded, motion.dt_s, creeping);
+            for (sum, torque) in dry_friction.iter_mut().zip(course) {
+                *sum += torque;
+            }
+            let course = referred.losses(speeds(), motion.dt_s, creeping);
+            for (sum, part) in losses.iter_mut().zip(course) {
+                *sum += part;
+            }
+        }
+        Self {
+            sign: if after { -1.0 } else { 1.0 },
+            moment: inertias().map(Inertia::referred_moment).sum(),
+            drag: inertias().map(Inertia::referred_drag).sum(),
+            dry_friction,
+            losses,
+            loads: drivetrain
+                .loads
+                .iter()
+                .enumerate()
+                .filter_map(|(j, load)| {
+                    let inertia = inertias().find(|inertia| inertia.name == load.inertia)?;
+                    Some((j, direction(load.direction) * inertia.speed_ratio))
+                })
+                .collect(),
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! `loadtwin tune`: the noise of the filter, from measurements and from what is asked of it.
+
+mod differential_evolution;
+mod frequency_response;
+mod load_noise;
+mod measurement_noise;
+mod page;
+mod parameter_noise;
+mod pattern_search;
+mod trial;
+
+use thiserror::Error;
+
+pub use differential_evolution::Evolution;
+pub use frequency_response::{FrequencyResponse, Weighting};
+pub use load_noise::{LoadNoise, Method, Tuned, common_walk, tune_loads};
+pub use measurement_noise::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
+pub use page::page;
+pub use parameter_noise::sampled_process_noise;
+pub use pattern_search::pattern_search;
+pub(crate) use trial::starts;
+pub use trial::{Outcome, Trial};
+
+use crate::calibrate::CalibrateError;
+use loadtwin_design::build::BuildError;
+use loadtwin_replay::ReplayError;
+
+/// Why nothing can be tuned.
+#[derive(Debug, Error)]
+pub enum TuneError {
+    /// No image can be made of the machine.
+    #[error(transparent)]
+    Build(#[from] BuildError),
+    /// A recording cannot be used.
+    #[error(transparent)]
+    Replay(#[from] ReplayError),
+    /// The recordings do not say what is needed.
+    #[error(transparent)]
+    Calibrate(#[from] CalibrateError),
+    /// The cut-off frequency is not in the range of the sample rate.
+    #[error(
+        "cut-off frequency: found {found} Hz, allowed: above 0, below half the sample rate, {most} Hz"
+    )]
+    Cutoff {
+        /// What was asked for.
+        found: f64,
+        /// Half the sample rate.
+        most: f64,
+    },
+    /// No operating point has a steady filter.
+    #[error(
+        "no steady filter exists with these sensors at any carrier angle: a load or a state is not observed"
+    )]
+    NoSteadyFilter,
+}

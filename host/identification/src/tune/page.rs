@@ -1,0 +1,111 @@
+//! The page on a tuning: what the filter will pass, and the noise it assumes.
+
+use super::{MeasurementNoise, NOISE_BINS, Tuned};
+use loadtwin_machine::Machine;
+use loadtwin_report::{Axis, Data, Limit, Plot, PlotSize, Report, Role, Section, Series, Table};
+
+/// The report on `sets` of sensors tuned for loads up to `cutoff_hz`, with the
+/// measured noise of channels, each by its number in `machine`.
+pub fn page(
+    machine: &Machine,
+    cutoff_hz: f64,
+    noise: &[(usize, MeasurementNoise)],
+    sets: &[(&str, &Tuned)],
+) -> Report {
+    let loads: Vec<&str> = (machine.drivetrain.iter().flat_map(|d| &d.loads))
+        .map(|load| load.name.as_str())
+        .collect();
+    Report {
+        title: format!("Tuning of {}", machine.name),
+        facts: vec![["Cut-off frequency".into(), format!("{cutoff_hz} Hz")]],
+        tables: vec![chosen(&loads, sets)],
+        sections: vec![
+            Section {
+                title: "Frequency response".into(),
+                note: "From the true to the estimated load, by the noise of the table's first method; \
+                       the median over the carrier angle. 1 is wanted below the cut-off, 0 above."
+                    .into(),
+                open: true,
+                plots: sets
+                    .iter()
+                    .map(|(name, tuned)| response(&loads, name, tuned))
+                    .collect(),
+            },
+            Section {
+                title: "Noise of the channels".into(),
+                note: "Error of the model over the carrier angle, eq. (15) to (18).".into(),
+                open: false,
+                plots: noise.iter().map(|n| over_angle(machine, n)).collect(),
+            },
+        ],
+        ..Report::default()
+    }
+}
+
+fn chosen(loads: &[&str], sets: &[(&str, &Tuned)]) -> Table {
+    let head = ["Sensors", "Method"].map(String::from).into_iter();
+    let norms = ["Innovation norm", "Solution norm", "Misfit"].map(String::from);
+    let qd = loads.iter().map(|load| format!("log10 Qd {load}"));
+    let rows = sets.iter().flat_map(|(name, tuned)| {
+        tuned.methods.iter().map(|(method, noise)| {
+            let norms = noise.outcome.map(|o| [o.innovation, o.load, o.misfit]);
+            let mut row = vec![(*name).to_owned(), method.name().to_owned()];
+            row.extend(noise.log10_qd.iter().map(|qd| format!("{qd:.2}")));
+            row.extend((0..3).map(|k| norms.map_or("–".into(), |n| format!("{:.3}", n[k]))));
+            row
+        })
+    });
+    Table {
+        caption: "Variance of the loads' steps in one sample, (N m)², and what the estimator says with it"
+            .into(),
+        head: head.chain(qd).chain(norms).collect(),
+        rows: rows.collect(),
+    }
+}
+
+fn response(loads: &[&str], name: &str, tuned: &Tuned) -> Plot {
+    let of_load = |j: usize| tuned.response.iter().map(|(_, h)| h[j]).collect();
+    Plot {
+        title: name.to_owned(),
+        size: PlotSize::Half,
+        x: Axis {
+            logarithmic: true,
+            ..Axis::new("Frequency", "Hz")
+        },
+        y: Axis::new("|H|", ""),
+        data: Data::Own {
+            x: tuned.response.iter().map(|(f, _)| *f).collect(),
+            series: (loads.iter().enumerate())
+                .map(|(j, load)| {
+                    let role = [Role::Estimate, Role::Measured, Role::Other][j.min(2)];
+                    (Series::line(load, role), of_load(j))
+                })
+                .collect(),
+        },
+        limits: vec![Limit {
+            label: "wanted below the cut-off".into(),
+            value: 1.0,
+        }],
+    }
+}
+
+fn over_angle(machine: &Machine, (channel, noise): &(usize, MeasurementNoise)) -> Plot {
+    let channel = &machine.channels[*channel];
+    let own = |values: &[f64]| values.iter().map(|v| channel.unit.from_si(*v)).collect();
+    Plot {
+        title: channel.name.clone(),
+        size: PlotSize::Third,
+        x: Axis::new("Carrier angle", "°"),
+        y: Axis::new("Standard deviation", channel.unit.symbol()),
+        data: Data::Own {
+            x: (0..NOISE_BINS)
+                .map(|i| 360.0 * (i as f64 + 0.5) / NOISE_BINS as f64)
+                .collect(),
+            series: vec![
+                (Series::line("eq. (17)", Role::Estimate), own(&noise.scaled)),
+                (Series::line("eq. (15)", Role::Other), own(&noise.plain)),
+            ],
+        },
+        limits: Vec::new(),
+    }
+}

@@ -1,0 +1,162 @@
+//! The estimator itself on a part of the recordings, for what can only be tried.
+
+use std::path::PathBuf;
+
+use loadtwin_common::gearbox::{GearboxModel, Role};
+use loadtwin_common::image::{Image, Model};
+use loadtwin_common::line::Line;
+use loadtwin_common::raw::RawSample;
+
+use super::TuneError;
+use loadtwin_design::build::Sensors;
+use loadtwin_machine::Machine;
+use loadtwin_replay::{ReplayError, Samples};
+
+/// Samples of each recording that are tried.
+const SAMPLES: usize = 20_000;
+
+/// Time after the start that does not count [s].
+const SETTLING_S: f64 = 2.0;
+
+/// Recordings in memory, and the image that is tried on them.
+pub struct Trial<'a> {
+    image: Image<'a>,
+    recordings: Vec<Vec<RawSample>>,
+    /// Standard deviation of each channel and encoder [SI].
+    noise: Vec<f64>,
+    skip: usize,
+}
+
+/// What a trial said of a load noise; each is a mean over samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Outcome {
+    /// `1/2 (ln S + nu^2 / S)`, summed over the sensors: the negative logarithm of
+    /// the likelihood, up to a constant.
+    pub misfit: f64,
+    /// Innovation norm: squared innovations over the sensors, in units of their noise.
+    pub innovation: f64,
+    /// Solution norm: squared loads, in nominal loads.
+    pub load: f64,
+}
+
+impl<'a> Trial<'a> {
+    /// Reads the start of each recording; `payload` is the image's.
+    ///
+    /// # Errors
+    /// When a recording or the image cannot be read.
+    pub fn new(
+        machine: &Machine,
+        sensors: &Sensors,
+        payload: &'a [u8],
+        recordings: &[PathBuf],
+    ) -> Result<Self, TuneError> {
+        let image = Image::from_bytes(payload).map_err(ReplayError::Image)?;
+        let Model::Gearbox(model) = &image.model else {
+            return Err(crate::calibrate::CalibrateError::NoDrivetrain.into());
+        };
+        Ok(Self {
+            noise: noise(model),
+            recordings: starts(machine, sensors, recordings)?,
+            skip: (SETTLING_S * machine.rate_hz) as usize,
+            image,
+        })
+    }
+
+    /// Runs the estimator with steps of the loads of variance `load_noise`, in
+    /// nominal loads squared, and no reading left out; infinite where it is refused.
+    pub fn run(&self, load_noise: &[f64]) -> Outcome {
+        let infinite = Outcome {
+            misfit: f64::INFINITY,
+            innovation: f64::INFINITY,
+            load: f64::INFINITY,
+        };
+        let mut image = self.image.clone();
+        let Model::Gearbox(model) = &mut image.model else {
+            return infinite;
+        };
+        for (slot, variance) in model.load_noise.iter_mut().zip(load_noise) {
+            *slot = *variance as f32;
+        }
+        model.gate_nis = f32::MAX;
+        let nominal: Vec<f64> = {
+            let first = model.scale.len() - model.load_noise.len();
+            model
+                .scale
+                .iter()
+                .skip(first)
+                .copied()
+                .map(f64::from)
+                .collect()
+        };
+        let (mut sum, mut count) = (Outcome::default(), 0);
+        for recording in &self.recordings {
+            let Ok(mut line) = Line::try_build(image.clone()) else {
+                return infinite;
+            };
+            for (k, raw) in recording.iter().enumerate() {
+                let estimate = line.step(raw);
+                if k < self.skip {
+                    continue;
+                }
+                count += 1;
+                for (sensor, noise) in estimate.sensors.iter().zip(&self.noise) {
+                    let (nu, s) = (
+                        f64::from(sensor.innovation),
+                        f64::from(sensor.innovation_variance),
+                    );
+                    if s > 0.0 {
+                        // In units of the noise, so that channels of any unit add up.
+                        sum.misfit += 0.5 * ((s / (noise * noise)).ln() + nu * nu / s);
+                        sum.innovation += (nu / noise).powi(2);
+                    }
+                }
+                for (load, nominal) in estimate.loads.iter().zip(&nominal) {
+                    sum.load += (f64::from(load.value) / nominal).powi(2);
+                }
+            }
+        }
+        let mean = |value: f64| {
+            if value.is_finite() {
+                value / f64::from(count.max(1))
+            } else {
+                f64::INFINITY
+            }
+        };
+        Outcome {
+            misfit: mean(sum.misfit),
+            innovation: mean(sum.innovation),
+            load: mean(sum.load),
+        }
+    }
+}
+
+/// Standard deviation of each reading, the mean over the carrier angle [SI].
+fn noise(model: &GearboxModel<'_>) -> Vec<f64> {
+    let channels = model.channels.iter().map(|channel| match &channel.role {
+        Role::Measure { variance, .. } => {
+            let bins = variance.len();
+            let sum: f64 = (0..bins).map(|i| f64::from(variance.entry(i))).sum();
+            (sum / bins as f64).sqrt() * f64::from(channel.unit)
+        }
+        Role::Drive | Role::Temperature { .. } => 1.0,
+    });
+    channels
+        .chain(model.encoders.iter().map(|e| f64::from(e.variance).sqrt()))
+        .collect()
+}
+
+/// The first samples of each recording, as many as are tried.
+pub(crate) fn starts(
+    machine: &Machine,
+    sensors: &Sensors,
+    recordings: &[PathBuf],
+) -> Result<Vec<Vec<RawSample>>, ReplayError> {
+    let start = |recording: &PathBuf| {
+        let mut samples = Samples::open(machine, sensors, recording)?;
+        let mut raw = Vec::new();
+        while raw.len() < SAMPLES && samples.next_block(|sample| raw.push(sample.raw))? {}
+        raw.truncate(SAMPLES);
+        Ok(raw)
+    };
+    recordings.iter().map(start).collect()
+}

@@ -1,0 +1,139 @@
+//! What is wrong with a machine description, and where.
+
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+use toml::de::{DeTable, DeValue};
+
+/// Why a machine description cannot be used; one line that names the place.
+#[derive(Debug, Error)]
+pub enum MachineError {
+    /// The file could not be read.
+    #[error("{}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// It is not TOML, has an unknown field, lacks one, or a value has the wrong type.
+    #[error("{}:{line}:{column}: {message}", path.display())]
+    Syntax {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Column, from 1.
+        column: usize,
+        /// What was found and what is allowed.
+        message: String,
+    },
+    /// A value is out of its range, or names something that is not there.
+    #[error("{}:{line}: {field}: found {found}, allowed: {allowed}", path.display())]
+    Field {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The field, as `drivetrain.inertia[1].moment_kg_m2`.
+        field: String,
+        /// What was found.
+        found: String,
+        /// What is allowed.
+        allowed: String,
+    },
+}
+
+/// A value out of its range, before its place in the file is known.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Violation {
+    /// The field, as `drivetrain.inertia[1].moment_kg_m2`; indices from 1.
+    pub field: String,
+    /// What was found.
+    pub found: String,
+    /// What is allowed.
+    pub allowed: String,
+}
+
+impl MachineError {
+    /// The error of a text that is no TOML or holds a field that is not known.
+    pub fn syntax(path: &Path, text: &str, error: &toml::de::Error) -> Self {
+        let (line, column) = position(text, error.span().map_or(0, |span| span.start));
+        let message = error.message().replace('\n', "; ");
+        Self::Syntax {
+            path: path.to_owned(),
+            line,
+            column,
+            message,
+        }
+    }
+
+    /// The error of a field out of its range, with its line in `text`.
+    pub fn violation(path: &Path, text: &str, violation: Violation) -> Self {
+        let Violation {
+            field,
+            found,
+            allowed,
+        } = violation;
+        Self::Field {
+            path: path.to_owned(),
+            line: line_of(text, &field),
+            field,
+            found,
+            allowed,
+        }
+    }
+}
+
+/// Line and column, from 1, of byte `offset`.
+fn position(text: &str, offset: usize) -> (usize, usize) {
+    let before = text.get(..offset).unwrap_or(text);
+    let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
+    (
+        before.matches('\n').count() + 1,
+        before[line_start..].chars().count() + 1,
+    )
+}
+
+/// Line of `field`, or of the deepest of its parents that stands in the text.
+fn line_of(text: &str, field: &str) -> usize {
+    let Ok(document) = DeTable::parse(text) else {
+        return 1;
+    };
+    let mut offset = 0;
+    let root = DeValue::Table(document.into_inner());
+    let mut value = &root;
+    for key in field.split('.') {
+        let (name, index) = match key.split_once('[') {
+            Some((name, rest)) => (name, rest.trim_end_matches(']').parse::<usize>().ok()),
+            None => (key, None),
+        };
+        let DeValue::Table(table) = value else { break };
+        let Some((found_key, found)) = table.get_key_value(name) else {
+            break;
+        };
+        offset = found_key.span().start;
+        value = found.get_ref();
+        if let (Some(index), DeValue::Array(items)) = (index, value) {
+            let Some(item) = items.get(index.saturating_sub(1)) else {
+                break;
+            };
+            offset = item.span().start;
+            value = item.get_ref();
+        }
+    }
+    position(text, offset).0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_field_is_found_in_the_text() {
+        let text = "name = \"a\"\n[drivetrain]\n[[drivetrain.inertia]]\nmoment = 1\n[[drivetrain.inertia]]\nx = 1\nmoment = -1\n";
+        assert_eq!(line_of(text, "name"), 1);
+        assert_eq!(line_of(text, "drivetrain.inertia[2].moment"), 7);
+        assert_eq!(line_of(text, "drivetrain.inertia[2].absent"), 5);
+    }
+}

@@ -1,0 +1,106 @@
+//! Estimates of a replay as a table, one row a sample.
+
+use std::path::Path;
+
+use loadtwin_common::estimate::Estimate;
+
+use loadtwin_design::build::Sensors;
+use loadtwin_machine::Machine;
+use loadtwin_recording::{BLOCK_ROWS, OutputColumn, RecordingError, Unit, Writer};
+
+/// Writes loads with standard deviation and fault, then for each sensor the
+/// innovation, its NIS and the fault; faults by the numbers of
+/// [`loadtwin_common::fault::Fault`].
+pub struct EstimateWriter {
+    writer: Writer,
+    t: Vec<f64>,
+    columns: Vec<Vec<f64>>,
+}
+
+impl EstimateWriter {
+    /// Begins the file in `path`, CSV, Parquet or MDF4 by its extension.
+    ///
+    /// # Errors
+    /// When the file cannot be made.
+    pub fn create(
+        path: &Path,
+        machine: &Machine,
+        sensors: &Sensors,
+    ) -> Result<Self, RecordingError> {
+        let mut columns = Vec::new();
+        let mut column = |name: String, unit| {
+            columns.push(OutputColumn {
+                name,
+                unit,
+                single: true,
+            });
+        };
+        for load in machine.loads() {
+            column(load.name.to_owned(), load.unit);
+            column(format!("{}_std", load.name), load.unit);
+            column(format!("{}_fault", load.name), Unit::ONE);
+        }
+        let channels = sensors.channels.iter().map(|c| (&c.name, c.unit.si()));
+        let encoders = sensors.encoders.iter().map(|e| (&e.name, Unit::RADIAN));
+        for (name, unit) in channels.chain(encoders) {
+            column(format!("{name}_innovation"), unit);
+            column(format!("{name}_nis"), Unit::ONE);
+            column(format!("{name}_fault"), Unit::ONE);
+        }
+        let columns_len = columns.len();
+        let metadata = [("machine", machine.name.as_str())];
+        Ok(Self {
+            writer: Writer::create(path, &columns, &metadata)?,
+            t: Vec::new(),
+            columns: vec![Vec::new(); columns_len],
+        })
+    }
+
+    /// Adds the estimate at time `t` [s].
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn push(&mut self, t: f64, estimate: &Estimate) -> Result<(), RecordingError> {
+        let loads = estimate
+            .loads
+            .iter()
+            .map(|l| [l.value, l.std, f32::from(l.fault as u8)]);
+        let sensors = estimate.sensors.iter().map(|s| {
+            let used = s.innovation_variance > 0.0;
+            let or_missing = |value: f32| if used { value } else { f32::NAN };
+            [
+                or_missing(s.innovation),
+                or_missing(s.nis),
+                f32::from(s.fault as u8),
+            ]
+        });
+        for (column, value) in self.columns.iter_mut().zip(loads.chain(sensors).flatten()) {
+            column.push(f64::from(value));
+        }
+        self.t.push(t);
+        if self.t.len() == BLOCK_ROWS {
+            self.flush()
+        } else {
+            Ok(())
+        }
+    }
+
+    fn flush(&mut self) -> Result<(), RecordingError> {
+        let columns: Vec<&[f64]> = self.columns.iter().map(Vec::as_slice).collect();
+        self.writer.write(&self.t, &columns)?;
+        self.t.clear();
+        self.columns.iter_mut().for_each(Vec::clear);
+        Ok(())
+    }
+
+    /// Writes what is left and gives the file its name.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn finish(mut self) -> Result<(), RecordingError> {
+        if !self.t.is_empty() {
+            self.flush()?;
+        }
+        self.writer.finish()
+    }
+}

@@ -1,0 +1,161 @@
+//! What a replay says in numbers.
+
+use std::collections::BTreeMap;
+
+use loadtwin_common::estimate::Estimate;
+use serde::Serialize;
+
+use super::Sample;
+use loadtwin_machine::Machine;
+use loadtwin_math::metrics::{LoadError, Segment};
+
+/// Mean NIS that no noise, drift or small error of a description makes.
+const CONTRADICTING: f64 = 100.0;
+
+/// Errors, consistency and flags of one replay, gathered sample by sample.
+pub struct Figures {
+    loads: Vec<(String, f64, LoadError)>,
+    /// For each reference, the load that it measures.
+    reference_of: Vec<usize>,
+    samples: u64,
+    steady: u64,
+    nis: (f64, u64),
+    flags: BTreeMap<&'static str, u64>,
+}
+
+/// One load's errors, in the keys of `--json`.
+#[derive(Clone, Debug, Serialize)]
+pub struct LoadFigures {
+    /// Normalised mean absolute error, full and by segment [% of the nominal load].
+    pub nmae_percent: BTreeMap<String, Option<f64>>,
+    /// Root mean square error [% of the nominal load].
+    pub rmse_percent: Option<f64>,
+    /// Root mean square error [the load's unit].
+    pub rmse: Option<f64>,
+}
+
+impl Figures {
+    /// Nothing gathered yet.
+    pub fn new(machine: &Machine) -> Self {
+        let segments = segments(machine);
+        let loads: Vec<_> = (machine.loads().iter())
+            .map(|load| {
+                let error = LoadError::new(segments.clone());
+                (load.name.to_owned(), load.nominal, error)
+            })
+            .collect();
+        let position = |name: &str| {
+            loads
+                .iter()
+                .position(|(load, ..)| load == name)
+                .unwrap_or(0)
+        };
+        let reference_of = machine
+            .references
+            .iter()
+            .map(|r| position(&r.load))
+            .collect();
+        Self {
+            loads,
+            reference_of,
+            samples: 0,
+            steady: 0,
+            nis: (0.0, 0),
+            flags: BTreeMap::new(),
+        }
+    }
+
+    /// Adds one sample.
+    pub fn push(&mut self, sample: &Sample<'_>, estimate: &Estimate) {
+        self.samples += 1;
+        self.steady += u64::from(estimate.steady);
+        for (reference, j) in sample.references.iter().zip(&self.reference_of) {
+            if let (Some((.., error)), Some(load)) =
+                (self.loads.get_mut(*j), estimate.loads.get(*j))
+                // An estimate that says it knows nothing is no number to be wrong by.
+                && load.std < f32::MAX
+            {
+                error.push(sample.t, f64::from(load.value), *reference);
+            }
+        }
+        for sensor in &estimate.sensors {
+            if sensor.fault.is_none() {
+                self.nis.0 += f64::from(sensor.nis);
+                self.nis.1 += 1;
+            } else {
+                *self.flags.entry(sensor.fault.name()).or_default() += 1;
+            }
+        }
+        for load in &estimate.loads {
+            if !load.fault.is_none() {
+                *self.flags.entry(load.fault.name()).or_default() += 1;
+            }
+        }
+    }
+
+    /// Samples so far.
+    pub fn samples(&self) -> u64 {
+        self.samples
+    }
+
+    /// Those of them that were taken by gains computed beforehand.
+    pub fn steady_samples(&self) -> u64 {
+        self.steady
+    }
+
+    /// Mean normalised innovation squared of one channel; 1 in a consistent filter.
+    pub fn nis_mean(&self) -> Option<f64> {
+        (self.nis.1 > 0).then(|| self.nis.0 / self.nis.1 as f64)
+    }
+
+    /// Where the readings contradict the description, that in one line.
+    pub fn note(&self) -> Option<String> {
+        let nis = self.nis_mean().filter(|nis| *nis > CONTRADICTING)?;
+        Some(format!(
+            "NIS: found {nis:.0} on average, expected 1: the readings contradict the description; is a \
+             sensor in another unit (mm for m), or its zero or sensitivity wrong?"
+        ))
+    }
+
+    /// How often each kind of fault was flagged, on sensors and loads together.
+    pub fn flags(&self) -> &BTreeMap<&'static str, u64> {
+        &self.flags
+    }
+
+    /// The loads in the order of the machine, with their errors; `None` for
+    /// what the recording has no reference for.
+    pub fn loads(&self) -> impl Iterator<Item = (&str, LoadFigures)> {
+        self.loads
+            .iter()
+            .enumerate()
+            .map(|(j, (name, nominal, error))| {
+                let known = self.reference_of.contains(&j);
+                let percent = |value: Option<f64>| value.filter(|_| known);
+                let mut nmae =
+                    BTreeMap::from([("full".into(), percent(error.full().nmae_percent(*nominal)))]);
+                for (segment, figures) in error.segments() {
+                    nmae.insert(segment.into(), percent(figures.nmae_percent(*nominal)));
+                }
+                let rmse = percent(error.full().rmse());
+                let figures = LoadFigures {
+                    nmae_percent: nmae,
+                    rmse_percent: rmse.map(|rmse| 100.0 * rmse / nominal),
+                    rmse,
+                };
+                (name.as_str(), figures)
+            })
+    }
+}
+
+/// The parts of a recording that figures are told for.
+pub(super) fn segments(machine: &Machine) -> Vec<Segment> {
+    machine
+        .segments
+        .iter()
+        .map(|s| Segment {
+            name: s.name.clone(),
+            from_s: s.from_s,
+            to_s: s.to_s.unwrap_or(f64::INFINITY),
+        })
+        .collect()
+}

@@ -1,0 +1,101 @@
+//! `loadtwin replay`: the estimator on a recording.
+#![forbid(unsafe_code)]
+
+mod baselines;
+mod bearing_rig;
+mod displacements;
+mod estimates;
+mod figures;
+mod held;
+mod orbits;
+mod page;
+mod phasor;
+mod samples;
+mod speeds;
+
+use std::path::Path;
+
+use loadtwin_common::estimate::Estimate;
+use loadtwin_common::image::Image;
+use loadtwin_common::line::Line;
+use thiserror::Error;
+
+pub use baselines::Baselines;
+pub use bearing_rig::{RecordedError, recorded};
+pub use displacements::{Displacements, NodeFigures, displacement_columns};
+pub use estimates::EstimateWriter;
+pub use figures::{Figures, LoadFigures};
+pub use page::ReportPage;
+pub use phasor::{Phasor, PhasorFigures};
+pub use samples::{Sample, Samples};
+pub use speeds::Speeds;
+
+use self::held::HeldBack;
+use loadtwin_design::build::{self, BuildError, Sensors};
+use loadtwin_machine::Machine;
+use loadtwin_recording::RecordingError;
+
+/// Why a recording cannot be replayed.
+#[derive(Debug, Error)]
+pub enum ReplayError {
+    /// No image can be made of the machine.
+    #[error(transparent)]
+    Build(#[from] BuildError),
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The image is refused by the estimator.
+    #[error("the model image is refused: {0}")]
+    Image(loadtwin_common::Error),
+    /// There is nothing to compare the filter with.
+    #[error(
+        "--baselines: found machine {0:?}, allowed: a bearing whose calibration holds them (`loadtwin calibrate` writes them)"
+    )]
+    NoBaselines(String),
+}
+
+/// Runs the estimator of `machine` with `sensors` on the recording in `path`
+/// and shows each sample and its estimate to `each`, with the part done, 0 to 1. Where estimates lag
+/// ([`Line::lag`]), a sample is shown when the estimate of it is there, with what was said of
+/// its sensors as it came.
+///
+/// # Errors
+/// When the machine or the recording cannot be used.
+pub fn run(
+    machine: &Machine,
+    sensors: &Sensors,
+    path: &Path,
+    mut each: impl FnMut(&Sample<'_>, &Estimate, f64),
+) -> Result<(), ReplayError> {
+    run_line(machine, sensors, path, |sample, estimate, _, part| {
+        each(sample, estimate, part);
+    })
+}
+
+/// As [`run`], with the line after its step.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_line(
+    machine: &Machine,
+    sensors: &Sensors,
+    path: &Path,
+    mut each: impl FnMut(&Sample<'_>, &Estimate, &Line<'_>, f64),
+) -> Result<(), ReplayError> {
+    let payload = build::image(machine, sensors)?;
+    let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
+    let mut line = HeldBack::new(Line::try_build(image).map_err(ReplayError::Image)?);
+    let mut samples = Samples::open(machine, sensors, path)?;
+    loop {
+        let progress = samples.progress();
+        let more = samples.next_block(|sample| {
+            line.push(sample, |sample, estimate, line| {
+                each(sample, estimate, line, progress);
+            });
+        })?;
+        if !more {
+            line.finish(|sample, estimate, line| each(sample, estimate, line, progress));
+            return Ok(());
+        }
+    }
+}

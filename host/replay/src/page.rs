@@ -1,0 +1,181 @@
+//! The report of a replay.
+
+use loadtwin_common::estimate::Estimate;
+
+use super::{Displacements, Figures, Phasor, Sample};
+use loadtwin_design::build::Sensors;
+use loadtwin_machine::{Machine, Senses};
+use loadtwin_recording::Quantity;
+use loadtwin_report::{KeyFigure, LoadLabel, ReplayPlots, Report, SensorLabel, Table};
+
+/// Gathers a replay's report in memory that does not grow with its length.
+pub struct ReportPage {
+    plots: ReplayPlots,
+    /// For each load, the reference that measures it.
+    reference_of: Vec<Option<usize>>,
+    references: Vec<f64>,
+}
+
+impl ReportPage {
+    /// Nothing gathered yet.
+    pub fn new(machine: &Machine, sensors: &Sensors) -> Self {
+        let loads = machine.loads();
+        let reference_of: Vec<_> = loads
+            .iter()
+            .map(|load| machine.references.iter().position(|r| r.load == load.name))
+            .collect();
+        let load_labels = loads
+            .iter()
+            .map(|load| LoadLabel {
+                name: load.name.to_owned(),
+                quantity: capitalised(&load.unit.quantity().to_string()),
+                unit: load.unit.to_string(),
+            })
+            .collect();
+        let channels = sensors.channels.iter().map(|channel| {
+            let si = channel.unit.si();
+            let shown = if si.quantity() == Quantity::Strain {
+                "µm/m".parse().unwrap_or(si)
+            } else {
+                si
+            };
+            SensorLabel {
+                name: channel.name.clone(),
+                quantity: capitalised(&si.quantity().to_string()),
+                unit: shown.to_string(),
+                factor: shown.from_si(1.0),
+                over_angle: matches!(channel.senses, Senses::Shaft(_)),
+            }
+        });
+        let encoders = sensors.encoders.iter().map(|encoder| SensorLabel {
+            name: encoder.name.clone(),
+            quantity: "Angle".into(),
+            unit: "mrad".into(),
+            factor: 1e3,
+            over_angle: false,
+        });
+        Self {
+            references: vec![f64::NAN; reference_of.len()],
+            plots: ReplayPlots::new(load_labels, channels.chain(encoders).collect()),
+            reference_of,
+        }
+    }
+
+    /// Adds one sample and its estimate.
+    pub fn push(&mut self, sample: &Sample<'_>, estimate: &Estimate) {
+        for (slot, column) in self.references.iter_mut().zip(&self.reference_of) {
+            *slot = column
+                .and_then(|i| sample.references.get(i))
+                .copied()
+                .unwrap_or(f64::NAN);
+        }
+        self.plots.push(sample.t, &self.references, estimate);
+    }
+
+    /// The page, with the error tables of `figures` and of the baseline, and the orbits of a rotor.
+    pub fn finish(
+        self,
+        machine: &Machine,
+        sensors: &Sensors,
+        recording: &str,
+        figures: &Figures,
+        displacements: &Displacements,
+        phasor: &Phasor,
+    ) -> Report {
+        let (time, mut sections) = self.plots.finish();
+        sections.extend(displacements.orbits());
+        let mut tables = vec![error_table(machine, figures)];
+        tables.extend(baseline_table(machine, phasor));
+        Report {
+            title: machine.name.clone(),
+            facts: vec![
+                ["Recording".into(), recording.into()],
+                ["Sensors".into(), sensors.name.clone()],
+                [
+                    "Samples".into(),
+                    format!("{} at {} Hz", figures.samples(), machine.rate_hz),
+                ],
+            ],
+            key_figures: key_figures(figures),
+            tables,
+            time: Some(time),
+            sections,
+        }
+    }
+}
+
+fn key_figures(figures: &Figures) -> Vec<KeyFigure> {
+    let mut key_figures: Vec<KeyFigure> = figures
+        .loads()
+        .filter_map(|(name, load)| {
+            let nmae = load.nmae_percent.get("full").copied().flatten()?;
+            Some(KeyFigure {
+                label: format!("NMAE {name}"),
+                value: format!("{nmae:.2} %"),
+                note: "mean absolute error over the nominal load".into(),
+            })
+        })
+        .collect();
+    if let Some(nis) = figures.nis_mean() {
+        key_figures.push(KeyFigure {
+            label: "mean NIS".into(),
+            value: format!("{nis:.2}"),
+            note: "1 in a consistent filter".into(),
+        });
+    }
+    key_figures
+}
+
+fn error_table(machine: &Machine, figures: &Figures) -> Table {
+    let segments = machine.segments.iter().map(|s| s.name.clone());
+    let mut columns = vec!["Load".to_owned(), "full".to_owned()];
+    columns.extend(segments.clone());
+    columns.push("RMSE".into());
+    let rows = figures
+        .loads()
+        .map(|(name, load)| {
+            let nmae = |key: &str| cell(load.nmae_percent.get(key).copied().flatten());
+            let mut row = vec![name.to_owned(), nmae("full")];
+            row.extend(segments.clone().map(|segment| nmae(&segment)));
+            row.push(cell(load.rmse_percent));
+            row
+        })
+        .collect();
+    Table {
+        caption: "Error [% of the nominal load]".into(),
+        head: columns,
+        rows,
+    }
+}
+
+/// The 1x phasor inversion beside the filter; none on machines that are no rotor.
+fn baseline_table(machine: &Machine, phasor: &Phasor) -> Option<Table> {
+    let parts: Vec<&str> = std::iter::once("full")
+        .chain(machine.segments.iter().map(|s| s.name.as_str()))
+        .collect();
+    let rows: Vec<Vec<String>> = (phasor.figures().into_iter())
+        .map(|(name, load)| {
+            let of = |part: &&str| cell(load.nmae_percent.get(*part).copied().flatten());
+            std::iter::once(name).chain(parts.iter().map(of)).collect()
+        })
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        caption: "Error of the 1x phasor inversion [% of the nominal load]".into(),
+        head: std::iter::once("Load")
+            .chain(parts)
+            .map(String::from)
+            .collect(),
+        rows,
+    })
+}
+
+fn cell(value: Option<f64>) -> String {
+    value.map_or_else(|| "–".into(), |value| format!("{value:.2}"))
+}
+
+fn capitalised(word: &str) -> String {
+    let mut letters = word.chars();
+    letters.next().map_or_else(String::new, |first| {
+        first.to_uppercase().chain(letters).collect()
+    })
+}

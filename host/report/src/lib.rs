@@ -1,0 +1,302 @@
+//! The report: one HTML file with interactive plots that needs nothing else, no network either.
+//!
+//! Drawing is by uPlot 1.6.32 (MIT, from the npm registry, unchanged, beside this file with its
+//! licence): 51 kB against 4.8 MB for plotly.js 4.1.2, which leaves the page's 8 MB to the data.
+//!
+//! ```
+//! use loadtwin::report::{Axis, Data, MinMaxDecimator, Plot, Report, Role, Section, Series};
+//! let mut time = MinMaxDecimator::new(2, 4096);
+//! for i in 0..10_000 {
+//!     let t = f64::from(i) * 1e-3;
+//!     time.push(t, &[t.sin(), t.sin() + 0.1]);
+//! }
+//! let report = Report {
+//!     title: "Rotor".into(),
+//!     time: Some(time),
+//!     sections: vec![Section {
+//!         title: "Load".into(),
+//!         open: true,
+//!         plots: vec![Plot {
+//!             title: "Unbalance force".into(),
+//!             y: Axis::new("Force", "N"),
+//!             data: Data::Time(vec![
+//!                 (Series::line("estimate", Role::Estimate), 0),
+//!                 (Series::line("reference", Role::Reference), 1),
+//!             ]),
+//!             ..Plot::default()
+//!         }],
+//!         ..Section::default()
+//!     }],
+//!     ..Report::default()
+//! };
+//! let directory = tempfile::tempdir().unwrap();
+//! report.write(&directory.path().join("report.html")).unwrap();
+//! ```
+#![forbid(unsafe_code)]
+
+mod decimator;
+mod page;
+mod replay_plots;
+mod scatter;
+
+pub use decimator::{MinMaxDecimator, Rows};
+pub use page::ReportError;
+pub use replay_plots::{LoadLabel, ReplayPlots, SensorLabel};
+pub use scatter::ScatterSample;
+
+use loadtwin_math::metrics::{Autocorrelation, Histogram};
+use serde::Serialize;
+
+/// Everything that stands in a report, in the order in which it stands there.
+#[derive(Clone, Debug, Default)]
+pub struct Report {
+    /// Heading.
+    pub title: String,
+    /// Machine, recording, filter and the like: label and value.
+    pub facts: Vec<[String; 2]>,
+    /// The few figures to see first.
+    pub key_figures: Vec<KeyFigure>,
+    /// Tables, e.g. of errors.
+    pub tables: Vec<Table>,
+    /// All signals over time [s]; plots choose among its columns and share zoom and cursors.
+    pub time: Option<MinMaxDecimator>,
+    /// Plots in sections that open and close.
+    pub sections: Vec<Section>,
+}
+
+/// A figure in the page's head.
+#[derive(Clone, Debug, Default)]
+pub struct KeyFigure {
+    /// What it is.
+    pub label: String,
+    /// The number as text, with its unit.
+    pub value: String,
+    /// What it is to be compared with, or empty.
+    pub note: String,
+}
+
+/// A table of text; numbers are written by the caller. All but the first column stand right.
+#[derive(Clone, Debug, Default)]
+pub struct Table {
+    /// What the table shows.
+    pub caption: String,
+    /// Column headings, with units.
+    pub head: Vec<String>,
+    /// Rows as long as the head.
+    pub rows: Vec<Vec<String>>,
+}
+
+/// Plots under one heading.
+#[derive(Clone, Debug, Default)]
+pub struct Section {
+    /// Heading.
+    pub title: String,
+    /// A sentence on how to read the plots, or empty.
+    pub note: String,
+    /// Whether it is open at first.
+    pub open: bool,
+    /// The plots.
+    pub plots: Vec<Plot>,
+}
+
+/// One plot. The default is wide, over time, and empty.
+#[derive(Clone, Debug)]
+pub struct Plot {
+    /// Heading.
+    pub title: String,
+    /// Share of the page's width.
+    pub size: PlotSize,
+    /// Horizontal axis.
+    pub x: Axis,
+    /// Vertical axis.
+    pub y: Axis,
+    /// The series.
+    pub data: Data,
+    /// Horizontal lines at fixed values, e.g. chi-squared bounds.
+    pub limits: Vec<Limit>,
+}
+
+impl Default for Plot {
+    fn default() -> Self {
+        Self {
+            title: String::new(),
+            size: PlotSize::Wide,
+            x: Axis::new("Time", "s"),
+            y: Axis::new("", ""),
+            data: Data::Time(Vec::new()),
+            limits: Vec::new(),
+        }
+    }
+}
+
+/// Share of the page's width.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PlotSize {
+    /// All of it.
+    Wide,
+    /// Two beside each other.
+    Half,
+    /// Three beside each other.
+    Third,
+}
+
+/// Label of an axis.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Axis {
+    /// Quantity.
+    pub quantity: String,
+    /// Unit, or empty. Large values in N, N m, W or Pa are shown with a prefix.
+    pub unit: String,
+    /// Logarithmic scale; values that are not positive are left out.
+    pub logarithmic: bool,
+}
+
+impl Axis {
+    /// Linear axis.
+    pub fn new(quantity: &str, unit: &str) -> Self {
+        Self {
+            quantity: quantity.to_owned(),
+            unit: unit.to_owned(),
+            logarithmic: false,
+        }
+    }
+}
+
+/// A line at a fixed value.
+#[derive(Clone, Debug, Serialize)]
+pub struct Limit {
+    /// What it bounds.
+    pub label: String,
+    /// Where it is, in the unit of the vertical axis.
+    pub value: f64,
+}
+
+/// Series of a plot.
+#[derive(Clone, Debug)]
+pub enum Data {
+    /// Columns of [`Report::time`].
+    Time(Vec<(Series, usize)>),
+    /// Values of its own; `x` must not fall.
+    Own {
+        /// Horizontal values.
+        x: Vec<f64>,
+        /// Vertical values, as long as `x`; NaN where there is none.
+        series: Vec<(Series, Vec<f64>)>,
+    },
+}
+
+/// How one series looks.
+#[derive(Clone, Debug, Serialize)]
+pub struct Series {
+    /// Name in the legend.
+    pub label: String,
+    /// Gives the colour, the same on the whole page.
+    pub role: Role,
+    /// Gives the shape.
+    pub mark: Mark,
+}
+
+impl Series {
+    /// A series drawn as a line.
+    pub fn line(label: &str, role: Role) -> Self {
+        Self::new(label, role, Mark::Line)
+    }
+
+    /// A series drawn as `mark`.
+    pub fn new(label: &str, role: Role, mark: Mark) -> Self {
+        Self {
+            label: label.to_owned(),
+            role,
+            mark,
+        }
+    }
+}
+
+/// What a series is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// What the filter says.
+    Estimate,
+    /// What is taken as true.
+    Reference,
+    /// What a sensor says.
+    Measured,
+    /// What the model says that the sensor should.
+    Predicted,
+    /// Innovations and what is computed from them.
+    Innovation,
+    /// Anything else.
+    Other,
+}
+
+/// How a series is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mark {
+    /// Line.
+    Line,
+    /// Points without a line.
+    Points,
+    /// Bars from zero.
+    Bars,
+    /// Upper edge of a filled band; the next series must be its [`Mark::Lower`].
+    Upper,
+    /// Lower edge of a filled band.
+    Lower,
+}
+
+/// Autocorrelation of an innovation sequence with its 99 % bounds.
+pub fn autocorrelation_plot(title: &str, acf: &Autocorrelation) -> Plot {
+    let coefficients = acf.coefficients();
+    let bound = acf.bound();
+    let limits = [bound, -bound].map(|value| Limit {
+        label: "99 %".to_owned(),
+        value,
+    });
+    Plot {
+        title: title.to_owned(),
+        size: PlotSize::Third,
+        x: Axis::new("Lag", "samples"),
+        y: Axis::new("Autocorrelation", ""),
+        data: Data::Own {
+            x: (1..=coefficients.len()).map(|lag| lag as f64).collect(),
+            series: vec![(
+                Series::new("r", Role::Innovation, Mark::Bars),
+                coefficients.map(|r| r.unwrap_or(f64::NAN)).to_vec(),
+            )],
+        },
+        limits: if bound.is_finite() {
+            limits.to_vec()
+        } else {
+            Vec::new()
+        },
+    }
+}
+
+/// Histogram of normalised innovations beside the standard normal density.
+pub fn normalised_histogram_plot(title: &str, histogram: &Histogram) -> Plot {
+    let (x, density): (Vec<f64>, Vec<f64>) = histogram.density().unzip();
+    let normal = x
+        .iter()
+        .map(|x| (-x * x / 2.0).exp() / std::f64::consts::TAU.sqrt())
+        .collect();
+    Plot {
+        title: title.to_owned(),
+        size: PlotSize::Third,
+        x: Axis::new("Innovation / σ", ""),
+        y: Axis::new("Density", ""),
+        data: Data::Own {
+            x,
+            series: vec![
+                (
+                    Series::new("innovations", Role::Innovation, Mark::Bars),
+                    density,
+                ),
+                (Series::line("normal", Role::Reference), normal),
+            ],
+        },
+        limits: Vec::new(),
+    }
+}

@@ -1,0 +1,424 @@
+//! Writing the page.
+
+use super::{Data, Mark, MinMaxDecimator, Plot, Report, Section};
+use base64::{Engine as _, engine::general_purpose::STANDARD};
+use loadtwin_files::atomic_file::AtomicFile;
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// The page never gets larger [bytes].
+const LARGEST_PAGE: usize = 8_000_000;
+
+/// A plot thinner than this many points says nothing.
+const FEWEST_POINTS: usize = 128;
+
+/// Nothing but what is in the file itself may be loaded or run.
+const POLICY: &str =
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:";
+
+/// Why there is no report.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// The file cannot be written.
+    #[error("{path}: cannot write the report: {source}")]
+    Write {
+        /// Where it was to be.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// So many plots or rows of tables that thinning the signals does not help.
+    #[error("report: {found} bytes with {plots} plots, allowed are {LARGEST_PAGE}")]
+    TooLarge {
+        /// Size of the page with its signals thinned as far as they may be.
+        found: usize,
+        /// Number of plots.
+        plots: usize,
+    },
+    /// A plot does not fit its data.
+    #[error("report: plot {plot:?}: {problem}")]
+    Plot {
+        /// Heading of the plot.
+        plot: String,
+        /// What is wrong.
+        problem: String,
+    },
+}
+
+impl Report {
+    /// Writes the page to `path`, whole or not at all.
+    ///
+    /// # Errors
+    /// [`ReportError`]; an existing file is then as it was.
+    pub fn write(&self, path: &Path) -> Result<(), ReportError> {
+        let page = self.to_html()?;
+        let failed = |source| ReportError::Write {
+            path: path.to_owned(),
+            source,
+        };
+        let mut file = AtomicFile::create(path).map_err(failed)?;
+        file.write_all(page.as_bytes()).map_err(failed)?;
+        file.finish().map_err(failed)?;
+        Ok(())
+    }
+
+    /// The page, at most 8 MB: signals are thinned until it fits.
+    ///
+    /// # Errors
+    /// [`ReportError::TooLarge`] and [`ReportError::Plot`].
+    pub fn to_html(&self) -> Result<String, ReportError> {
+        for plot in self.plots() {
+            check(plot, self.time.as_ref())?;
+        }
+        let mut time = self.time.clone();
+        let mut halvings = 0;
+        loop {
+            let page = self.page(time.as_ref(), halvings);
+            if page.len() <= LARGEST_PAGE {
+                return Ok(page);
+            }
+            halvings += 1;
+            if halvings > 16 {
+                return Err(ReportError::TooLarge {
+                    found: page.len(),
+                    plots: self.plots().count(),
+                });
+            }
+            if let Some(time) = time
+                .as_mut()
+                .filter(|t| t.rows().x.len() > 2 * FEWEST_POINTS)
+            {
+                time.halve();
+            }
+        }
+    }
+
+    fn plots(&self) -> impl Iterator<Item = &Plot> {
+        self.sections.iter().flat_map(|section| &section.plots)
+    }
+
+    fn page(&self, time: Option<&MinMaxDecimator>, halvings: u32) -> String {
+        let rows = time.map(MinMaxDecimator::rows).unwrap_or_default();
+        let data = json!({
+            "time": {
+                "x": encode_f64(&rows.x),
+                "columns": rows.columns.iter().map(|c| encode_f32(c)).collect::<Vec<_>>(),
+            },
+            "plots": self.plots().map(|plot| plot_json(plot, halvings)).collect::<Vec<_>>(),
+        });
+        // In a script element only `<` could end or open anything.
+        let data = data.to_string().replace('<', "\\u003c");
+        let mut html = String::with_capacity(data.len() + 100_000);
+        let title = escape(&self.title);
+        html += "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">";
+        html += "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">";
+        // Writing to a String cannot fail.
+        let _ = write!(
+            html,
+            "<meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\"><title>{title}</title><style>{}\n{}</style></head><body>",
+            include_str!("assets/uplot-1.6.32.min.css"),
+            include_str!("assets/page.css"),
+        );
+        self.head(&mut html, &title);
+        let mut next_plot = 0;
+        for section in &self.sections {
+            section_html(&mut html, section, &mut next_plot);
+        }
+        footer(&mut html, time);
+        let _ = write!(
+            html,
+            "<script type=\"application/json\" id=\"data\">{data}</script><script>{}</script><script>{}</script></body></html>",
+            include_str!("assets/uplot-1.6.32.min.js"),
+            include_str!("assets/page.js"),
+        );
+        html
+    }
+
+    fn head(&self, html: &mut String, title: &str) {
+        let _ = write!(html, "<header><div class=\"bar\"><h1>{title}</h1>");
+        *html += include_str!("assets/toolbar.html");
+        *html += "</div><dl class=\"facts\">";
+        for [label, value] in &self.facts {
+            let (label, value) = (escape(label), escape(value));
+            let _ = write!(html, "<div><dt>{label}</dt><dd>{value}</dd></div>");
+        }
+        *html += "</dl></header><main><div class=\"figures\">";
+        for figure in &self.key_figures {
+            let _ = write!(
+                html,
+                "<div class=\"figure\"><span class=\"label\">{}</span><span class=\"value\">{}</span><span class=\"note\">{}</span></div>",
+                escape(&figure.label),
+                escape(&figure.value),
+                escape(&figure.note)
+            );
+        }
+        *html += "</div><div class=\"tables\">";
+        for table in &self.tables {
+            let _ = write!(
+                html,
+                "<table><caption>{}</caption><thead><tr>{}</tr></thead><tbody>",
+                escape(&table.caption),
+                cells(&table.head, "th")
+            );
+            for row in &table.rows {
+                let _ = write!(html, "<tr>{}</tr>", cells(row, "td"));
+            }
+            *html += "</tbody></table>";
+        }
+        *html += "</div>";
+    }
+}
+
+fn cells(cells: &[String], tag: &str) -> String {
+    cells.iter().fold(String::new(), |html, cell| {
+        html + "<" + tag + ">" + &escape(cell) + "</" + tag + ">"
+    })
+}
+
+fn section_html(html: &mut String, section: &Section, next_plot: &mut usize) {
+    let open = if section.open { " open" } else { "" };
+    let _ = write!(
+        html,
+        "<details{open}><summary><h2>{}</h2><span>{} plot{}</span></summary>",
+        escape(&section.title),
+        section.plots.len(),
+        if section.plots.len() == 1 { "" } else { "s" },
+    );
+    if !section.note.is_empty() {
+        let _ = write!(html, "<p>{}</p>", escape(&section.note));
+    }
+    *html += "<div class=\"plots\">";
+    for plot in &section.plots {
+        let _ = write!(
+            html,
+            "<figure class=\"plot\" data-plot=\"{next_plot}\"><figcaption>{}</figcaption></figure>",
+            escape(&plot.title)
+        );
+        *next_plot += 1;
+    }
+    *html += "</div></details>";
+}
+
+fn footer(html: &mut String, time: Option<&MinMaxDecimator>) {
+    *html += "</main><footer>";
+    if let Some(time) = time {
+        let _ = write!(html, "{} samples over time", time.samples());
+        if time.samples_per_bucket() > 1 {
+            let _ = write!(
+                html,
+                ", drawn as minimum and maximum of each {}",
+                time.samples_per_bucket()
+            );
+        }
+        *html += ". ";
+    }
+    let _ = write!(
+        html,
+        "loadtwin {}. Plots by uPlot 1.6.32, MIT licence, copyright Leon Sorokin.</footer>",
+        env!("CARGO_PKG_VERSION")
+    );
+}
+
+/// Refuses what the page could not draw.
+fn check(plot: &Plot, time: Option<&MinMaxDecimator>) -> Result<(), ReportError> {
+    let columns = time.map_or(0, MinMaxDecimator::columns);
+    let (marks, problem): (Vec<Mark>, Option<String>) = match &plot.data {
+        Data::Time(series) => (
+            series.iter().map(|(series, _)| series.mark).collect(),
+            series
+                .iter()
+                .find(|(_, column)| *column >= columns)
+                .map(|(_, column)| format!("found column {column}, allowed is below {columns}")),
+        ),
+        Data::Own { x, series } => (
+            series.iter().map(|(series, _)| series.mark).collect(),
+            series
+                .iter()
+                .find(|(_, values)| values.len() != x.len())
+                .map(|(s, v)| format!("{:?} has {} values for {} x", s.label, v.len(), x.len()))
+                .or_else(|| (!x.is_sorted()).then(|| "x falls or is not a number".to_owned())),
+        ),
+    };
+    // Each mark but the first with the one before it, the last with nothing after it.
+    let before = std::iter::once(Mark::Line).chain(marks.iter().copied());
+    let after = marks.iter().copied().chain([Mark::Line]);
+    let unpaired = before
+        .zip(after)
+        .any(|(before, mark)| (before == Mark::Upper) != (mark == Mark::Lower));
+    let problem =
+        problem.or_else(|| unpaired.then(|| "an upper edge needs its lower edge next".to_owned()));
+    problem.map_or(Ok(()), |problem| {
+        Err(ReportError::Plot {
+            plot: plot.title.clone(),
+            problem,
+        })
+    })
+}
+
+fn plot_json(plot: &Plot, halvings: u32) -> Value {
+    let mut json = json!({
+        "title": plot.title, "size": plot.size, "x": plot.x, "y": plot.y, "limits": plot.limits,
+    });
+    match &plot.data {
+        Data::Time(series) => {
+            json["series"] = json!(series.iter().map(|(s, _)| s).collect::<Vec<_>>());
+            json["columns"] = json!(series.iter().map(|(_, c)| c).collect::<Vec<_>>());
+        }
+        Data::Own { x, series } => {
+            let stride = stride(x.len(), halvings);
+            json["series"] = json!(series.iter().map(|(s, _)| s).collect::<Vec<_>>());
+            json["own"] = json!({
+                "x": encode_f64(&x.iter().copied().step_by(stride).collect::<Vec<_>>()),
+                "columns": series.iter().map(|(_, values)| {
+                    encode_f32(&values.iter().step_by(stride).map(|v| *v as f32).collect::<Vec<_>>())
+                }).collect::<Vec<_>>(),
+            });
+        }
+    }
+    json
+}
+
+/// Every how many points are kept after a number of halvings.
+fn stride(points: usize, halvings: u32) -> usize {
+    let most = (points / FEWEST_POINTS).max(1);
+    1_usize
+        .checked_shl(halvings)
+        .unwrap_or(usize::MAX)
+        .min(most)
+}
+
+fn encode_f32(values: &[f32]) -> String {
+    STANDARD.encode(
+        values
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .collect::<Vec<_>>(),
+    )
+}
+
+fn encode_f64(values: &[f64]) -> String {
+    STANDARD.encode(
+        values
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .collect::<Vec<_>>(),
+    )
+}
+
+/// Text as it may stand in an element or a quoted attribute.
+fn escape(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => escaped += "&amp;",
+            '<' => escaped += "&lt;",
+            '>' => escaped += "&gt;",
+            '"' => escaped += "&quot;",
+            '\'' => escaped += "&#39;",
+            c => escaped.push(c),
+        }
+    }
+    escaped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Axis, Role, Series};
+    use super::*;
+
+    fn with_plot(data: Data, time: Option<MinMaxDecimator>) -> Report {
+        Report {
+            title: "<script>alert(1)</script>".into(),
+            time,
+            sections: vec![Section {
+                plots: vec![Plot {
+                    title: "</script><b a='\"'>&".into(),
+                    y: Axis::new("</script>", "N"),
+                    data,
+                    ..Plot::default()
+                }],
+                ..Section::default()
+            }],
+            ..Report::default()
+        }
+    }
+
+    #[test]
+    fn text_cannot_become_markup() {
+        let page = with_plot(Data::Time(vec![]), None).to_html().unwrap();
+        assert!(!page.contains("<script>alert") && !page.contains("<b a="));
+        assert_eq!(page.matches("</script>").count(), 3);
+        assert!(page.contains("&lt;/script&gt;&lt;b a=&#39;&quot;&#39;&gt;&amp;"));
+    }
+
+    /// 200 columns of noise would be 17 MB at the resolution that was asked for.
+    #[test]
+    fn page_stays_below_its_limit_and_keeps_the_peak() {
+        let mut time = MinMaxDecimator::new(200, 8192);
+        for i in 0..20_000_u32 {
+            let y = if i == 7777 { 1e6 } else { f64::from(i % 17) };
+            time.push(f64::from(i), &[y; 200]);
+        }
+        let data = Data::Time(vec![(Series::line("a", Role::Other), 199)]);
+        let page = with_plot(data, Some(time)).to_html().unwrap();
+        assert!(
+            page.len() <= LARGEST_PAGE && page.len() > LARGEST_PAGE / 3,
+            "{}",
+            page.len()
+        );
+        let start = page.find("\"columns\":[\"").unwrap() + 12;
+        let end = start + page[start..].find('"').unwrap();
+        let bytes = STANDARD.decode(&page[start..end]).unwrap();
+        let peak = bytes
+            .chunks_exact(4)
+            .map(|b| f32::from_le_bytes(b.try_into().unwrap()))
+            .fold(0.0, f32::max);
+        assert_eq!(peak, 1e6);
+    }
+
+    #[test]
+    fn plots_that_do_not_fit_their_data_are_refused() {
+        let line = || Series::line("a", Role::Other);
+        let edge = |mark| Series::new("a", Role::Other, mark);
+        let one = || Some(MinMaxDecimator::new(2, 8));
+        let own = |x: &[f64], y: &[f64]| Data::Own {
+            x: x.to_vec(),
+            series: vec![(line(), y.to_vec())],
+        };
+        for (data, says) in [
+            (
+                Data::Time(vec![(line(), 2)]),
+                "found column 2, allowed is below 2",
+            ),
+            (own(&[0.0, 1.0], &[0.0]), "\"a\" has 1 values for 2 x"),
+            (own(&[1.0, 0.0], &[0.0, 0.0]), "x falls"),
+            (
+                Data::Time(vec![(edge(Mark::Upper), 0), (line(), 1)]),
+                "its lower edge next",
+            ),
+            (
+                Data::Time(vec![(edge(Mark::Lower), 0)]),
+                "its lower edge next",
+            ),
+        ] {
+            let error = with_plot(data, one()).to_html().unwrap_err().to_string();
+            assert!(error.contains(says), "{error}");
+        }
+        let band = vec![(line(), 0), (edge(Mark::Upper), 0), (edge(Mark::Lower), 1)];
+        assert!(with_plot(Data::Time(band), one()).to_html().is_ok());
+    }
+
+    #[test]
+    fn a_report_that_cannot_be_written_says_where() {
+        let error = Report::default()
+            .write(Path::new("/nowhere/at/all.html"))
+            .unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .starts_with("/nowhere/at/all.html: cannot write the report")
+        );
+    }
+}

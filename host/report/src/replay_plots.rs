@@ -1,0 +1,424 @@
+//! The plots of a replay, gathered sample by sample.
+
+use super::{
+    Axis, Data, Limit, Mark, MinMaxDecimator, Plot, PlotSize, Role, ScatterSample, Section, Series,
+    autocorrelation_plot, normalised_histogram_plot,
+};
+use loadtwin_common::estimate::{Estimate, LoadEstimate, SensorEstimate};
+use loadtwin_common::fault::Fault;
+use loadtwin_math::metrics::{Autocorrelation, Histogram, NisConsistency, chi_squared_bounds};
+
+/// Buckets over time: with two points each, more than a wide screen has pixels.
+const BUCKETS: usize = 4096;
+
+/// Points of a scatter plot: enough for a shape, few enough to tell them apart.
+const POINTS: usize = 2000;
+
+/// Samples that the smoothed NIS looks back on.
+const SMOOTHED_SAMPLES: f64 = 200.0;
+
+/// Columns over time for each load and each sensor, and for the NIS.
+const LOAD_COLUMNS: usize = 5;
+const SENSOR_COLUMNS: usize = 3;
+const NIS_COLUMNS: usize = 2;
+
+/// How a load is shown.
+#[derive(Clone, Debug)]
+pub struct LoadLabel {
+    /// Heading.
+    pub name: String,
+    /// Physical quantity, e.g. `Torque`.
+    pub quantity: String,
+    /// Unit of the estimate, e.g. `N m`.
+    pub unit: String,
+}
+
+/// How a sensor is shown.
+#[derive(Clone, Debug)]
+pub struct SensorLabel {
+    /// Heading.
+    pub name: String,
+    /// Physical quantity, e.g. `Strain`.
+    pub quantity: String,
+    /// Unit on the page, e.g. `µm/m`.
+    pub unit: String,
+    /// Value in that unit of one unit of the estimator: 1e6 for strain in µm/m.
+    pub factor: f64,
+    /// Whether it is also shown over the carrier (or shaft) angle.
+    pub over_angle: bool,
+}
+
+/// Loads, strain, innovations and NIS of one replay, in memory that does not grow with its length.
+pub struct ReplayPlots {
+    loads: Vec<(LoadLabel, bool)>,
+    sensors: Vec<SensorPlots>,
+    time: MinMaxDecimator,
+    row: Vec<f64>,
+    nis: NisConsistency,
+    smoothed_nis: Option<f64>,
+    most_channels: usize,
+}
+
+struct SensorPlots {
+    label: SensorLabel,
+    over_angle: ScatterSample,
+    acf: Autocorrelation,
+    histogram: Histogram,
+}
+
+impl ReplayPlots {
+    /// Nothing gathered yet; loads and sensors in the order of [`Estimate`].
+    pub fn new(loads: Vec<LoadLabel>, sensors: Vec<SensorLabel>) -> Self {
+        let columns = LOAD_COLUMNS * loads.len() + SENSOR_COLUMNS * sensors.len() + NIS_COLUMNS;
+        Self {
+            loads: loads.into_iter().map(|load| (load, false)).collect(),
+            sensors: sensors
+                .into_iter()
+                .map(|label| SensorPlots {
+                    label,
+                    over_angle: ScatterSample::new(POINTS),
+                    acf: Autocorrelation::default(),
+                    histogram: Histogram::new(-5.0, 5.0, 50),
+                })
+                .collect(),
+            time: MinMaxDecimator::new(columns, BUCKETS),
+            row: Vec::with_capacity(columns),
+            nis: NisConsistency::default(),
+            smoothed_nis: None,
+            most_channels: 0,
+        }
+    }
+
+    /// Adds the estimate at `t_s` [s], not before the last.
+    ///
+    /// `references`: one for each load, in its unit, NaN where there is none; may be shorter. A
+    /// sensor that was not read leaves a gap; one that was gated out is shown, but takes no part in
+    /// autocorrelation, distribution and NIS.
+    pub fn push(&mut self, t_s: f64, references: &[f64], estimate: &Estimate) {
+        self.row.clear();
+        for (i, (_, has_reference)) in self.loads.iter_mut().enumerate() {
+            let load = estimate.loads.get(i).copied().unwrap_or(LoadEstimate {
+                value: f32::NAN,
+                ..LoadEstimate::default()
+            });
+            let (value, deviation) = (f64::from(load.value), 2.0 * f64::from(load.std));
+            let reference = references.get(i).copied().unwrap_or(f64::NAN);
+            *has_reference |= reference.is_finite();
+            let (upper, lower) = (value + deviation, value - deviation);
+            self.row
+                .extend([value, upper, lower, reference, value - reference]);
+        }
+        let (mut nis, mut channels) = (0.0, 0);
+        let degrees = f64::from(estimate.angle_rad).to_degrees().rem_euclid(360.0);
+        let angle = if estimate.homed { degrees } else { f64::NAN };
+        for (i, sensor) in self.sensors.iter_mut().enumerate() {
+            let read = estimate.sensors.get(i).copied();
+            if let Some(used) = read.filter(|s| s.fault.is_none()) {
+                nis += f64::from(used.nis);
+                channels += 1;
+            }
+            self.row.extend(sensor.push(angle, read));
+        }
+        self.nis.push(nis, channels);
+        self.most_channels = self.most_channels.max(channels);
+        let nis = if channels > 0 { nis } else { f64::NAN };
+        if nis.is_finite() {
+            let smoothed = self.smoothed_nis.get_or_insert(nis);
+            *smoothed += (nis - *smoothed) / SMOOTHED_SAMPLES;
+        }
+        let smoothed = self.smoothed_nis.unwrap_or(f64::NAN);
+        self.row.extend([nis, smoothed]);
+        self.time.push(t_s, &self.row);
+    }
+
+    /// NIS of all sensors in use, gathered so far.
+    pub fn nis(&self) -> &NisConsistency {
+        &self.nis
+    }
+
+    /// What goes into [`super::Report::time`] and [`super::Report::sections`].
+    pub fn finish(self) -> (MinMaxDecimator, Vec<Section>) {
+        let first_sensor = LOAD_COLUMNS * self.loads.len();
+        let first_nis = first_sensor + SENSOR_COLUMNS * self.sensors.len();
+        let loads = self
+            .loads
+            .iter()
+            .enumerate()
+            .flat_map(|(i, (label, known))| load_plots(label, *known, LOAD_COLUMNS * i))
+            .collect();
+        let sensors = || (first_sensor..).step_by(SENSOR_COLUMNS).zip(&self.sensors);
+        let readings = sensors()
+            .flat_map(|(column, s)| s.reading_plots(column))
+            .collect();
+        let innovations = sensors()
+            .flat_map(|(column, s)| s.innovation_plots(column))
+            .collect();
+        let section = |title: &str, note: &str, open, plots| Section {
+            title: title.to_owned(),
+            note: note.to_owned(),
+            open,
+            plots,
+        };
+        let sections = vec![
+            section("Loads", "", true, loads),
+            section(
+                "Consistency",
+                "The NIS of a consistent filter is outside the bounds in 5 % of the samples.",
+                true,
+                vec![nis_plot(first_nis, self.most_channels)],
+            ),
+            section(
+                "Sensors",
+                "Measured, and predicted by the model before the sample was used.",
+                false,
+                readings,
+            ),
+            section(
+                "Innovations",
+                "Of a complete model they are white: no more than one lag in a hundred is outside \
+                 the bounds, and over their standard deviation they are normal.",
+                false,
+                innovations,
+            ),
+        ];
+        (self.time, sections)
+    }
+}
+
+impl SensorPlots {
+    /// Gathers one reading; measured, predicted and innovation for the row.
+    fn push(&mut self, angle: f64, read: Option<SensorEstimate>) -> [f64; SENSOR_COLUMNS] {
+        let shown = read.filter(|s| matches!(s.fault, Fault::None | Fault::Erratic));
+        let Some(sensor) = shown else {
+            self.acf.push(f64::NAN);
+            return [f64::NAN; SENSOR_COLUMNS];
+        };
+        let innovation = f64::from(sensor.innovation);
+        if sensor.fault.is_none() {
+            self.acf.push(innovation);
+            self.histogram
+                .push(innovation / f64::from(sensor.innovation_variance).sqrt());
+        } else {
+            self.acf.push(f64::NAN);
+        }
+        let measured = f64::from(sensor.measured);
+        let values = [measured, measured - innovation, innovation].map(|v| v * self.label.factor);
+        if self.label.over_angle {
+            self.over_angle.push(&[angle, values[0], values[1]]);
+        }
+        values
+    }
+
+    fn reading_plots(&self, column: usize) -> Vec<Plot> {
+        let label = &self.label;
+        let over_time = Plot {
+            title: label.name.clone(),
+            size: PlotSize::Half,
+            y: Axis::new(&label.quantity, &label.unit),
+            data: Data::Time(vec![
+                (Series::line("measured", Role::Measured), column),
+                (Series::line("predicted", Role::Predicted), column + 1),
+            ]),
+            ..Plot::default()
+        };
+        let mut columns = self.over_angle.columns().into_iter();
+        let (Some(x), Some(measured), Some(predicted)) =
+            (columns.next(), columns.next(), columns.next())
+        else {
+            return vec![over_time];
+        };
+        let points = |label: &str, role| Series::new(label, role, Mark::Points);
+        let over_angle = Plot {
+            title: format!("{}, over the angle", label.name),
+            x: Axis::new("Angle", "°"),
+            data: Data::Own {
+                x,
+                series: vec![
+                    (points("measured", Role::Measured), measured),
+                    (points("predicted", Role::Predicted), predicted),
+                ],
+            },
+            ..over_time.clone()
+        };
+        vec![over_time, over_angle]
+    }
+
+    fn innovation_plots(&self, column: usize) -> [Plot; 3] {
+        let name = &self.label.name;
+        [
+            Plot {
+                title: format!("{name}, innovation"),
+                size: PlotSize::Third,
+                y: Axis::new("Innovation", &self.label.unit),
+                data: Data::Time(vec![(
+                    Series::line("innovation", Role::Innovation),
+                    column + 2,
+                )]),
+                ..Plot::default()
+            },
+            autocorrelation_plot(&format!("{name}, autocorrelation"), &self.acf),
+            normalised_histogram_plot(&format!("{name}, distribution"), &self.histogram),
+        ]
+    }
+}
+
+fn load_plots(label: &LoadLabel, known: bool, column: usize) -> Vec<Plot> {
+    let mut series = vec![
+        (Series::line("estimate", Role::Estimate), column),
+        (
+            Series::new("± 2 σ", Role::Estimate, Mark::Upper),
+            column + 1,
+        ),
+        (
+            Series::new("- 2 σ", Role::Estimate, Mark::Lower),
+            column + 2,
+        ),
+    ];
+    let mut plots = Vec::new();
+    if known {
+        series.push((Series::line("reference", Role::Reference), column + 3));
+        plots.push(Plot {
+            title: format!("{}, error", label.name),
+            y: Axis::new("Estimate - reference", &label.unit),
+            data: Data::Time(vec![(Series::line("error", Role::Other), column + 4)]),
+            ..Plot::default()
+        });
+    }
+    let load = Plot {
+        title: label.name.clone(),
+        y: Axis::new(&label.quantity, &label.unit),
+        data: Data::Time(series),
+        ..Plot::default()
+    };
+    plots.insert(0, load);
+    plots
+}
+
+fn nis_plot(column: usize, channels: usize) -> Plot {
+    let limits = ["2.5 %", "97.5 %"]
+        .into_iter()
+        .zip(chi_squared_bounds(0.95, channels as f64))
+        .filter(|(_, value)| value.is_finite())
+        .map(|(label, value)| Limit {
+            label: label.to_owned(),
+            value,
+        });
+    Plot {
+        title: format!("Normalised innovation squared, {channels} expected"),
+        y: Axis {
+            logarithmic: true,
+            ..Axis::new("NIS", "")
+        },
+        data: Data::Time(vec![
+            (Series::line("NIS", Role::Innovation), column),
+            (Series::line("smoothed", Role::Other), column + 1),
+        ]),
+        limits: limits.collect(),
+        ..Plot::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Report;
+
+    fn labels() -> (Vec<LoadLabel>, Vec<SensorLabel>) {
+        let load = LoadLabel {
+            name: "main shaft".into(),
+            quantity: "Torque".into(),
+            unit: "N m".into(),
+        };
+        let sensor = SensorLabel {
+            name: "TA1".into(),
+            quantity: "Strain".into(),
+            unit: "µm/m".into(),
+            factor: 1e6,
+            over_angle: true,
+        };
+        (vec![load], vec![sensor; 2])
+    }
+
+    fn estimate(faults: [Fault; 2]) -> Estimate {
+        Estimate {
+            loads: [LoadEstimate {
+                value: 100.0,
+                std: 3.0,
+                ..LoadEstimate::default()
+            }]
+            .into_iter()
+            .collect(),
+            sensors: faults
+                .map(|fault| SensorEstimate {
+                    measured: 50e-6,
+                    innovation: 2e-6,
+                    innovation_variance: 4e-12,
+                    nis: 1.0,
+                    fault,
+                })
+                .into_iter()
+                .collect(),
+            homed: true,
+            ..Estimate::default()
+        }
+    }
+
+    #[test]
+    fn rows_hold_what_the_estimator_said() {
+        let (loads, sensors) = labels();
+        let mut plots = ReplayPlots::new(loads, sensors);
+        plots.push(0.0, &[90.0], &estimate([Fault::None, Fault::Erratic]));
+        plots.push(0.1, &[], &estimate([Fault::None, Fault::Missing]));
+        plots.push(0.2, &[], &Estimate::default());
+        assert_eq!((plots.nis().samples(), plots.nis().mean()), (2, Some(1.0)));
+        let (time, sections) = plots.finish();
+        let rows = time.rows();
+        let near = |column: usize, expected: [f32; 3]| {
+            for (found, e) in rows.columns[column].iter().zip(expected) {
+                let same = (found - e).abs() < 1e-3 || (found.is_nan() && e.is_nan());
+                assert!(
+                    same,
+                    "column {column}: {:?}, {expected:?}",
+                    rows.columns[column]
+                );
+            }
+        };
+        let gap = f32::NAN;
+        near(0, [100.0, 100.0, gap]);
+        near(1, [106.0, 106.0, gap]);
+        near(2, [94.0, 94.0, gap]);
+        near(3, [90.0, gap, gap]);
+        near(4, [10.0, gap, gap]);
+        near(5, [50.0, 50.0, gap]);
+        near(6, [48.0, 48.0, gap]);
+        near(8, [50.0, gap, gap]);
+        near(11, [1.0, 1.0, gap]);
+        let counts: Vec<_> = sections.iter().map(|s| s.plots.len()).collect();
+        assert_eq!(counts, [2, 1, 4, 6]);
+        // One channel in use at most: 0.001 and 5.02.
+        let limits = &sections[1].plots[0].limits;
+        assert!((limits[1].value - 5.024).abs() < 1e-3, "{limits:?}");
+        let report = Report {
+            time: Some(time),
+            sections,
+            ..Report::default()
+        };
+        assert!(report.to_html().is_ok());
+    }
+
+    /// No reference, no angle, no sensor: only what there is.
+    #[test]
+    fn what_is_not_there_is_not_plotted() {
+        let (loads, mut sensors) = labels();
+        sensors.truncate(1);
+        let mut plots = ReplayPlots::new(loads, sensors);
+        let unhomed = Estimate {
+            homed: false,
+            ..estimate([Fault::None; 2])
+        };
+        plots.push(0.0, &[f64::NAN], &unhomed);
+        let (_, sections) = plots.finish();
+        let counts: Vec<_> = sections.iter().map(|s| s.plots.len()).collect();
+        assert_eq!(counts, [1, 1, 1, 3]);
+    }
+}

@@ -1,0 +1,53 @@
+//! Recordings of a machine that is not there: an independent, finer plant on
+//! a simulated test bench, through gauges, encoders and converters.
+//!
+//! Nothing here is shared with the estimator but the machine description.
+//! What the plant does beyond that description, its [`EFFECTS`], is not
+//! written into the recording.
+//!
+//! ```
+//! use std::path::Path;
+//! # use loadtwin::machine::Machine;
+//! # use loadtwin::simulate::{Applied, Scenario, Simulation};
+//! # let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/gearbox/machine.toml"));
+//! let machine = Machine::load(path)?;
+//! let mut scenario = Scenario::by_name("constant")?;
+//! scenario.duration_s = 0.2;
+//! let effects = ["gain-error=0.5".parse::<Applied>()?];
+//! let simulation = Simulation::new(&machine, &scenario, 1, None, &effects)?;
+//! assert_eq!(simulation.rows(), 100);
+//! let samples: usize = simulation.map(|block| block.t.len()).sum();
+//! assert_eq!(samples, 100);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+#![forbid(unsafe_code)]
+
+mod angle_function;
+mod bearing;
+mod bench;
+mod bending;
+mod chain;
+mod draw;
+mod drivetrain;
+mod effect;
+mod encoder;
+mod error;
+mod gauge;
+mod plant;
+mod recorder;
+mod rotor;
+mod rotor_effect;
+mod rotor_plant;
+mod scenario;
+mod thermal;
+
+pub use bearing::{
+    BEARING_EFFECTS, BearingCourse, BearingEffect, BearingScenario, BearingSimulation,
+};
+pub use drivetrain::Simulation;
+pub use effect::{Applied, EFFECTS, Effect};
+pub use error::SimulateError;
+pub use recorder::{Recorder, Sampled};
+pub use rotor::{AppliedUnbalance, ROTOR_SCENARIOS, RotorCourse, RotorScenario, RotorSimulation};
+pub use rotor_effect::{ROTOR_EFFECTS, RotorEffect};
+pub use scenario::{Course, Demand, Scenario};
