@@ -190,6 +190,7 @@ impl Simulation {
 
     /// The same by references with noise of these standard deviations, part of nominal, where it is
     /// more than usual.
+    #[must_use]
     pub fn with_reference_noise(mut self, stds: &[f64]) -> Self {
         for (flange, std) in self.sampled.references.iter_mut().zip(stds) {
             flange.noise_std = flange.noise_std.max(*std);
@@ -199,6 +200,7 @@ impl Simulation {
 
     /// The same by sensors without noise, encoders that count in parts, and without what bends
     /// the machine at random.
+    #[must_use]
     pub fn exact(mut self) -> Self {
         let bench = &mut self.sampled;
         bench.noise = 0.0;

@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     fn reference(key: &str) -> Vec<f64> {
-        let text = include_str!("../../tests/reference/metrics.json");
+        let text = include_str!("../../../tests/reference/metrics.json");
         let json: serde_json::Value = serde_json::from_str(text).unwrap();
         serde_json::from_value(json[key].clone()).unwrap()
     }

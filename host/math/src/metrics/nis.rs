@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn quantiles_equal_scipy() {
-        let text = include_str!("../../tests/reference/metrics.json");
+        let text = include_str!("../../../tests/reference/metrics.json");
         let json: serde_json::Value = serde_json::from_str(text).unwrap();
         let rows: Vec<[f64; 3]> = serde_json::from_value(json["chi_squared"].clone()).unwrap();
         assert_eq!(rows.len(), 35);
