@@ -15,7 +15,7 @@ fn measured(folder: &str) -> Option<PathBuf> {
         return Some(path);
     }
     let line = format!(
-        "no {}: set LOADTWIN_DATA as the README says",
+        "no {}: set LOADTWIN_DATA as docs/accuracy.md says",
         path.display()
     );
     eprintln!("skipped: {line}");
