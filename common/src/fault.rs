@@ -33,11 +33,29 @@ pub enum Fault {
     /// The encoder jumped or the index pulse came at a wrong angle (FMI 10,
     /// abnormal rate of change).
     Slipped = 10,
+    /// The reading does not respond to the load: its mean square is that of noise around
+    /// a constant (FMI 5, current below normal or open circuit).
+    Dead = 5,
+    /// A speed or its change that the loads and inertias of the machine cannot make, such as
+    /// an encoder aliased by whole turns a sample (FMI 8, abnormal frequency).
+    Implausible = 8,
+    /// The reading is the expected one times a constant (FMI 12, bad device).
+    Gain = 12,
+    /// The reading is minus the expected one (FMI 14, special instructions: exchange the wires).
+    Reversed = 14,
+    /// Two readings are each other's (FMI 19, received data in error).
+    Swapped = 19,
+    /// The reading is the expected one plus a constant (FMI 20, data drifted).
+    Offset = 20,
+    /// The reading is the expected one plus what grows with time (FMI 21, data drifted).
+    Drift = 21,
+    /// The sensors contradict each other and none is isolated as the cause (no FMI).
+    Contradicted = 22,
 }
 
 impl Fault {
     /// Every kind, for tables and counters.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 17] = [
         Self::None,
         Self::Erratic,
         Self::SaturatedHigh,
@@ -47,6 +65,14 @@ impl Fault {
         Self::NotValid,
         Self::NotHomed,
         Self::Slipped,
+        Self::Dead,
+        Self::Implausible,
+        Self::Gain,
+        Self::Reversed,
+        Self::Swapped,
+        Self::Offset,
+        Self::Drift,
+        Self::Contradicted,
     ];
 
     /// The name in JSON, CSV and logs.
@@ -61,6 +87,37 @@ impl Fault {
             Self::NotValid => "not_valid",
             Self::NotHomed => "not_homed",
             Self::Slipped => "slipped",
+            Self::Dead => "dead",
+            Self::Implausible => "implausible",
+            Self::Gain => "gain",
+            Self::Reversed => "reversed",
+            Self::Swapped => "swapped",
+            Self::Offset => "offset",
+            Self::Drift => "drift",
+            Self::Contradicted => "contradicted",
+        }
+    }
+
+    /// The likely cause, for messages; empty for [`Fault::None`].
+    pub fn cause(self) -> &'static str {
+        match self {
+            Self::None => "",
+            Self::Erratic => "noise, a loose contact, or a description that is wrong",
+            Self::SaturatedHigh => "an open bridge, or a range that is too small",
+            Self::SaturatedLow => "a short circuit, or a range that is too small",
+            Self::Stuck => "a converter or counter that hangs",
+            Self::Missing => "a converter, link or logger that delivers nothing",
+            Self::NotValid => "start, a long gap, or too few usable sensors",
+            Self::NotHomed => "no index pulse since start",
+            Self::Slipped => "lost counts, a slipping encoder, or a false index pulse",
+            Self::Dead => "a gauge that came loose, or a broken wire behind the bridge",
+            Self::Implausible => "counts at random, or a speed above what the counter resolves",
+            Self::Gain => "a partly loose gauge, another gauge factor, or a wrong bridge supply",
+            Self::Reversed => "exchanged wires of the bridge",
+            Self::Swapped => "exchanged connectors or columns",
+            Self::Offset => "a zero that was taken under load, or an overloaded gauge",
+            Self::Drift => "temperature, moisture, or an adhesive that creeps",
+            Self::Contradicted => "a faulty sensor among too few to isolate it",
         }
     }
 

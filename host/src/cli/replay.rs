@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use clap::Args;
 use loadtwin_common::estimate::Estimate;
+use loadtwin_common::fault::Fault;
 use serde_json::{Value, json};
 
 use super::output::say;
@@ -351,6 +352,10 @@ fn print_baselines(table: &Table) {
 
 fn print_flags(figures: &Figures) {
     for (fault, count) in figures.flags() {
-        say!("flagged {fault}: {count}");
+        let cause = Fault::ALL.into_iter().find(|f| f.name() == *fault);
+        say!(
+            "flagged {fault}: {count} ({})",
+            cause.map_or("", Fault::cause)
+        );
     }
 }
