@@ -36,7 +36,8 @@ pub use model::{
     MAX_MODES, MAX_STATES, Noise, Numbers, RotorChannel, RotorModel, ShaftEncoder, Speeds, WAVES,
 };
 
-/// Samples after which a gap is a new start.
+/// Samples without any after which a gap is a new start, and without a reading after which
+/// the loads are not valid.
 const LONGEST_GAP: u32 = 100;
 
 /// Refusals in a row after which a reading is believed again.
@@ -191,6 +192,13 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         }
         self.loads(state, &mut estimate);
         self.judge(state, &m, &estimate.sensors);
+        for angle in m.angles.iter().take(self.counters.len()) {
+            let _ = estimate.sensors.push(SensorEstimate {
+                measured: angle.map_or(0.0, Phase::to_rad),
+                fault: angle.err().unwrap_or(Fault::None),
+                ..SensorEstimate::default()
+            });
+        }
         estimate
     }
 
@@ -219,6 +227,11 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
     fn noise(&self, state: &RotorState<NZ, NX>) -> &Noise<'a> {
         let doubted = self.model.doubted.as_ref();
         (doubted.filter(|_| state.doubt.doubted())).unwrap_or(&self.model.described)
+    }
+
+    /// Whether no reading corrected the state for longer than a gap may be.
+    fn silent(&self, state: &RotorState<NZ, NX>) -> bool {
+        u32::from(state.age) > LONGEST_GAP
     }
 
     /// The model is doubted from now on, or no longer: both begin at what a filter that doubts it
@@ -317,8 +330,11 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         zeros
     }
 
+    /// Where no reading confirms the smaller noise, the larger one.
     fn predict_covariance(&self, state: &mut RotorState<NZ, NX>, turn: &Turn<f32>) {
-        let noise = &self.noise(state).process;
+        let doubted = self.model.doubted.as_ref();
+        let noise = (doubted.filter(|_| self.silent(state))).unwrap_or_else(|| self.noise(state));
+        let noise = &noise.process;
         let p = &mut state.belief.covariance;
         predict_covariance(p, &state.active.dense, turn, |i| noise.get(i));
     }
@@ -449,6 +465,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         let inside = [state.shaft.speed, self.speed(state)].iter().all(|speed| {
             *speed >= speeds.lowest - margin && *speed <= speeds.lowest + range + margin
         });
+        let silent = self.silent(state);
         for (j, signal) in self.model.loads.iter().enumerate() {
             let d = 2 * NZ + j;
             let (Some(scale), Some(x)) = (self.model.scale.get(d), self.state(state).get(d)) else {
@@ -465,7 +482,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             };
             let (value, std) = (x * scale, deviation * scale);
             let finite = value.is_finite() && std.is_finite();
-            let fault = if !finite || std > signal.valid_std || !inside {
+            let fault = if !finite || std > signal.valid_std || !inside || silent {
                 Fault::NotValid
             } else {
                 Fault::None

@@ -79,11 +79,11 @@ impl Figures {
             }
         }
         for sensor in &estimate.sensors {
-            if sensor.fault.is_none() {
+            if !sensor.fault.is_none() {
+                *self.flags.entry(sensor.fault.name()).or_default() += 1;
+            } else if sensor.innovation_variance > 0.0 {
                 self.nis.0 += f64::from(sensor.nis);
                 self.nis.1 += 1;
-            } else {
-                *self.flags.entry(sensor.fault.name()).or_default() += 1;
             }
         }
         for load in &estimate.loads {

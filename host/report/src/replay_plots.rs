@@ -113,7 +113,7 @@ impl ReplayPlots {
         let angle = if estimate.homed { degrees } else { f64::NAN };
         for (i, sensor) in self.sensors.iter_mut().enumerate() {
             let read = estimate.sensors.get(i).copied();
-            if let Some(used) = read.filter(|s| s.fault.is_none()) {
+            if let Some(used) = read.filter(|s| s.fault.is_none() && s.innovation_variance > 0.0) {
                 nis += f64::from(used.nis);
                 channels += 1;
             }
