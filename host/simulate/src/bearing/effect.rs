@@ -10,6 +10,8 @@ use super::plant::Individual;
 pub enum BearingEffect {
     /// The preload's force is multiplied by the strength.
     Preload(f64),
+    /// The preload's force comes to the strength times itself as the bearing warms, within tens of seconds.
+    WarmPreload(f64),
     /// Gauge of this number, from 0, answers to nothing after the strength in seconds.
     DeadGauge(usize, f64),
     /// A gauge that has come loose: its answer is multiplied by the strength.
@@ -20,11 +22,18 @@ pub enum BearingEffect {
     SpeedOffset(f64),
 }
 
+/// Time in which a bearing warms [s].
+const WARMING_S: f64 = 15.0;
+
 /// Name and what strength means.
-pub const BEARING_EFFECTS: [(&str, &str); 5] = [
+pub const BEARING_EFFECTS: [(&str, &str); 6] = [
     (
         "preload",
-        "bearing: factor on the preload's force, 0.5 to 1.5",
+        "bearing: factor on the preload's force, 0.4 to 2",
+    ),
+    (
+        "warm-preload",
+        "bearing: factor that the preload's force comes to as the bearing warms, 0.4 to 2",
     ),
     (
         "dead-gauge",
@@ -58,7 +67,7 @@ impl FromStr for BearingEffect {
         };
         let value: f64 = strength.parse().unwrap_or(f64::NAN);
         let allowed = match *name {
-            "preload" => 0.5..=1.5,
+            "preload" | "warm-preload" => 0.4..=2.0,
             "dead-gauge" => 0.0..=86_400.0,
             "loose-gauge" => 0.0..=1.0,
             "cage-slip" => 0.0..=10.0,
@@ -83,6 +92,7 @@ impl FromStr for BearingEffect {
         };
         Ok(match *name {
             "preload" => Self::Preload(value),
+            "warm-preload" => Self::WarmPreload(value),
             "dead-gauge" => Self::DeadGauge(gauge, value),
             "loose-gauge" => Self::LooseGauge(gauge, value),
             "cage-slip" => Self::CageSlip(value),
@@ -96,6 +106,16 @@ impl BearingEffect {
         if let Self::Preload(factor) = self {
             // Force goes with the approach to the power of 3/2.
             individual.preload *= factor.powf(2.0 / 3.0);
+        }
+    }
+
+    /// Factor on the preload's approach after `t` seconds.
+    pub(super) fn warming(&self, t: f64) -> f64 {
+        match self {
+            Self::WarmPreload(factor) => {
+                (1.0 + (factor - 1.0) * (1.0 - (-t / WARMING_S).exp())).powf(2.0 / 3.0)
+            }
+            _ => 1.0,
         }
     }
 

@@ -235,6 +235,12 @@ impl Sampled for DrivenBearing {
         }
         let more: f64 = self.effects.iter().map(BearingEffect::slip).sum();
         let loads = self.course.loads(t);
+        let warming: f64 = self
+            .effects
+            .iter()
+            .map(|effect| effect.warming(t))
+            .product();
+        self.plant.warm(warming);
         self.plant
             .advance(turned, self.slip.map(|slip| slip - more), loads);
     }

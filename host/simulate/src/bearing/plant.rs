@@ -169,6 +169,8 @@ struct Place {
 /// A bearing that turns under load, always in equilibrium.
 pub(super) struct Plant {
     individual: Individual,
+    /// Preload's approach of the cold bearing [um].
+    preload_cold: f64,
     stiffness: Mat<f64>,
     position: [f64; DOF],
     /// Azimuth of the first ball of each row [rad].
@@ -198,6 +200,7 @@ impl Plant {
             Err(_) => Mat::identity(n, n),
         };
         let mut plant = Self {
+            preload_cold: individual.preload,
             individual,
             stiffness,
             position: [0.0; DOF],
@@ -337,6 +340,11 @@ impl Plant {
             self.cage[row] += turned * ratio * (1.0 + slip[row]);
         }
         self.balance(loads);
+    }
+
+    /// Sets the factor on the preload's approach.
+    pub(super) fn warm(&mut self, factor: f64) {
+        self.individual.preload = self.preload_cold * factor;
     }
 
     /// Strain at each gauge [um/m].
