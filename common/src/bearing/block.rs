@@ -23,6 +23,8 @@ pub struct Sums {
     pub count: u16,
     /// Phase of ball passing since the start of the block [rad].
     pub phase: f32,
+    /// Periods of sampling, those of lost samples among them.
+    pub elapsed: u16,
     /// Samples in which a gauge gave no reading.
     pub missing: [u16; GAUGES],
 }
@@ -38,13 +40,15 @@ pub struct Block {
     pub phase: f32,
     /// Samples.
     pub count: u16,
+    /// Periods of sampling, those of lost samples among them.
+    pub elapsed: u16,
     /// Which gauges gave every reading.
     pub whole: [bool; GAUGES],
 }
 
 impl Sums {
-    /// Adds a sample; `phase`: that of ball passing since the sample before [rad].
-    pub fn add(&mut self, phase: f32, readings: &[Option<f32>; GAUGES]) {
+    /// Adds a sample; `phase`: that of ball passing since the sample before [rad]; `lost`: samples between the two.
+    pub fn add(&mut self, phase: f32, lost: u16, readings: &[Option<f32>; GAUGES]) {
         self.phase += phase;
         let (sin, cos) = sin_cos(self.phase);
         let (cos2, sin2) = (cos * cos - sin * sin, 2.0 * sin * cos);
@@ -70,6 +74,7 @@ impl Sums {
             }
         }
         self.count = self.count.saturating_add(1);
+        self.elapsed = self.elapsed.saturating_add(lost + 1);
     }
 
     /// The block as independent readings.
@@ -107,6 +112,7 @@ impl Sums {
             reading,
             phase: self.phase,
             count: self.count,
+            elapsed: self.elapsed,
             whole: self.missing.map(|missing| missing == 0),
         }
     }

@@ -37,7 +37,7 @@ pub const BIAS: usize = PRELOAD + 1;
 const APART: f32 = 0.6;
 
 /// Variance below which a phase is known [rad^2].
-const KNOWN_PHASE: f32 = 0.1;
+pub(super) const KNOWN_PHASE: f32 = 0.1;
 
 /// Part of the square of local strain not explained that is told as error of the bulk strain.
 const UNEXPLAINED_SHARE: f32 = 0.5;

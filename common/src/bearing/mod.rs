@@ -30,7 +30,7 @@ use block::{Block, Sums};
 use contact::{Contacts, Equilibrium};
 use duel::{CANDIDATES, Duel};
 use health::Health;
-use joint::{Belief, Told};
+use joint::{Belief, KNOWN_PHASE, Told};
 use offsets::Offsets;
 use output::{UNKNOWN, estimate};
 use trust::Trust;
@@ -53,6 +53,9 @@ pub const BASIS: usize = 1 + 2 * HARMONICS;
 
 /// Blocks a second.
 pub const BLOCK_HZ: f32 = 100.0;
+
+/// Lost samples that are counted at most: more are a new start of the sampling.
+const LONGEST_GAP: u32 = 1000;
 
 /// Jobs of a block: champion, challenger, judgement.
 const JOBS: u16 = 2 * BELIEF_JOBS + 1;
@@ -156,12 +159,16 @@ impl Bearing {
             None,
             Phase::default(),
         );
-        let phase = state.wheel.follow(&m, self.dt_s) * self.model.passes_per_turn;
+        if m.stale {
+            return estimate(state, &m);
+        }
+        let lost = m.lost.min(LONGEST_GAP) as u16;
+        let phase = state.wheel.follow(&m, self.dt_s, lost) * self.model.passes_per_turn;
         let mut readings = [None; GAUGES];
         for (reading, value) in readings.iter_mut().zip(&m.values) {
             *reading = value.ok();
         }
-        state.sums.add(phase, &readings);
+        state.sums.add(phase, lost, &readings);
         state.taken_in = false;
         for _ in 0..self.jobs_per_sample {
             state.taken_in |= state.job == BELIEF_JOBS - 1;
@@ -170,7 +177,7 @@ impl Bearing {
         if state.sums.count >= self.block_samples {
             self.close_block(state);
         }
-        state.age = state.age.saturating_add(1);
+        state.age = state.age.saturating_add(lost + 1);
         estimate(state, &m)
     }
 
@@ -178,7 +185,9 @@ impl Bearing {
         let passing_hz =
             (state.wheel.speed * self.model.passes_per_turn).abs() / core::f32::consts::TAU;
         let fast_enough = passing_hz >= self.model.tuning.lowest_hz;
-        if !fast_enough {
+        if !state.wheel.is_settled() {
+            // Neither a start nor a stop: the speed is being found.
+        } else if !fast_enough {
             // Hysteresis is not needed: a start is a search whatever its cause.
             state.running = false;
             state.job = JOBS;
@@ -209,7 +218,7 @@ impl Bearing {
         }
         state.job = job + 1;
         let tuning = &self.model.tuning;
-        let dt_s = self.dt_s * f32::from(state.block.count);
+        let dt_s = self.dt_s * f32::from(state.block.elapsed);
         let challenger = job >= BELIEF_JOBS;
         let belief = if challenger {
             &mut state.challenger
@@ -220,6 +229,11 @@ impl Bearing {
             _ if job == JOBS - 1 => self.judge(state),
             0 => {
                 belief.predict(tuning, state.block.phase, dt_s);
+                let strayed = tuning.slip_std * state.block.phase;
+                if strayed * strayed > KNOWN_PHASE {
+                    // Over a gap the cages went where they liked: the phases are to be found again.
+                    state.duel.won = 0;
+                }
                 if let Some(known) = state.known {
                     belief.know(&known);
                 }
