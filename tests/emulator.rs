@@ -18,11 +18,14 @@ use loadtwin_common::frame::Frame;
 use loadtwin_common::raw::RawSample;
 use loadtwin_common::sealed::KEY_PAGE_LEN;
 use loadtwin_common::uds;
-use loadtwin_firmware::ram_flash::{self, KEY_AT, LAYOUT, PAGE, RamFlash};
+use loadtwin_firmware::ram_flash::{self, KEY_AT, LAYOUT, RamFlash};
 use loadtwin_firmware::slcan;
 use loadtwin_firmware::stimulus::{LONGEST, Stimulus};
 use loadtwin_firmware::store::Store;
 use tempfile::TempDir;
+
+/// The machine that every emulated board is on.
+pub const MACHINE_ID: &str = "test bench";
 
 /// The board while it runs.
 pub struct Emulator {
@@ -68,17 +71,20 @@ pub fn binary() -> &'static Path {
 /// Where an image is refused.
 pub fn flash(key: &SigningKey, images: &[Vec<u8>]) -> Vec<u8> {
     let mut bytes = vec![0xFF; ram_flash::LEN];
-    bytes[KEY_AT..KEY_AT + KEY_PAGE_LEN].copy_from_slice(&key.public().to_page());
+    bytes[KEY_AT..KEY_AT + KEY_PAGE_LEN].copy_from_slice(&key.identity(MACHINE_ID).to_page());
     for image in images {
-        let mut store = Store::boot(RamFlash(bytes), LAYOUT, Some(key.public()), |_, _, _| true)
-            .expect("the layout fits");
+        let mut store = Store::boot(
+            RamFlash(bytes),
+            LAYOUT,
+            Some(key.identity(MACHINE_ID)),
+            |_, _, _| true,
+        )
+        .expect("the layout fits");
         store
-            .begin(image, u32::try_from(image.len()).expect("it fits a slot"))
+            .begin(image, |_| true)
             .expect("it is signed, and newer");
-        for page in image.chunks(PAGE) {
-            store.write(page).expect("the flash is whole");
-        }
-        store.finish(|_, _, _| true).expect("it is whole");
+        while !store.install_page(image).expect("the flash is whole") {}
+        store.finish().expect("it is whole");
         bytes = store.release().0;
     }
     bytes
@@ -114,7 +120,7 @@ impl Emulator {
     /// Where the rig does not start.
     pub fn start(model: &[u8]) -> Self {
         let key = SigningKey::generate().expect("random numbers");
-        let image = seal(model, 1, None, Some(&key)).expect("a model of that length");
+        let image = seal(model, MACHINE_ID, 1, None, Some(&key)).expect("a model of that length");
         Self::start_flash(&flash(&key, &[image]))
     }
 

@@ -11,6 +11,10 @@ pub type FrameData = [u8; 8];
 /// permission (`N_Cr`, `N_Bs`) [us].
 pub const TIMEOUT_US: u32 = 1_000_000;
 
+/// Silence after which a receiver drops a message that is not complete [us]. Shorter than
+/// [`TIMEOUT_US`], so that a sender that starts over after its own time-out is heard.
+const SILENCE_US: u32 = TIMEOUT_US / 4 * 3;
+
 /// Longest message [bytes].
 pub const MAX_MESSAGE: usize = 4095;
 
@@ -106,8 +110,9 @@ impl<const N: usize> Receiver<N> {
 
     /// Takes a frame's data bytes.
     ///
-    /// A new single or first frame ends a reception under way; a frame out of
-    /// order or after [`TIMEOUT_US`] drops it (ISO 15765-2, 9.8.3).
+    /// While a message is being received, frames that are not its next one are ignored. ISO
+    /// 15765-2, 9.8.3, drops the message then, so that one stray frame would end an upload. A
+    /// message without its next frame for three quarters of [`TIMEOUT_US`] is dropped.
     pub fn on_frame(&mut self, data: &[u8], now_us: u32) -> Received {
         let Some(&first) = data.first() else {
             return Received::Nothing;
@@ -115,7 +120,12 @@ impl<const N: usize> Receiver<N> {
         if data.len() > 8 {
             return Received::Nothing;
         }
+        if (self.segmented).is_some_and(|s| now_us.wrapping_sub(s.last_us) >= SILENCE_US) {
+            self.segmented = None;
+            self.buffer.clear();
+        }
         match first >> 4 {
+            SINGLE | FIRST if self.segmented.is_some() => Received::Nothing,
             SINGLE => self.on_single(data),
             FIRST => self.on_first(data, now_us),
             CONSECUTIVE => {
@@ -129,7 +139,6 @@ impl<const N: usize> Receiver<N> {
         let Some(message) = single_message(data) else {
             return Received::Nothing;
         };
-        self.segmented = None;
         self.buffer.clear();
         match self.buffer.extend_from_slice(message) {
             Ok(()) => Received::Message,
@@ -146,7 +155,6 @@ impl<const N: usize> Receiver<N> {
         if body.len() != 6 || (total != 0 && total <= 7) {
             return Received::Nothing;
         }
-        self.segmented = None;
         self.buffer.clear();
         if total == 0 || total > N || self.buffer.extend_from_slice(body).is_err() {
             return Received::Reply(self.flow_control(OVERFLOW));
@@ -165,12 +173,8 @@ impl<const N: usize> Receiver<N> {
             return Received::Nothing;
         };
         let wanted = s.total.saturating_sub(self.buffer.len()).min(7);
-        let late = now_us.wrapping_sub(s.last_us) > TIMEOUT_US;
-        let piece = body.get(..wanted);
-        let taken = piece.is_some_and(|p| self.buffer.extend_from_slice(p).is_ok());
-        if late || sequence != s.next || !taken {
-            self.segmented = None;
-            self.buffer.clear();
+        let piece = body.get(..wanted).filter(|_| sequence == s.next);
+        if piece.is_none_or(|p| self.buffer.extend_from_slice(p).is_err()) {
             return Received::Nothing;
         }
         if self.buffer.len() >= s.total {

@@ -5,18 +5,19 @@
 //! | offset  | bytes | field                                                          |
 //! |---------|-------|----------------------------------------------------------------|
 //! | 0       | 4     | magic `LTMI`                                                   |
-//! | 4       | 4     | version of this container, 1                                   |
+//! | 4       | 4     | version of this container, 2                                   |
 //! | 8       | 4     | issue: rises with every image that its signer publishes        |
 //! | 12      | 4     | replaces: issue of a newer image that this one may replace, or 0 |
 //! | 16      | 4     | length L of the payload, > 0                                   |
-//! | 20      | 32    | SHA-256 of the payload                                         |
-//! | 52      | 64    | Ed25519 signature (RFC 8032) over bytes 0..52; zeros: unsigned |
-//! | 116     | L     | payload: the postcard of the model                             |
-//! | 116 + L | 4     | CRC-32 (ISO-HDLC) over everything before                       |
+//! | 20      | 8     | machine that the image is for, see [`MachineId`]               |
+//! | 28      | 32    | SHA-256 of the payload                                         |
+//! | 60      | 64    | Ed25519 signature (RFC 8032) over bytes 0..60; zeros: unsigned |
+//! | 124     | L     | payload: the postcard of the model                             |
+//! | 124 + L | 4     | CRC-32 (ISO-HDLC) over everything before                       |
 //!
 //! The signature covers the payload through its digest, so that a board can
-//! refuse a forged or an older image on its first 116 bytes, before it erases
-//! anything: forged uploads cannot wear out the flash.
+//! refuse a forged or an older image, or one for another machine, on its first
+//! 124 bytes.
 //!
 //! The permission to go back is bound to the issue that is to be replaced. A
 //! bare flag could be recorded once and replayed for ever.
@@ -32,18 +33,18 @@ use sha2::{Digest, Sha256};
 /// First bytes of every sealed image.
 pub const MAGIC: [u8; 4] = *b"LTMI";
 /// Version of the container; another one is refused.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Length of the part of the header that the signature covers [bytes].
-pub const SIGNED_LEN: usize = 52;
+pub const SIGNED_LEN: usize = 60;
 /// Length of the header with its signature [bytes].
-pub const HEADER_LEN: usize = 116;
+pub const HEADER_LEN: usize = 124;
 /// What the container adds to a payload [bytes].
 pub const OVERHEAD: usize = HEADER_LEN + 4;
 
 /// First bytes of a key page.
-const KEY_MAGIC: [u8; 4] = *b"LTPK";
-/// Length of a [`PublicKey`] as it is written to the board's key page [bytes].
-pub const KEY_PAGE_LEN: usize = 40;
+const KEY_MAGIC: [u8; 4] = *b"LTP2";
+/// Length of an [`Identity`] as it is written to the board's key page [bytes].
+pub const KEY_PAGE_LEN: usize = 48;
 
 /// CRC-32 of the container and of everything that rests beside it in flash.
 pub const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
@@ -78,11 +79,13 @@ pub enum Refusal {
     Flash,
     /// An image was accepted before; the board has to start it first.
     RestartPending,
+    /// Signed for another machine than the board's.
+    WrongMachine,
 }
 
 impl Refusal {
     /// Every reason, in the order of their codes.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::BadMagic,
         Self::BadVersion,
         Self::BadLength,
@@ -96,9 +99,10 @@ impl Refusal {
         Self::BadModel,
         Self::Flash,
         Self::RestartPending,
+        Self::WrongMachine,
     ];
 
-    /// Code on the bus, 0xF0..=0xFC: the range that ISO 14229-1 leaves to the
+    /// Code on the bus, 0xF0..=0xFD: the range that ISO 14229-1 leaves to the
     /// maker for negative responses.
     pub fn code(self) -> u8 {
         0xF0 + self as u8
@@ -126,6 +130,9 @@ impl fmt::Display for Refusal {
             Self::BadModel => "the model in the image is refused: its version or a range",
             Self::Flash => "the flash could not be erased, written or read back",
             Self::RestartPending => "an image accepted before waits for a restart",
+            Self::WrongMachine => {
+                "the image is for another machine than the one in the board's key page"
+            }
         })
     }
 }
@@ -148,24 +155,55 @@ impl PublicKey {
     pub fn as_bytes(&self) -> &[u8; 32] {
         &self.0
     }
+}
 
-    /// What is written to the board's key page: `LTPK`, the key, a CRC-32.
+/// Names one machine: the first 8 bytes of the SHA-256 of its identifier in UTF-8.
+///
+/// The identifier is the `id` of the description, its `name` where it has no `id`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MachineId([u8; 8]);
+
+impl MachineId {
+    /// The machine with this identifier.
+    pub fn of(identifier: &str) -> Self {
+        let digest: [u8; 32] = Sha256::digest(identifier.as_bytes()).into();
+        let mut id = [0; 8];
+        put(&mut id, 0, &digest);
+        Self(id)
+    }
+}
+
+/// What a board was given once: the key that it checks images with, and the machine that it is on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// Images are signed with its private key.
+    pub key: PublicKey,
+    /// Images are for this machine.
+    pub machine: MachineId,
+}
+
+impl Identity {
+    /// What is written to the board's key page: `LTP2`, the key, the machine, a CRC-32.
     pub fn to_page(&self) -> [u8; KEY_PAGE_LEN] {
         let mut page = [0; KEY_PAGE_LEN];
         let (head, crc) = page.split_at_mut(KEY_PAGE_LEN - 4);
         put(head, 0, &KEY_MAGIC);
-        put(head, 4, &self.0);
+        put(head, 4, &self.key.0);
+        put(head, 36, &self.machine.0);
         put(crc, 0, &CRC.checksum(head).to_le_bytes());
         page
     }
 
-    /// The key in a key page; `None` for a blank or damaged page.
+    /// The identity in a key page; `None` for a blank or damaged page.
     pub fn from_page(page: &[u8]) -> Option<Self> {
         let (head, rest) = page.split_at_checked(KEY_PAGE_LEN - 4)?;
         if !head.starts_with(&KEY_MAGIC) || u32_at(rest, 0)? != CRC.checksum(head) {
             return None;
         }
-        Self::from_bytes(array_at(head, 4)?)
+        Some(Self {
+            key: PublicKey::from_bytes(array_at(head, 4)?)?,
+            machine: MachineId(array_at(head, 36)?),
+        })
     }
 }
 
@@ -178,6 +216,8 @@ pub struct Header {
     pub replaces: u32,
     /// Length of the payload [bytes].
     pub length: u32,
+    /// The machine that the image is for.
+    pub machine: MachineId,
     /// SHA-256 of the payload; its first bytes name the model in status frames.
     pub digest: [u8; 32],
     /// Ed25519 over [`Header::signed_bytes`]; zeros when unsigned.
@@ -188,12 +228,18 @@ impl Header {
     /// The header of a payload, still unsigned.
     ///
     /// `None` when the payload is empty or longer than a container can hold.
-    pub fn for_payload(payload: &[u8], issue: u32, replaces: u32) -> Option<Self> {
+    pub fn for_payload(
+        payload: &[u8],
+        machine: MachineId,
+        issue: u32,
+        replaces: u32,
+    ) -> Option<Self> {
         let length = u32::try_from(payload.len()).ok()?;
         let header = Self {
             issue,
             replaces,
             length,
+            machine,
             digest: Sha256::digest(payload).into(),
             signature: [0; 64],
         };
@@ -217,7 +263,8 @@ impl Header {
             issue: u32_at(bytes, 8).ok_or(short)?,
             replaces: u32_at(bytes, 12).ok_or(short)?,
             length: u32_at(bytes, 16).ok_or(short)?,
-            digest: array_at(bytes, 20).ok_or(short)?,
+            machine: MachineId(array_at(bytes, 20).ok_or(short)?),
+            digest: array_at(bytes, 28).ok_or(short)?,
             signature: array_at(bytes, SIGNED_LEN).ok_or(short)?,
         };
         if header.length == 0 || header.image_len().is_none() {
@@ -234,7 +281,8 @@ impl Header {
         put(&mut bytes, 8, &self.issue.to_le_bytes());
         put(&mut bytes, 12, &self.replaces.to_le_bytes());
         put(&mut bytes, 16, &self.length.to_le_bytes());
-        put(&mut bytes, 20, &self.digest);
+        put(&mut bytes, 20, &self.machine.0);
+        put(&mut bytes, 28, &self.digest);
         bytes
     }
 
@@ -251,16 +299,19 @@ impl Header {
         self.length.checked_add(OVERHEAD as u32)
     }
 
-    /// Whether the header is signed with this key.
+    /// Whether the header is signed for a board of this identity.
     ///
     /// # Errors
-    /// `NoKey`, `Unsigned`, `BadSignature`.
-    pub fn verify(&self, key: Option<&PublicKey>) -> Result<(), Refusal> {
-        let key = key.ok_or(Refusal::NoKey)?;
+    /// `NoKey`, `Unsigned`, `WrongMachine`, `BadSignature`.
+    pub fn verify(&self, board: Option<&Identity>) -> Result<(), Refusal> {
+        let board = board.ok_or(Refusal::NoKey)?;
         if self.signature == [0; 64] {
             return Err(Refusal::Unsigned);
         }
-        ed25519_compact::PublicKey::new(key.0)
+        if self.machine != board.machine {
+            return Err(Refusal::WrongMachine);
+        }
+        ed25519_compact::PublicKey::new(board.key.0)
             .verify(
                 self.signed_bytes(),
                 &ed25519_compact::Signature::new(self.signature),
@@ -368,16 +419,16 @@ pub fn open(bytes: &[u8]) -> Result<(Header, &[u8]), Refusal> {
     Ok((header, payload))
 }
 
-/// Opens a whole image that has to be signed with `key`.
+/// Opens a whole image that has to be signed for a board of this identity.
 ///
 /// # Errors
 /// As [`open`] and [`Header::verify`].
 pub fn open_signed<'a>(
     bytes: &'a [u8],
-    key: Option<&PublicKey>,
+    board: Option<&Identity>,
 ) -> Result<(Header, &'a [u8]), Refusal> {
     let opened = open(bytes)?;
-    opened.0.verify(key)?;
+    opened.0.verify(board)?;
     Ok(opened)
 }
 

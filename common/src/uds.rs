@@ -34,6 +34,8 @@ pub const NEGATIVE: u8 = 0x7F;
 pub const SERVICE_NOT_SUPPORTED: u8 = 0x11;
 /// Negative response code: the request's length or format is wrong.
 pub const INCORRECT_LENGTH: u8 = 0x13;
+/// Negative response code: another upload is under way; ask again.
+pub const BUSY: u8 = 0x21;
 /// Negative response code: not now, another request has to come first.
 pub const SEQUENCE_ERROR: u8 = 0x24;
 /// Negative response code: a parameter is out of range.

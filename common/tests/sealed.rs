@@ -2,12 +2,13 @@
 
 use ed25519_compact::{KeyPair, Seed};
 use loadtwin_common::sealed::{
-    CRC, Header, KEY_PAGE_LEN, OVERHEAD, PublicKey, Refusal, SIGNED_LEN, open, open_signed,
+    CRC, Header, Identity, KEY_PAGE_LEN, MachineId, OVERHEAD, PublicKey, Refusal, SIGNED_LEN, open,
+    open_signed,
 };
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-/// Made by `reference/sealed.py`, Python 3.11.7 with cryptography 48.0.0.
+/// Made by `reference/sealed.py`, Python 3.11.7 with cryptography 50.0.2.
 const REFERENCE: &[u8] = include_bytes!("reference/sealed.bin");
 const KEY_PAGE: &[u8] = include_bytes!("reference/key_page.bin");
 
@@ -15,8 +16,12 @@ fn pair(seed: u8) -> KeyPair {
     KeyPair::from_seed(Seed::new([seed; 32]))
 }
 
-fn public(pair: &KeyPair) -> PublicKey {
-    PublicKey::from_bytes(*pair.pk).unwrap()
+/// The board of these tests, with the public key of `pair`.
+fn board(pair: &KeyPair) -> Identity {
+    Identity {
+        key: PublicKey::from_bytes(*pair.pk).unwrap(),
+        machine: MachineId::of("bench"),
+    }
 }
 
 fn image(header: &Header, payload: &[u8]) -> Vec<u8> {
@@ -26,7 +31,7 @@ fn image(header: &Header, payload: &[u8]) -> Vec<u8> {
 }
 
 fn signed(payload: &[u8], issue: u32, replaces: u32, pair: &KeyPair) -> Vec<u8> {
-    let mut header = Header::for_payload(payload, issue, replaces).unwrap();
+    let mut header = Header::for_payload(payload, MachineId::of("bench"), issue, replaces).unwrap();
     header.signature = *pair.sk.sign(header.signed_bytes(), None);
     image(&header, payload)
 }
@@ -39,18 +44,19 @@ fn repair(bytes: &mut [u8]) {
 
 #[test]
 fn the_image_of_another_implementation_opens() {
-    let key = PublicKey::from_page(KEY_PAGE).unwrap();
-    let (header, payload) = open_signed(REFERENCE, Some(&key)).unwrap();
+    let board = Identity::from_page(KEY_PAGE).unwrap();
+    assert_eq!(board.machine, MachineId::of("Prüfstand 3"));
+    let (header, payload) = open_signed(REFERENCE, Some(&board)).unwrap();
     let expected: Vec<u8> = (0..300).map(|i| ((7 * i + i / 9) % 256) as u8).collect();
     assert_eq!((header.issue, header.replaces), (42, 43));
     assert_eq!(payload, expected);
-    assert_eq!(key.to_page(), KEY_PAGE);
+    assert_eq!(board.to_page(), KEY_PAGE);
     assert_eq!(image(&header, payload), REFERENCE);
 }
 
 #[test]
 fn every_bit_flip_and_every_truncation_is_refused() {
-    let key = public(&pair(1));
+    let key = board(&pair(1));
     let bytes = signed(&[0x5A; 333], 7, 0, &pair(1));
     assert!(open_signed(&bytes, Some(&key)).is_ok());
     let mut accepted = 0;
@@ -73,7 +79,7 @@ fn every_bit_flip_and_every_truncation_is_refused() {
 #[test]
 fn each_reason_is_told() {
     let good = signed(b"model", 7, 0, &pair(1));
-    let key = public(&pair(1));
+    let key = board(&pair(1));
     let refusal = |bytes: &[u8]| open_signed(bytes, Some(&key)).unwrap_err();
     let bent = |at: usize| {
         let mut b = good.clone();
@@ -92,6 +98,7 @@ fn each_reason_is_told() {
         Refusal::BadSignature,
         "another permission"
     );
+    assert_eq!(refusal(&bent(20)), Refusal::WrongMachine);
     assert_eq!(refusal(&bent(SIGNED_LEN)), Refusal::BadSignature);
     assert_eq!(refusal(&bent(OVERHEAD - 4)), Refusal::BadDigest);
     let mut crc = good.clone();
@@ -99,18 +106,28 @@ fn each_reason_is_told() {
     assert_eq!(refusal(&crc), Refusal::BadCrc);
     assert_eq!(open_signed(&good, None), Err(Refusal::NoKey));
     assert_eq!(
-        open_signed(&good, Some(&public(&pair(2)))),
+        open_signed(&good, Some(&board(&pair(2)))),
         Err(Refusal::BadSignature)
     );
-    let unsigned = image(&Header::for_payload(b"model", 7, 0).unwrap(), b"model");
+    let unsigned = image(
+        &Header::for_payload(b"model", MachineId::of("bench"), 7, 0).unwrap(),
+        b"model",
+    );
     assert!(open(&unsigned).is_ok());
     assert_eq!(refusal(&unsigned), Refusal::Unsigned);
-    assert!(Header::for_payload(&[], 1, 0).is_none());
+    assert!(Header::for_payload(&[], MachineId::of("bench"), 1, 0).is_none());
+    let other = Identity {
+        machine: MachineId::of("another"),
+        ..key
+    };
+    assert_eq!(open_signed(&good, Some(&other)), Err(Refusal::WrongMachine));
 }
 
 #[test]
 fn only_the_signer_lets_an_image_go_back() {
-    let header = |issue, replaces| Header::for_payload(b"m", issue, replaces).unwrap();
+    let header = |issue, replaces| {
+        Header::for_payload(b"m", MachineId::of("bench"), issue, replaces).unwrap()
+    };
     let running = header(7, 0);
     for (issue, replaces, allowed) in [
         (8, 0, true),
@@ -137,14 +154,14 @@ fn only_the_signer_lets_an_image_go_back() {
 
 #[test]
 fn a_key_page_is_whole_or_nothing() {
-    let page = public(&pair(1)).to_page();
-    assert_eq!(PublicKey::from_page(&page), Some(public(&pair(1))));
+    let page = board(&pair(1)).to_page();
+    assert_eq!(Identity::from_page(&page), Some(board(&pair(1))));
     for bit in 0..KEY_PAGE_LEN * 8 {
         let mut bent = page;
         bent[bit / 8] ^= 1 << (bit % 8);
-        assert_eq!(PublicKey::from_page(&bent), None);
+        assert_eq!(Identity::from_page(&bent), None);
     }
-    assert_eq!(PublicKey::from_page(&[0xFF; KEY_PAGE_LEN]), None);
+    assert_eq!(Identity::from_page(&[0xFF; KEY_PAGE_LEN]), None);
     // Points of small order verify signatures that nobody made.
     let mut one = [0; 32];
     one[0] = 1;
@@ -158,7 +175,7 @@ fn codes_and_reasons_are_one_to_one() {
         assert_eq!(usize::from(refusal.code()), 0xF0 + i);
         assert_eq!(Refusal::from_code(refusal.code()), Some(refusal));
     }
-    for code in (0..0xF0).chain(0xFD..=0xFF) {
+    for code in (0..0xF0).chain(0xFE..=0xFF) {
         assert_eq!(Refusal::from_code(code), None);
     }
 }
@@ -176,7 +193,7 @@ proptest! {
         // of a piece of a valid image, with the CRC put right.
         let bytes = match seal {
             0 => bytes,
-            1 => [b"LTMI\x01\0\0\0", &bytes[..]].concat(),
+            1 => [b"LTMI\x02\0\0\0", &bytes[..]].concat(),
             _ => {
                 let mut b = REFERENCE.to_vec();
                 let end = b.len().min(at + bytes.len());
@@ -185,10 +202,10 @@ proptest! {
                 b
             }
         };
-        let key = PublicKey::from_page(KEY_PAGE).unwrap();
-        if let Ok((header, _)) = open_signed(&bytes, Some(&key)) {
+        let board = Identity::from_page(KEY_PAGE).unwrap();
+        if let Ok((header, _)) = open_signed(&bytes, Some(&board)) {
             prop_assert_eq!(&bytes, REFERENCE, "accepted: {:?}", header);
         }
-        let _ = PublicKey::from_page(&bytes);
+        let _ = Identity::from_page(&bytes);
     }
 }

@@ -2,7 +2,7 @@
 
 use embedded_storage::nor_flash::NorFlash;
 use loadtwin_common::frame::Frame;
-use loadtwin_common::sealed::{Header, PublicKey, Refusal};
+use loadtwin_common::sealed::{Header, Identity, Refusal};
 use loadtwin_common::uds;
 
 use crate::app::App;
@@ -17,35 +17,35 @@ use crate::upload::{Event, Upload};
 pub struct Models<F, const N: usize> {
     store: Store<F>,
     upload: Upload<N>,
-    judged: &'static mut [u8],
+    room: &'static mut [u8],
 }
 
 impl<F: NorFlash, const N: usize> Models<F, N> {
     /// Finds the image to run.
     ///
-    /// `judged`: what an image is read into to be judged; it sets the longest payload.
+    /// `room`: holds an image while it is checked and installed; it sets the longest image.
     ///
     /// # Errors
     /// As [`Store::boot`].
     pub fn boot(
         flash: F,
         layout: Layout,
-        key: Option<PublicKey>,
-        judged: &'static mut [u8],
+        board: Option<Identity>,
+        room: &'static mut [u8],
     ) -> Result<Self, loadtwin_common::Error> {
-        let store = Store::boot(flash, layout, key, |flash, at, len| {
-            judge(flash, at, len, judged)
+        let store = Store::boot(flash, layout, board, |flash, at, len| {
+            read(flash, at, len, room).is_some_and(is_accepted)
         })?;
         Ok(Self {
             store,
             upload: Upload::new(),
-            judged,
+            room,
         })
     }
 
     /// Gives an application without image the image to run, where there is one.
     ///
-    /// `room`: as long as `judged`; the model is run from there, so that no erase of
+    /// `room`: as long as the longest payload; the model is run from there, so that no erase of
     /// the flash stops the estimator.
     pub fn start(&mut self, app: &mut App<'static>, room: &'static mut [u8]) {
         if let Some(active) = self.store.active().copied() {
@@ -68,10 +68,7 @@ impl<F: NorFlash, const N: usize> Models<F, N> {
     /// Works on the upload; gives the frame to send, and the refusal's code
     /// for the status frame where an image was judged (0: accepted).
     pub fn poll(&mut self) -> (Option<Frame>, Option<u8>) {
-        let judged = &mut *self.judged;
-        let progress = self.upload.poll(&mut self.store, |flash, at, len| {
-            judge(flash, at, len, judged)
-        });
+        let progress = self.upload.poll(&mut self.store, self.room, is_accepted);
         let refused = progress.event.map(|event| match event {
             Event::Accepted(_) => 0,
             Event::Refused(refusal) => refusal.code(),
@@ -101,7 +98,8 @@ fn read<'a, F: NorFlash>(flash: &mut F, at: u32, len: u32, room: &'a mut [u8]) -
     bytes.get(..len as usize)
 }
 
+/// Whether an application takes the image.
 #[inline(never)]
-fn judge<F: NorFlash>(flash: &mut F, at: u32, len: u32, room: &mut [u8]) -> bool {
-    read(flash, at, len, room).is_some_and(|image| App::without_image().load(image, 0).is_ok())
+fn is_accepted(image: &[u8]) -> bool {
+    App::without_image().load(image, 0).is_ok()
 }

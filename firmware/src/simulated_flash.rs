@@ -67,6 +67,8 @@ const ERASED: Word = Word {
 #[derive(Clone, Debug)]
 pub struct SimulatedFlash<const PAGE: usize, const WORDS: usize> {
     words: [Word; WORDS],
+    /// Cells of each word that always read as 0, and as 1.
+    stuck: [(u64, u64); WORDS],
     random: u64,
     powered: bool,
     cut: Option<(u32, Moment)>,
@@ -78,6 +80,7 @@ impl<const PAGE: usize, const WORDS: usize> SimulatedFlash<PAGE, WORDS> {
     pub fn new(seed: u64) -> Self {
         Self {
             words: [ERASED; WORDS],
+            stuck: [(0, 0); WORDS],
             random: seed | 1,
             powered: true,
             cut: None,
@@ -105,6 +108,30 @@ impl<const PAGE: usize, const WORDS: usize> SimulatedFlash<PAGE, WORDS> {
     /// Writes of a word and erases of a page done or begun so far.
     pub fn operations(&self) -> u32 {
         self.operations
+    }
+
+    /// Flips a bit of a word, as charge that leaks does; reads do not report it.
+    pub fn flip(&mut self, word: usize, bit: u32) {
+        if let Some(word) = self.words.get_mut(word) {
+            word.value ^= 1 << (bit % 64);
+        }
+    }
+
+    /// Makes a word read differently every time, and most of the time not at all.
+    pub fn weaken(&mut self, word: usize) {
+        let flaky = self.random();
+        if let Some(word) = self.words.get_mut(word) {
+            word.flaky = flaky;
+            word.torn = true;
+        }
+    }
+
+    /// Lets a cell of a word always read as `bit_value`, whatever is written.
+    pub fn stick(&mut self, word: usize, bit: u32, bit_value: bool) {
+        if let Some((low, high)) = self.stuck.get_mut(word) {
+            let mask = 1 << (bit % 64);
+            *(if bit_value { high } else { low }) |= mask;
+        }
     }
 
     /// Takes another seed for what comes.
@@ -168,6 +195,10 @@ impl<const PAGE: usize, const WORDS: usize> SimulatedFlash<PAGE, WORDS> {
         }
     }
 
+    fn stuck_low(&self, index: usize) -> u64 {
+        self.stuck.get(index).map_or(0, |(low, _)| *low)
+    }
+
     fn program(&mut self, index: usize, new: u64) -> Result<(), FlashError> {
         let fate = self.fate()?;
         let old = self
@@ -181,7 +212,9 @@ impl<const PAGE: usize, const WORDS: usize> SimulatedFlash<PAGE, WORDS> {
                 let new = new & old.value;
                 self.torn(old, new)
             }
-            _ if old.value != u64::MAX || old.flaky & self.random() != 0 => {
+            _ if old.value & !self.stuck_low(index) != u64::MAX
+                || old.flaky & self.random() != 0 =>
+            {
                 return Err(FlashError::NotBlank);
             }
             _ => Word {
@@ -244,6 +277,8 @@ impl<const PAGE: usize, const WORDS: usize> ReadNorFlash for SimulatedFlash<PAGE
                 }
                 value ^= word.flaky & self.random();
             }
+            let (low, high) = self.stuck.get(at / WORD).copied().unwrap_or_default();
+            value = value & !low | high;
             let from = at % WORD;
             let (now, later) = rest.split_at_mut(rest.len().min(WORD - from));
             for (b, v) in now

@@ -2,13 +2,17 @@
 //!
 //! [`Upload::on_frame`] belongs where frames are received: it answers with flow
 //! control and never blocks. [`Upload::poll`] belongs in the background, below
-//! the estimator: it erases, writes and checks the signature.
+//! the estimator: it checks the image and installs it.
 //!
-//! Nothing here decides who may upload: the [`Store`] takes what the board's
-//! key has signed and what is newer than the running image, and nothing else.
+//! The image is received into memory and checked there as a whole: nothing is
+//! erased for one that the [`Store`] does not take. A page is installed in each
+//! poll, so that the background goes on with other work between them.
+//!
+//! Nothing here decides who may upload: the [`Store`] takes what was signed for
+//! this board and is newer than the running image, and nothing else.
 
 use embedded_storage::nor_flash::NorFlash;
-use loadtwin_common::isotp::{FrameData, Received, Receiver, single_frame};
+use loadtwin_common::isotp::{FrameData, Received, Receiver, TIMEOUT_US, single_frame};
 use loadtwin_common::sealed::Refusal;
 use loadtwin_common::uds;
 
@@ -20,6 +24,15 @@ pub const BLOCK_OVERHEAD: usize = 2;
 /// Frames that may follow one flow control. Low enough for a receive queue of
 /// 16 frames.
 const BLOCK_SIZE: u8 = 16;
+
+/// Silence after which an upload makes way for another one [us]: four times as long as a sender
+/// waits before it sends a request again, and one second more.
+const IDLE_US: u32 = 4 * TIMEOUT_US + 1_000_000;
+
+/// Installations that may fail between two starts. Each erases a slot, of which the flash
+/// endures 10 000 (STM32G474, DS12288 table 55); a recorded upload sent again and again to a
+/// board with a worn cell would use them up.
+const FAILED_INSTALLATIONS: u8 = 3;
 
 /// What became of an upload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,10 +59,15 @@ enum Phase {
     Announced {
         image_len: u32,
     },
-    /// `counter`: of the last block written.
+    /// `counter`: of the last block received.
     Transfer {
         counter: u8,
-        missing: u32,
+        received: u32,
+        image_len: u32,
+    },
+    /// Checked; pages go into the flash.
+    Installing {
+        image_len: u32,
     },
 }
 
@@ -67,6 +85,9 @@ pub struct Upload<const N: usize> {
     receiver: Receiver<N>,
     request: Request,
     phase: Phase,
+    /// When the last request of the upload was received.
+    heard_us: u32,
+    failed_installations: u8,
 }
 
 impl<const N: usize> Default for Upload<N> {
@@ -82,6 +103,8 @@ impl<const N: usize> Upload<N> {
             receiver: Receiver::new(BLOCK_SIZE, 0),
             request: Request::None,
             phase: Phase::Idle,
+            heard_us: 0,
+            failed_installations: 0,
         }
     }
 
@@ -96,8 +119,16 @@ impl<const N: usize> Upload<N> {
         }
         match self.receiver.on_frame(data, now_us) {
             Received::Nothing => None,
-            Received::Reply(frame) => Some(frame),
+            Received::Reply(frame) => {
+                self.heard_us = now_us;
+                Some(frame)
+            }
             Received::Message => {
+                // An upload that is silent is over. One that goes on is not ended by another
+                // announcement, see `announce`.
+                if now_us.wrapping_sub(self.heard_us) >= IDLE_US {
+                    self.phase = Phase::Idle;
+                }
                 // The header's signature and the whole image take longer than
                 // the 50 ms within which an answer is due.
                 let slow = match self.receiver.message() {
@@ -106,18 +137,32 @@ impl<const N: usize> Upload<N> {
                     _ => false,
                 };
                 self.request = if slow { Request::Slow } else { Request::Ready };
+                if self.phase == Phase::Idle || self.is_of_upload() {
+                    self.heard_us = now_us;
+                }
                 None
             }
         }
     }
 
+    /// Whether the message belongs to the upload under way: whoever asks for something else
+    /// does not keep it alive.
+    fn is_of_upload(&self) -> bool {
+        matches!(
+            self.receiver.message(),
+            [uds::TRANSFER_DATA | uds::TRANSFER_EXIT, ..]
+        )
+    }
+
     /// Works on the request received, if any.
     ///
-    /// `accept`: as for [`Store::boot`].
+    /// `room`: holds the image until it is installed; as long as the longest image. `accept`
+    /// checks a payload, as for [`Store::boot`].
     pub fn poll<F: NorFlash>(
         &mut self,
         store: &mut Store<F>,
-        accept: impl FnMut(&mut F, u32, u32) -> bool,
+        room: &mut [u8],
+        accept: impl FnOnce(&[u8]) -> bool,
     ) -> Progress {
         const {
             assert!(N == F::ERASE_SIZE + BLOCK_OVERHEAD);
@@ -138,14 +183,26 @@ impl<const N: usize> Upload<N> {
                     event: None,
                 };
             }
-            Request::Ready => self.request = Request::None,
+            Request::Ready => {}
         }
         let outcome = match service {
-            uds::REQUEST_DOWNLOAD => announce(&mut self.phase, message, store),
-            uds::TRANSFER_DATA => transfer(&mut self.phase, body, store),
-            uds::TRANSFER_EXIT => exit(&mut self.phase, body, store, accept),
+            uds::REQUEST_DOWNLOAD => announce(&mut self.phase, message, store, room.len()),
+            uds::TRANSFER_DATA => transfer(&mut self.phase, body, store, room),
+            uds::TRANSFER_EXIT => match self.phase {
+                Phase::Installing { image_len } => install(&mut self.phase, image_len, store, room)
+                    .inspect_err(|_| {
+                        self.failed_installations = self.failed_installations.saturating_add(1);
+                    }),
+                _ if self.failed_installations >= FAILED_INSTALLATIONS => {
+                    Err(No::Image(Refusal::Flash))
+                }
+                _ => exit(&mut self.phase, body, store, room, accept),
+            },
             _ => Err(No::Request(uds::SERVICE_NOT_SUPPORTED)),
         };
+        if !matches!(outcome, Ok(Yes { answer: None, .. })) {
+            self.request = Request::None;
+        }
         match outcome {
             Ok(Yes { answer, event }) => Progress { answer, event },
             Err(No::Request(code)) => Progress {
@@ -164,9 +221,24 @@ impl<const N: usize> Upload<N> {
     }
 }
 
+/// Without an answer the request goes on in the next poll.
 struct Yes {
     answer: Option<FrameData>,
     event: Option<Event>,
+}
+
+impl Yes {
+    fn answer(message: &[u8]) -> Self {
+        Self {
+            answer: single_frame(message),
+            event: None,
+        }
+    }
+
+    const WORKING: Self = Self {
+        answer: None,
+        event: None,
+    };
 }
 
 enum No {
@@ -179,90 +251,130 @@ enum No {
 fn announce<F: NorFlash>(
     phase: &mut Phase,
     message: &[u8],
-    store: &mut Store<F>,
+    store: &Store<F>,
+    room: usize,
 ) -> Result<Yes, No> {
     let size = message
         .strip_prefix(&uds::DOWNLOAD_FORMAT)
         .ok_or(No::Request(uds::OUT_OF_RANGE))?;
     let size = <[u8; 4]>::try_from(size).map_err(|_| No::Request(uds::INCORRECT_LENGTH))?;
     let image_len = u32::from_be_bytes(size);
-    store.abandon();
-    *phase = Phase::Idle;
+    match *phase {
+        Phase::Idle => {}
+        // Sent again because our answer was lost.
+        Phase::Announced { image_len: known } if known == image_len => {}
+        _ => return Err(No::Request(uds::BUSY)),
+    }
     if store.restart_pending() {
         return Err(No::Image(Refusal::RestartPending));
     }
-    if store.key().is_none() {
+    if store.board().is_none() {
         return Err(No::Image(Refusal::NoKey));
     }
-    if image_len > store.image_capacity() {
+    if image_len > store.image_capacity() || image_len as usize > room {
         return Err(No::Image(Refusal::TooLong));
     }
     *phase = Phase::Announced { image_len };
     let [high, low] = ((F::ERASE_SIZE + BLOCK_OVERHEAD) as u16).to_be_bytes();
-    let answer = single_frame(&[uds::REQUEST_DOWNLOAD + uds::POSITIVE, 0x20, high, low]);
-    Ok(Yes {
-        answer,
-        event: None,
-    })
+    Ok(Yes::answer(&[
+        uds::REQUEST_DOWNLOAD + uds::POSITIVE,
+        0x20,
+        high,
+        low,
+    ]))
 }
 
-fn transfer<F: NorFlash>(phase: &mut Phase, body: &[u8], store: &mut Store<F>) -> Result<Yes, No> {
+/// Takes a block; all but the last are as long as a page.
+fn transfer<F: NorFlash>(
+    phase: &mut Phase,
+    body: &[u8],
+    store: &Store<F>,
+    room: &mut [u8],
+) -> Result<Yes, No> {
     let Some((&counter, piece)) = body.split_first() else {
         return Err(No::Request(uds::INCORRECT_LENGTH));
     };
-    let answer = single_frame(&[uds::TRANSFER_DATA + uds::POSITIVE, counter]);
-    let missing = match *phase {
-        Phase::Idle => return Err(No::Request(uds::SEQUENCE_ERROR)),
+    let answer = Yes::answer(&[uds::TRANSFER_DATA + uds::POSITIVE, counter]);
+    let (received, image_len) = match *phase {
+        Phase::Idle | Phase::Installing { .. } => return Err(No::Request(uds::SEQUENCE_ERROR)),
         Phase::Announced { image_len } => {
             if counter != 1 {
                 return Err(No::Request(uds::WRONG_BLOCK_COUNTER));
             }
-            store.begin(piece, image_len).map_err(No::Image)?;
-            image_len
+            store.check_header(piece, image_len).map_err(No::Image)?;
+            (0, image_len)
         }
-        // Sent again because our answer was lost: written already.
-        Phase::Transfer { counter: last, .. } if counter == last => {
-            return Ok(Yes {
-                answer,
-                event: None,
-            });
-        }
+        // Sent again because our answer was lost.
+        Phase::Transfer { counter: last, .. } if counter == last => return Ok(answer),
         Phase::Transfer {
             counter: last,
-            missing,
+            received,
+            image_len,
         } => {
             if counter != last.wrapping_add(1) {
                 return Err(No::Request(uds::WRONG_BLOCK_COUNTER));
             }
-            missing
+            (received, image_len)
         }
     };
-    store.write(piece).map_err(No::Image)?;
-    let missing = missing.saturating_sub(piece.len() as u32);
-    *phase = Phase::Transfer { counter, missing };
-    Ok(Yes {
-        answer,
-        event: None,
-    })
+    let wanted = image_len.saturating_sub(received).min(F::ERASE_SIZE as u32);
+    let end = received.saturating_add(wanted);
+    let target = room.get_mut(received as usize..end as usize);
+    match target {
+        Some(target) if wanted > 0 && piece.len() == target.len() => target.copy_from_slice(piece),
+        _ => return Err(No::Image(Refusal::BadLength)),
+    }
+    *phase = Phase::Transfer {
+        counter,
+        received: end,
+        image_len,
+    };
+    Ok(answer)
 }
 
+/// Checks the whole image; it is installed from the next poll on.
 fn exit<F: NorFlash>(
     phase: &mut Phase,
     body: &[u8],
     store: &mut Store<F>,
-    accept: impl FnMut(&mut F, u32, u32) -> bool,
+    room: &[u8],
+    accept: impl FnOnce(&[u8]) -> bool,
 ) -> Result<Yes, No> {
     if !body.is_empty() {
         return Err(No::Request(uds::INCORRECT_LENGTH));
     }
-    let Phase::Transfer { missing: 0, .. } = *phase else {
+    let Phase::Transfer {
+        received,
+        image_len,
+        ..
+    } = *phase
+    else {
         return Err(No::Request(uds::SEQUENCE_ERROR));
     };
-    let active = store.finish(accept).map_err(No::Image)?;
+    if received != image_len {
+        return Err(No::Request(uds::SEQUENCE_ERROR));
+    }
+    let image = room.get(..image_len as usize).unwrap_or_default();
+    store.begin(image, accept).map_err(No::Image)?;
+    *phase = Phase::Installing { image_len };
+    Ok(Yes::WORKING)
+}
+
+/// Installs one page; after the last one the image comes into force.
+fn install<F: NorFlash>(
+    phase: &mut Phase,
+    image_len: u32,
+    store: &mut Store<F>,
+    room: &[u8],
+) -> Result<Yes, No> {
+    let image = room.get(..image_len as usize).unwrap_or_default();
+    if !store.install_page(image).map_err(No::Image)? {
+        return Ok(Yes::WORKING);
+    }
+    let active = store.finish().map_err(No::Image)?;
     *phase = Phase::Idle;
-    let answer = single_frame(&[uds::TRANSFER_EXIT + uds::POSITIVE]);
     Ok(Yes {
-        answer,
         event: Some(Event::Accepted(active.header.issue)),
+        ..Yes::answer(&[uds::TRANSFER_EXIT + uds::POSITIVE])
     })
 }

@@ -12,7 +12,7 @@ use loadtwin_firmware::store::{Layout, Slot, Store};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use signer::{board_key, pair, signed};
+use signer::{board, pair, signed, signed_for};
 
 const PAGE: usize = 256;
 const LAYOUT: Layout = Layout {
@@ -24,17 +24,13 @@ type Flash = SimulatedFlash<PAGE, { 8 * PAGE / 8 }>;
 const MOMENTS: [Moment; 3] = [Moment::Before, Moment::Inside, Moment::After];
 
 fn boot(flash: Flash) -> Store<Flash> {
-    Store::boot(flash, LAYOUT, Some(board_key()), |_, _, _| true).unwrap()
+    Store::boot(flash, LAYOUT, Some(board()), |_, _, _| true).unwrap()
 }
 
 fn upload(store: &mut Store<Flash>, image: &[u8]) -> Result<(), Refusal> {
-    for (i, piece) in image.chunks(PAGE).enumerate() {
-        if i == 0 {
-            store.begin(piece, image.len() as u32)?;
-        }
-        store.write(piece)?;
-    }
-    store.finish(|_, _, _| true).map(|_| ())
+    store.begin(image, |_| true)?;
+    while !store.install_page(image)? {}
+    store.finish().map(|_| ())
 }
 
 /// An image of a page and a bit.
@@ -271,10 +267,10 @@ impl NorFlash for Forgetful {
 #[test]
 fn a_record_page_that_was_not_erased_takes_no_image() {
     let flash = Forgetful(in_service());
-    let mut store = Store::boot(flash, LAYOUT, Some(board_key()), |_, _, _| true).unwrap();
+    let mut store = Store::boot(flash, LAYOUT, Some(board()), |_, _, _| true).unwrap();
     let image = image(3);
-    let begun = store.begin(&image[..PAGE], image.len() as u32);
-    assert_eq!(begun, Err(Refusal::Flash));
+    store.begin(&image, |_| true).unwrap();
+    assert_eq!(store.install_page(&image), Err(Refusal::Flash));
     assert_eq!(running(&boot(store.release().0)), Some(2));
 }
 
@@ -282,44 +278,34 @@ fn a_record_page_that_was_not_erased_takes_no_image() {
 fn nothing_is_written_for_an_image_that_is_refused() {
     let good = image(3);
     let forged = signed(b"model", 3, 0, &pair(2));
+    let foreign = signed_for("another", b"model", 3, 0, &pair(1));
     let old = signed(b"model", 1, 0, &pair(1));
     let same = signed(b"model", 2, 0, &pair(1));
     let long = signed(&[0; 2 * PAGE], 3, 0, &pair(1));
     let mut store = boot(in_service());
     let before = store.flash().operations();
-    let mut begin =
-        |image: &[u8], length: usize| store.begin(&image[..image.len().min(PAGE)], length as u32);
-    assert_eq!(begin(&forged, forged.len()), Err(Refusal::BadSignature));
-    assert_eq!(begin(&old, old.len()), Err(Refusal::Downgrade));
-    assert_eq!(begin(&same, same.len()), Err(Refusal::Downgrade));
-    assert_eq!(begin(&long, long.len()), Err(Refusal::TooLong));
-    assert_eq!(begin(&good, good.len() + 1), Err(Refusal::BadLength));
+    let check = |image: &[u8], length: usize| {
+        (store.check_header(image, length as u32)).map(|header| header.issue)
+    };
+    assert_eq!(check(&good, good.len()), Ok(3));
+    assert_eq!(check(&forged, forged.len()), Err(Refusal::BadSignature));
+    assert_eq!(check(&foreign, foreign.len()), Err(Refusal::WrongMachine));
+    assert_eq!(check(&old, old.len()), Err(Refusal::Downgrade));
+    assert_eq!(check(&same, same.len()), Err(Refusal::Downgrade));
+    assert_eq!(check(&long, long.len()), Err(Refusal::TooLong));
+    assert_eq!(check(&good, good.len() + 1), Err(Refusal::BadLength));
     assert_eq!(
-        begin(&good[..HEADER_LEN - 1], good.len()),
+        check(&good[..HEADER_LEN - 1], good.len()),
         Err(Refusal::BadLength)
     );
+    // Nothing is erased for an image before all of it was checked.
+    let mut damaged = good.clone();
+    damaged[PAGE + 3] ^= 1;
+    assert_eq!(store.begin(&damaged, |_| true), Err(Refusal::BadCrc));
+    assert_eq!(store.begin(&good, |_| false), Err(Refusal::BadModel));
+    assert_eq!(store.begin(&good, |_| true), Ok(()));
     assert_eq!(store.flash().operations(), before);
     assert_eq!(running(&boot(store.release())), Some(2));
-}
-
-#[test]
-fn a_whole_image_that_is_refused_leaves_the_old_one() {
-    for (change, reason) in [(PAGE + 3, Refusal::BadCrc), (usize::MAX, Refusal::BadModel)] {
-        let mut bytes = image(3);
-        if let Some(byte) = bytes.get_mut(change) {
-            *byte ^= 1;
-        }
-        let mut store = boot(in_service());
-        store.begin(&bytes[..PAGE], bytes.len() as u32).unwrap();
-        store.write(&bytes[..PAGE]).unwrap();
-        store.write(&bytes[PAGE..]).unwrap();
-        assert_eq!(
-            store.finish(|_, _, _| reason != Refusal::BadModel),
-            Err(reason)
-        );
-        assert_eq!(running(&store), Some(2));
-        assert_eq!(running(&boot(store.release())), Some(2));
-    }
 }
 
 #[test]
@@ -343,17 +329,12 @@ fn the_signer_lets_an_older_image_run_once() {
 fn a_model_that_the_firmware_refuses_is_passed_over_for_the_older_one() {
     let flash = in_service();
     let mut tried = Vec::new();
-    let store = Store::boot(
-        flash.clone(),
-        LAYOUT,
-        Some(board_key()),
-        |flash, at, length| {
-            let mut payload = vec![0; length as usize];
-            flash.read(at, &mut payload).unwrap();
-            tried.push(payload[0]);
-            payload[0] != 2
-        },
-    );
+    let store = Store::boot(flash.clone(), LAYOUT, Some(board()), |flash, at, length| {
+        let mut payload = vec![0; length as usize];
+        flash.read(at, &mut payload).unwrap();
+        tried.push(payload[0]);
+        payload[0] != 2
+    });
     assert_eq!(running(&store.unwrap()), Some(1));
     assert_eq!(tried, [2, 1]);
     let keyless = Store::boot(flash, LAYOUT, None, |_, _, _| true).unwrap();

@@ -3,7 +3,7 @@
 mod signer;
 
 use loadtwin_common::isotp::{FrameData, Sender, Sending, single_message};
-use loadtwin_common::sealed::{CRC, HEADER_LEN, Refusal};
+use loadtwin_common::sealed::{CRC, HEADER_LEN, Refusal, SIGNED_LEN};
 use loadtwin_common::uds;
 use loadtwin_firmware::simulated_flash::SimulatedFlash;
 use loadtwin_firmware::store::{Layout, Store};
@@ -13,19 +13,22 @@ use proptest::test_runner::RngSeed;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use signer::{board_key, pair, signed};
+use signer::{board, pair, signed, signed_for};
 
 const PAGE: usize = 256;
 const LAYOUT: Layout = Layout {
     start: 0,
     slot_bytes: 4 * PAGE as u32,
 };
+/// Polls that any request takes at most.
+const POLLS: usize = 2 + 3;
 type Flash = SimulatedFlash<PAGE, { 8 * PAGE / 8 }>;
 
 /// A board as the bus sees it.
 struct Board {
     store: Store<Flash>,
     upload: Upload<{ PAGE + BLOCK_OVERHEAD }>,
+    room: [u8; 3 * PAGE],
     now_us: u32,
     events: Vec<Event>,
 }
@@ -33,8 +36,9 @@ struct Board {
 impl Board {
     fn new(flash: Flash) -> Self {
         Self {
-            store: Store::boot(flash, LAYOUT, Some(board_key()), |_, _, _| true).unwrap(),
+            store: Store::boot(flash, LAYOUT, Some(board()), |_, _, _| true).unwrap(),
             upload: Upload::new(),
+            room: [0; 3 * PAGE],
             now_us: 0,
             events: Vec::new(),
         }
@@ -63,9 +67,9 @@ impl Board {
             .on_frame(data, self.now_us)
             .into_iter()
             .collect();
-        // At most "still at work", then the answer.
-        for _ in 0..2 {
-            let progress = self.upload.poll(&mut self.store, |_, _, _| true);
+        // At most "still at work", the check, a poll for each page, and the answer.
+        for _ in 0..POLLS {
+            let progress = self.upload.poll(&mut self.store, &mut self.room, |_| true);
             answers.extend(progress.answer);
             self.events.extend(progress.event);
         }
@@ -149,7 +153,7 @@ fn an_upload_is_in_force_after_a_restart() {
     let mut board = Board::in_service();
     assert_eq!(board.running(), Some(5));
     assert_eq!(
-        board.request(&announcement(420)),
+        board.request(&announcement(image(6).len())),
         Some(vec![0x74, 0x20, 1, 2])
     );
     assert_eq!(board.send_image(&image(6)), Ok(()));
@@ -165,7 +169,7 @@ fn an_upload_is_in_force_after_a_restart() {
 fn each_refusal_is_answered_and_reported() {
     let unsigned = {
         let mut bytes = image(6);
-        bytes[52..HEADER_LEN].fill(0);
+        bytes[SIGNED_LEN..HEADER_LEN].fill(0);
         let (body, crc) = bytes.split_last_chunk_mut::<4>().unwrap();
         *crc = CRC.checksum(body).to_le_bytes();
         bytes
@@ -179,14 +183,18 @@ fn each_refusal_is_answered_and_reported() {
         (changed(0), Refusal::BadMagic),
         (changed(5), Refusal::BadVersion),
         (changed(16), Refusal::BadLength),
-        (image(6)[..419].to_vec(), Refusal::BadLength),
+        (image(6)[..427].to_vec(), Refusal::BadLength),
         (changed(8), Refusal::BadSignature),
         (signed(b"m", 6, 0, &pair(2)), Refusal::BadSignature),
         (unsigned, Refusal::Unsigned),
+        (
+            signed_for("another", b"m", 6, 0, &pair(1)),
+            Refusal::WrongMachine,
+        ),
         (image(5), Refusal::Downgrade),
         (image(4), Refusal::Downgrade),
         (changed(200), Refusal::BadCrc),
-        (changed(419), Refusal::BadCrc),
+        (changed(427), Refusal::BadCrc),
         (signed(&[1; 700], 6, 0, &pair(1)), Refusal::TooLong),
     ] {
         let mut board = Board::in_service();
@@ -304,6 +312,7 @@ fn a_million_forged_or_replayed_frames_are_refused() {
     let mut answered = 0;
     let active_at = board.store.active().unwrap().payload - HEADER_LEN as u32;
     let slot_before = slot(&board, active_at);
+    let operations = board.store.flash().operations();
     while sent < 1_000_000 {
         let mut burst = match random.random_range(0..6) {
             0 => current.clone(),
@@ -334,7 +343,14 @@ fn a_million_forged_or_replayed_frames_are_refused() {
         for data in burst {
             answered += board.frame(&data).len();
         }
+        // Long enough for the next burst to be heard.
+        board.now_us = board.now_us.wrapping_add(6_000_000);
     }
+    assert_eq!(
+        board.store.flash().operations(),
+        operations,
+        "flash operations"
+    );
     assert!(answered > 10_000, "the board listened: {answered}");
     assert!(
         board.events.len() > 1000,
@@ -393,8 +409,8 @@ proptest! {
                 };
                 let frame = [start, data].concat();
                 upload.on_frame(&frame, u32::from(*kind) * 150_000);
-                for _ in 0..2 {
-                    let progress = upload.poll(store, |_, _, _| true);
+                for _ in 0..POLLS {
+                    let progress = upload.poll(store, &mut [0; 3 * PAGE], |_| true);
                     prop_assert!(!matches!(progress.event, Some(Event::Accepted(_))));
                 }
             }

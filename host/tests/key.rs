@@ -4,9 +4,9 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
-use loadtwin::key::{SigningKey, read_public};
+use loadtwin::key::{SigningKey, identity, read_public, save_page};
 use loadtwin::seal::{SealError, seal};
-use loadtwin_common::sealed::{PublicKey, Refusal, open, open_signed};
+use loadtwin_common::sealed::{Identity, Refusal, open, open_signed};
 
 /// RFC 8032, section 7.1, test 1; the files are by OpenSSL, see `rfc8032_key.sh`.
 const PUBLIC: [u8; 32] = [
@@ -23,32 +23,42 @@ fn a_pair_is_saved_once_and_signs_what_its_public_half_accepts() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("plant.key");
     let key = SigningKey::generate().unwrap();
-    let files = key.save(&path).unwrap();
+    let files = key.save(&path, "plant").unwrap();
     assert_eq!(
         (mode(&files.private), mode(&files.public) & 0o600),
         (0o600, 0o600)
     );
     let public = read_public(&files.public).unwrap();
     assert_eq!(
-        PublicKey::from_page(&fs::read(&files.page).unwrap()),
-        Some(public)
+        Identity::from_page(&fs::read(&files.page).unwrap()),
+        Some(identity(public, "plant"))
     );
     let image = seal(
         b"model",
+        "plant",
         3,
         Some(4),
         Some(&SigningKey::read(&path).unwrap()),
     )
     .unwrap();
-    let (header, payload) = open_signed(&image, Some(&public)).unwrap();
+    let (header, payload) = open_signed(&image, Some(&identity(public, "plant"))).unwrap();
     assert_eq!(
         (header.issue, header.replaces, payload),
         (3, 4, &b"model"[..])
     );
 
+    // One more board, on another machine, with the same key.
+    let second = dir.path().join("second.page");
+    save_page(public, "second", &second).unwrap();
+    let second = Identity::from_page(&fs::read(&second).unwrap()).unwrap();
+    assert_eq!(
+        open_signed(&image, Some(&second)),
+        Err(Refusal::WrongMachine)
+    );
+
     let before = fs::read(&path).unwrap();
     let other = SigningKey::generate().unwrap();
-    let error = other.save(&path).unwrap_err().to_string();
+    let error = other.save(&path, "plant").unwrap_err().to_string();
     assert!(
         error.ends_with("plant.key: is there already; a key is never overwritten"),
         "{error}"
@@ -62,7 +72,12 @@ fn nothing_is_left_behind_when_a_file_of_the_pair_is_in_the_way() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("k");
     fs::write(dir.path().join("k.page"), b"mine").unwrap();
-    assert!(SigningKey::generate().unwrap().save(&path).is_err());
+    assert!(
+        SigningKey::generate()
+            .unwrap()
+            .save(&path, "plant")
+            .is_err()
+    );
     assert!(!path.exists() && !dir.path().join("k.pub").exists());
     assert_eq!(fs::read(dir.path().join("k.page")).unwrap(), b"mine");
 }
@@ -86,7 +101,7 @@ fn keys_of_openssl_are_read() {
     fs::write(&public, include_bytes!("reference/rfc8032_key.pem.pub")).unwrap();
     assert_eq!(read_public(&public).unwrap(), key.public());
     // What is written is what OpenSSL writes, to the byte.
-    let again = key.save(&dir.path().join("again")).unwrap();
+    let again = key.save(&dir.path().join("again"), "plant").unwrap();
     assert_eq!(
         fs::read(again.private).unwrap(),
         include_bytes!("reference/rfc8032_key.pem")
@@ -118,9 +133,9 @@ fn other_files_are_refused_by_name() {
 
 #[test]
 fn an_image_without_a_signature_is_for_the_host_only() {
-    let image = seal(b"model", 1, None, None).unwrap();
+    let image = seal(b"model", "plant", 1, None, None).unwrap();
     assert_eq!(open(&image).unwrap().1, b"model");
-    let key = SigningKey::generate().unwrap().public();
-    assert_eq!(open_signed(&image, Some(&key)), Err(Refusal::Unsigned));
-    assert_eq!(seal(b"", 1, None, None), Err(SealError(0)));
+    let board = SigningKey::generate().unwrap().identity("plant");
+    assert_eq!(open_signed(&image, Some(&board)), Err(Refusal::Unsigned));
+    assert_eq!(seal(b"", "plant", 1, None, None), Err(SealError(0)));
 }

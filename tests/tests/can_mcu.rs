@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use loadtwin::key::SigningKey;
 use loadtwin::seal::seal;
 use loadtwin_firmware::stimulus::Stimulus;
-use loadtwin_tests::emulator::{Emulator, flash};
+use loadtwin_tests::emulator::{Emulator, MACHINE_ID, flash};
 use loadtwin_tests::gearbox::{image, samples};
 use serde_json::Value;
 
@@ -46,7 +46,7 @@ fn a_minute_of_the_emulated_board_is_recomputed_bit_for_bit_on_a_real_socket() {
     }
 
     let key = SigningKey::generate().unwrap();
-    let image = seal(&model, 1, None, Some(&key)).unwrap();
+    let image = seal(&model, MACHINE_ID, 1, None, Some(&key)).unwrap();
     let board = Emulator::start_flash(&flash(&key, std::slice::from_ref(&image)));
     std::fs::write(&path, &image).unwrap();
     let bus = TcpListener::bind("127.0.0.1:0").expect("a free port");

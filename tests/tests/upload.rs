@@ -19,9 +19,16 @@ const LAYOUT: Layout = Layout {
 };
 type Flash = SimulatedFlash<PAGE, { 16 * PAGE / 8 }>;
 
+/// The machine that the board is on.
+const MACHINE: &str = "bench";
+/// Polls that a request takes at most: two, and one for each page.
+const POLLS: usize = 2 + 8;
+
 struct Bus {
     /// Frames lost, of a thousand.
     loss: u32,
+    /// Sent by somebody else before the frame of that number.
+    stray: Option<(u32, FrameData)>,
     random: ChaCha8Rng,
     frames: u32,
     events: Vec<Event>,
@@ -31,6 +38,7 @@ impl Bus {
     fn new(loss: u32, seed: u64) -> Self {
         Self {
             loss,
+            stray: None,
             random: ChaCha8Rng::seed_from_u64(seed),
             frames: 0,
             events: Vec::new(),
@@ -46,21 +54,29 @@ impl Bus {
     fn run(&mut self, store: &mut Store<Flash>, image: Vec<u8>) -> Result<(), UploadError> {
         let mut uploader = Uploader::new(image)?;
         let mut upload = Upload::<{ PAGE + BLOCK_OVERHEAD }>::new();
+        let mut room = [0; 7 * PAGE];
         // Close to where the clock wraps.
         let mut now_us = u32::MAX - 20_000;
         loop {
+            if let Some((_, data)) = self.stray.take_if(|(at, _)| *at <= self.frames) {
+                upload.on_frame(&data, now_us);
+            }
             let answers: Vec<FrameData> = match uploader.poll(now_us) {
                 Next::Frame(data) if self.delivers() => {
                     upload.on_frame(&data, now_us).into_iter().collect()
                 }
                 Next::Frame(_) => Vec::new(),
                 Next::Wait(us) => {
-                    let progress = upload.poll(store, |_, _, _| true);
-                    self.events.extend(progress.event);
-                    if progress.answer.is_none() {
+                    let mut answers = Vec::new();
+                    for _ in 0..POLLS {
+                        let progress = upload.poll(store, &mut room, |_| true);
+                        self.events.extend(progress.event);
+                        answers.extend(progress.answer);
+                    }
+                    if answers.is_empty() {
                         now_us = now_us.wrapping_add(us);
                     }
-                    progress.answer.into_iter().collect()
+                    answers
                 }
                 Next::Accepted => {
                     assert_eq!(uploader.progress().0, uploader.progress().1);
@@ -79,7 +95,7 @@ impl Bus {
 }
 
 fn boot(flash: Flash, key: &SigningKey) -> Store<Flash> {
-    Store::boot(flash, LAYOUT, Some(key.public()), |_, _, _| true).unwrap()
+    Store::boot(flash, LAYOUT, Some(key.identity(MACHINE)), |_, _, _| true).unwrap()
 }
 
 fn running(store: &Store<Flash>) -> Option<u32> {
@@ -89,7 +105,7 @@ fn running(store: &Store<Flash>) -> Option<u32> {
 /// A model of 10 000 bytes: five blocks.
 fn image(issue: u32, key: &SigningKey) -> Vec<u8> {
     let payload: Vec<u8> = (0..10_000u32).map(|i| (i * issue / 7) as u8).collect();
-    seal(&payload, issue, None, Some(key)).unwrap()
+    seal(&payload, MACHINE, issue, None, Some(key)).unwrap()
 }
 
 #[test]
@@ -109,10 +125,17 @@ fn an_image_arrives_and_an_older_or_foreign_one_does_not() {
             Refusal::BadSignature,
         ),
         (
-            seal(&[0; 7 * PAGE], 3, None, Some(&key)).unwrap(),
+            seal(&[0; 7 * PAGE], MACHINE, 3, None, Some(&key)).unwrap(),
             Refusal::TooLong,
         ),
-        (seal(b"model", 3, None, None).unwrap(), Refusal::Unsigned),
+        (
+            seal(b"model", MACHINE, 3, None, None).unwrap(),
+            Refusal::Unsigned,
+        ),
+        (
+            seal(b"model", "another", 3, None, Some(&key)).unwrap(),
+            Refusal::WrongMachine,
+        ),
     ] {
         assert_eq!(
             bus.run(&mut store, image),
@@ -162,6 +185,46 @@ fn a_bus_that_loses_frames_delays_an_upload_and_never_spoils_it() {
     }
     println!("{accepted} accepted, {failed} given up, {open} without verdict");
     assert!(accepted >= 200 && failed > 0);
+}
+
+/// A frame of somebody else anywhere in an upload: the image arrives all the same.
+#[test]
+fn a_stray_frame_does_not_end_an_upload() {
+    let key = SigningKey::generate().unwrap();
+    let service = {
+        let mut store = boot(Flash::new(1), &key);
+        Bus::new(0, 1).run(&mut store, image(1, &key)).unwrap();
+        store.release()
+    };
+    let image = image(2, &key);
+    let mut random = ChaCha8Rng::seed_from_u64(7);
+    let frames = 10_120 / 7;
+    let mut at = 0;
+    let mut runs = 0;
+    while at < frames {
+        let mut data: FrameData = random.random();
+        // A single frame, an announcement, the next or any frame of a block, flow control.
+        match runs % 6 {
+            0 => data[..2].copy_from_slice(&[0x01, 0x3E]),
+            1 => data = [0x10, 0x0B, 0x34, 0x00, 0x44, 0, 0, 0],
+            2 => data[..2].copy_from_slice(&[0x01, 0x37]),
+            3 => data[0] = 0x20 | (at % 16) as u8,
+            4 => data[0] = 0x20 | (data[0] % 16),
+            _ => data[0] = 0x30,
+        }
+        let mut store = boot(service.clone(), &key);
+        let mut bus = Bus::new(0, u64::from(at));
+        bus.stray = Some((at, data));
+        assert_eq!(
+            bus.run(&mut store, image.clone()),
+            Ok(()),
+            "{at}: {data:x?}"
+        );
+        assert_eq!(running(&boot(store.release(), &key)), Some(2));
+        runs += 1;
+        at += random.random_range(1..8);
+    }
+    assert!(runs > 300);
 }
 
 #[test]

@@ -1,21 +1,36 @@
 //! Signs images for tests.
 
 use ed25519_compact::{KeyPair, Seed};
-use loadtwin_common::sealed::{CRC, Header, PublicKey};
+use loadtwin_common::sealed::{CRC, Header, Identity, MachineId, PublicKey};
 
 /// A key pair; the same for the same seed.
 pub fn pair(seed: u8) -> KeyPair {
     KeyPair::from_seed(Seed::new([seed; 32]))
 }
 
-/// The key that the board of a test has.
-pub fn board_key() -> PublicKey {
-    PublicKey::from_bytes(*pair(1).pk).unwrap()
+/// The board of a test.
+pub fn board() -> Identity {
+    Identity {
+        key: PublicKey::from_bytes(*pair(1).pk).unwrap(),
+        machine: MachineId::of("bench"),
+    }
 }
 
-/// A sealed image.
+/// A sealed image for the machine of [`board`].
 pub fn signed(payload: &[u8], issue: u32, replaces: u32, pair: &KeyPair) -> Vec<u8> {
-    let mut header = Header::for_payload(payload, issue, replaces).unwrap();
+    signed_for("bench", payload, issue, replaces, pair)
+}
+
+/// A sealed image for some machine.
+pub fn signed_for(
+    machine: &str,
+    payload: &[u8],
+    issue: u32,
+    replaces: u32,
+    pair: &KeyPair,
+) -> Vec<u8> {
+    let machine = MachineId::of(machine);
+    let mut header = Header::for_payload(payload, machine, issue, replaces).unwrap();
     header.signature = *pair.sk.sign(header.signed_bytes(), None);
     let mut bytes = [&header.to_bytes()[..], payload].concat();
     bytes.extend(CRC.checksum(&bytes).to_le_bytes());

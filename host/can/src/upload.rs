@@ -129,7 +129,7 @@ mod tests {
     #[test]
     fn a_board_that_does_not_answer_is_given_up() {
         let key = SigningKey::generate().unwrap();
-        let image = seal(&[7; 500], 1, None, Some(&key)).unwrap();
+        let image = seal(&[7; 500], "bench", 1, None, Some(&key)).unwrap();
         let uploader = Uploader::new(image).unwrap();
         let error = run(uploader, Silent::default(), |_| (), &AtomicBool::new(false)).unwrap_err();
         assert!(matches!(error, CanError::Upload(_)), "{error}");
@@ -137,7 +137,7 @@ mod tests {
 
     #[test]
     fn an_image_without_signature_is_not_sent() {
-        let image = seal(&[7; 500], 1, None, None).unwrap();
+        let image = seal(&[7; 500], "bench", 1, None, None).unwrap();
         assert!(Uploader::new(image).is_err());
     }
 }

@@ -58,6 +58,9 @@ pub struct Machine {
     pub format: u32,
     /// What the machine is called in reports.
     pub name: String,
+    /// Which machine of its kind it is, as a serial number; `name` where absent. A board takes
+    /// only images for the machine in its key page.
+    pub id: Option<String>,
     /// Sample rate of the estimator [Hz], 1 to 20000.
     pub rate_hz: f64,
     /// First identifier of the machine's frames on the CAN bus, a multiple of 32, 0 to 0x7c0.
@@ -240,6 +243,11 @@ impl Machine {
     pub fn refused(&self, violation: Violation) -> MachineError {
         let text = std::fs::read_to_string(&self.path).unwrap_or_default();
         MachineError::violation(&self.path, &text, violation)
+    }
+
+    /// Identifies the machine to its board.
+    pub fn id(&self) -> &str {
+        self.id.as_deref().unwrap_or(&self.name)
     }
 
     /// A file that the description names, relative to the description.

@@ -62,7 +62,7 @@ impl Build {
         Line::try_build(image)?;
         let issue = self.issue.map_or_else(seconds_since_1970, Ok)?;
         let key = self.key.as_deref().map(SigningKey::read).transpose()?;
-        let image = seal(&payload, issue, self.replaces, key.as_ref())?;
+        let image = seal(&payload, machine.id(), issue, self.replaces, key.as_ref())?;
         let written = AtomicFile::create(&self.output).and_then(|mut file| {
             file.write_all(&image)?;
             file.finish()
@@ -92,6 +92,7 @@ impl Build {
             let names = |names: Vec<&String>| json!(names);
             let report = json!({
                 "machine": machine.name,
+                "machine_id": machine.id(),
                 "image": self.output,
                 "bytes": image.len(),
                 "issue": issue,
@@ -114,9 +115,9 @@ impl Build {
             say!("{report}");
         } else {
             let signed = if key.is_some() {
-                "signed"
+                format!("signed for the board of machine {:?}", machine.id())
             } else {
-                "not signed: for the host only"
+                "not signed: for the host only".into()
             };
             say!(
                 "{}: {} bytes, issue {issue}, {signed}",

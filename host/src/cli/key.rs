@@ -6,24 +6,48 @@ use clap::Args;
 use serde_json::json;
 
 use super::output::say;
-use crate::key::SigningKey;
+use crate::key::{SigningKey, read_public, save_page};
 
-/// Make a key pair that signs model images.
+/// Make a key pair that signs model images, and the key page of a board.
 #[derive(Debug, Args)]
 pub struct Key {
-    /// The private key; the public one and the board's key page get their
-    /// names from it. None may be there yet.
+    /// The machine that the board is on: `id` of its description, `name` where it has none.
+    /// The board takes images for this machine only.
+    #[arg(long, value_name = "ID")]
+    machine: String,
+    /// Make the key page of one more board, with this public key, in place of a new pair.
+    #[arg(long, value_name = "FILE.pub")]
+    public: Option<PathBuf>,
+    /// The private key, from which the public key and the board's key page get their
+    /// names; with `--public` the key page. None may be there yet.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }
 
 impl Key {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
-        let files = SigningKey::generate()?.save(&self.output)?;
+        if let Some(public) = &self.public {
+            save_page(read_public(public)?, &self.machine, &self.output)?;
+            if as_json {
+                say!(
+                    "{}",
+                    json!({ "page": self.output, "machine": self.machine })
+                );
+            } else {
+                say!("key page of the board: {}", self.output.display());
+            }
+            return Ok(());
+        }
+        let files = SigningKey::generate()?.save(&self.output, &self.machine)?;
         if as_json {
             say!(
                 "{}",
-                json!({ "private": files.private, "public": files.public, "page": files.page })
+                json!({
+                    "private": files.private,
+                    "public": files.public,
+                    "page": files.page,
+                    "machine": self.machine,
+                })
             );
         } else {
             say!("private key: {}", files.private.display());

@@ -12,7 +12,7 @@ use loadtwin_common::frame::{
 use loadtwin_common::sealed::Refusal;
 use loadtwin_firmware::ram_flash::LAYOUT;
 use loadtwin_firmware::stimulus::Stimulus;
-use loadtwin_tests::emulator::{Bus, Emulator, flash};
+use loadtwin_tests::emulator::{Bus, Emulator, MACHINE_ID, flash};
 use loadtwin_tests::gearbox::{image, samples};
 
 /// What the status frames said: everything, and the model's name.
@@ -32,7 +32,7 @@ fn status(frames: &[Frame]) -> (Status, Option<u32>) {
 }
 
 fn signed(model: &[u8], issue: u32, key: &SigningKey) -> Vec<u8> {
-    seal(model, issue, None, Some(key)).unwrap()
+    seal(model, MACHINE_ID, issue, None, Some(key)).unwrap()
 }
 
 fn name(model: &[u8]) -> u32 {

@@ -45,7 +45,7 @@ const BEARING_S: f64 = 4.0;
 fn sealed(machine: &Machine, sensors: &Sensors, folder: &Path, name: &str) -> PathBuf {
     let payload = build::image(machine, sensors).unwrap();
     let path = folder.join(name);
-    std::fs::write(&path, seal(&payload, 1, None, None).unwrap()).unwrap();
+    std::fs::write(&path, seal(&payload, machine.id(), 1, None, None).unwrap()).unwrap();
     path
 }
 

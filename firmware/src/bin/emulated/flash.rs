@@ -5,7 +5,7 @@
 use core::{ptr, slice};
 
 use embedded_storage::nor_flash::ReadNorFlash as _;
-use loadtwin_common::sealed::{KEY_PAGE_LEN, PublicKey};
+use loadtwin_common::sealed::{Identity, KEY_PAGE_LEN};
 use loadtwin_firmware::ram_flash::{KEY_AT, LEN, RamFlash};
 
 pub type Memory = RamFlash<&'static mut [u8]>;
@@ -33,9 +33,9 @@ pub fn powered() -> Memory {
     RamFlash(memory)
 }
 
-/// The key that models are checked with.
-pub fn key(flash: &mut Memory) -> Option<PublicKey> {
+/// The key that models are checked with, and the machine that they are for.
+pub fn identity(flash: &mut Memory) -> Option<Identity> {
     let mut page = [0; KEY_PAGE_LEN];
     flash.read(KEY_AT as u32, &mut page).ok()?;
-    PublicKey::from_page(&page)
+    Identity::from_page(&page)
 }

@@ -22,6 +22,7 @@ use defmt_semihosting as _;
 use heapless::spsc::{Consumer, Producer, Queue};
 use loadtwin_common::frame::Frame;
 use loadtwin_common::raw::RawSample;
+use loadtwin_common::sealed::OVERHEAD;
 use loadtwin_firmware::app::{App, MAX_FRAMES};
 use loadtwin_firmware::board::Board;
 use loadtwin_firmware::counters::Counters;
@@ -155,7 +156,8 @@ fn main() -> ! {
     static OUTBOX_QUEUE: StaticCell<Queue<Frame, OUTBOX>> = StaticCell::new();
     static INBOX_QUEUE: StaticCell<Queue<Frame, INBOX>> = StaticCell::new();
     static RUNNING: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
-    static JUDGED: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
+    static ROOM: ConstStaticCell<[u8; IMAGE + OVERHEAD]> =
+        ConstStaticCell::new([0; IMAGE + OVERHEAD]);
     static MODELS: StaticCell<BoardModels> = StaticCell::new();
     static APP: ConstStaticCell<App> = ConstStaticCell::new(App::without_image());
     static CONVERTER_CELL: StaticCell<Converter> = StaticCell::new();
@@ -164,9 +166,9 @@ fn main() -> ! {
 
     guard::forbid_below_stack();
     let mut flash = flash::powered();
-    let key = flash::key(&mut flash);
+    let identity = flash::identity(&mut flash);
     let models = MODELS.init_with(|| {
-        BoardModels::boot(flash, LAYOUT, key, JUDGED.take())
+        BoardModels::boot(flash, LAYOUT, identity, ROOM.take())
             .expect("the layout is constant and fits the flash")
     });
     let app = APP.take();

@@ -15,7 +15,7 @@ use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read,
     check_write,
 };
-use loadtwin_common::sealed::{KEY_PAGE_LEN, PublicKey};
+use loadtwin_common::sealed::{Identity, KEY_PAGE_LEN};
 use loadtwin_firmware::store::Layout;
 
 /// Smallest part that is erased [bytes].
@@ -33,7 +33,9 @@ pub const LAYOUT: Layout = Layout {
     slot_bytes: 32 * 1024,
 };
 
-/// An ECC error that cannot be corrected was met: a write was cut there.
+/// A read of the slots or of the key's page is under way.
+static READING: AtomicBool = AtomicBool::new(false);
+/// It met an ECC error that cannot be corrected: a write was cut there.
 static DAMAGED: AtomicBool = AtomicBool::new(false);
 
 /// The bank; a word that its ECC cannot correct is an error, not a fault.
@@ -59,11 +61,11 @@ impl NorFlashError for Error {
     }
 }
 
-/// The key that models are checked with.
-pub fn key(flash: &mut Checked) -> Option<PublicKey> {
+/// The key that models are checked with, and the machine that they are for.
+pub fn identity(flash: &mut Checked) -> Option<Identity> {
     let mut page = [0; KEY_PAGE_LEN];
     flash.read(KEY_AT, &mut page).ok()?;
-    PublicKey::from_page(&page)
+    Identity::from_page(&page)
 }
 
 impl Checked {
@@ -107,11 +109,13 @@ impl ReadNorFlash for Checked {
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Error> {
         check_read(self, offset, bytes.len()).map_err(Error::Place)?;
         DAMAGED.store(false, SeqCst);
+        READING.store(true, SeqCst);
         // SAFETY: inside the bank, which nothing changes meanwhile: the only
         // writer is `self`.
         let there = unsafe { slice::from_raw_parts(BANK.add(offset as usize), bytes.len()) };
         bytes.copy_from_slice(there);
         cortex_m::asm::dsb();
+        READING.store(false, SeqCst);
         if DAMAGED.load(SeqCst) {
             return Err(Error::Damaged);
         }
@@ -172,10 +176,21 @@ impl NorFlash for Checked {
     }
 }
 
-/// The flash met a word that it cannot correct; any other cause ends here.
+/// Whether `offset` of bank 2 holds data, not program: the slots, or the key's page.
+fn is_data(offset: u32) -> bool {
+    !(LAYOUT.start + 2 * LAYOUT.slot_bytes..KEY_AT).contains(&offset)
+}
+
+/// The flash met a word that it cannot correct.
+///
+/// In data that is being read it is an error of that read. In the program it ends here: an
+/// instruction or a constant that reads wrong must not go on to an estimate. The board starts
+/// over, and stays silent where it meets the word again.
 #[exception]
 unsafe fn NonMaskableInt() {
-    if pac::FLASH.eccr().read().eccd() {
+    let ecc = pac::FLASH.eccr().read();
+    let in_bank_2 = ecc.bk_ecc() && !ecc.sysf_ecc();
+    if ecc.eccd() && READING.load(SeqCst) && in_bank_2 && is_data(ecc.addr_ecc()) {
         DAMAGED.store(true, SeqCst);
         pac::FLASH.eccr().modify(|ecc| ecc.set_eccd(true));
     } else {

@@ -14,8 +14,9 @@
 //! | CAN transmit      | PA12 | CN10-12   |
 //!
 //! Interrupts, highest first: the index pulse, which latches the encoder's
-//! count; data-ready, which runs the estimator; then CAN and the time base.
-//! The thread sends and receives frames and takes new models.
+//! count; data-ready, which runs the estimator; then CAN and the time base; then the
+//! tasks that send, receive and feed the watchdog. The thread takes new models: neither the
+//! check of a signature nor an erase delays a frame or the watchdog.
 #![no_std]
 #![no_main]
 
@@ -27,7 +28,7 @@ use core::sync::atomic::{AtomicU8, AtomicU32, Ordering::Relaxed};
 
 use cortex_m::peripheral::NVIC;
 use defmt_rtt as _;
-use embassy_executor::Spawner;
+use embassy_executor::{InterruptExecutor, Spawner};
 use embassy_stm32::can::enums::BusErrorMode;
 use embassy_stm32::can::{self, CanConfigurator, CanRx, CanTx, Properties};
 use embassy_stm32::exti::{ExtiInput, TriggerEdge};
@@ -45,6 +46,7 @@ use embedded_hal_bus::spi::{ExclusiveDevice, NoDelay};
 use heapless::spsc::{Consumer, Producer, Queue};
 use loadtwin_common::frame::Frame;
 use loadtwin_common::raw::RawSample;
+use loadtwin_common::sealed::OVERHEAD;
 use loadtwin_firmware::app::App;
 use loadtwin_firmware::board::Board;
 use loadtwin_firmware::counters::{BusState, Counters};
@@ -80,6 +82,9 @@ static LATCHED: AtomicU32 = AtomicU32::new(0);
 static SAMPLES: AtomicU32 = AtomicU32::new(0);
 /// What the status says of the image offered last.
 static REFUSED: AtomicU8 = AtomicU8::new(0);
+
+/// Runs the tasks of the bus and the watchdog above the thread.
+static ABOVE_THREAD: InterruptExecutor = InterruptExecutor::new();
 
 bind_interrupts!(struct Irqs {
     FDCAN1_IT0 => can::IT0InterruptHandler<FDCAN1>;
@@ -184,12 +189,13 @@ fn clocks() -> embassy_stm32::Config {
 }
 
 #[embassy_executor::main]
-async fn main(spawner: Spawner) {
+async fn main(thread: Spawner) {
     static OUTBOX_QUEUE: StaticCell<Queue<Frame, OUTBOX>> = StaticCell::new();
     static INBOX_QUEUE: StaticCell<Queue<Frame, INBOX>> = StaticCell::new();
     static REPLIES_QUEUE: StaticCell<Queue<Frame, INBOX>> = StaticCell::new();
     static RUNNING: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
-    static JUDGED: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
+    static ROOM: ConstStaticCell<[u8; IMAGE + OVERHEAD]> =
+        ConstStaticCell::new([0; IMAGE + OVERHEAD]);
     static APP: ConstStaticCell<App> = ConstStaticCell::new(App::without_image());
     static SAMPLER_CELL: StaticCell<Sampler> = StaticCell::new();
     static MODELS: StaticCell<BoardModels> = StaticCell::new();
@@ -200,12 +206,12 @@ async fn main(spawner: Spawner) {
     watchdog.unleash();
 
     let mut flash = flash::Checked::new(p.FLASH);
-    let key = flash::key(&mut flash);
-    if key.is_none() {
+    let identity = flash::identity(&mut flash);
+    if identity.is_none() {
         defmt::error!("no key in its page: no model runs");
     }
     let models = MODELS.init_with(|| {
-        BoardModels::boot(flash, flash::LAYOUT, key, JUDGED.take())
+        BoardModels::boot(flash, flash::LAYOUT, identity, ROOM.take())
             .expect("the layout is constant and fits the flash")
     });
     watchdog.pet();
@@ -248,10 +254,20 @@ async fn main(spawner: Spawner) {
     watchdog.pet();
     SAMPLER.give(SAMPLER_CELL.init(Sampler { app, board }));
     start_interrupts();
-    spawner.spawn(send(tx, outbox, replies).expect("spawned once"));
-    spawner.spawn(receive(rx, inbox_in).expect("spawned once"));
-    spawner.spawn(take_models(models, inbox, replies_in).expect("spawned once"));
-    watch(watchdog, properties).await;
+    // An interrupt of a peripheral that this board does not use.
+    interrupt::UART5.set_priority(Priority::P9);
+    let above = ABOVE_THREAD.start(interrupt::UART5);
+    above.spawn(send(tx, outbox, replies).expect("spawned once"));
+    above.spawn(receive(rx, inbox_in).expect("spawned once"));
+    above.spawn(watch(watchdog, properties).expect("spawned once"));
+    thread.spawn(take_models(models, inbox, replies_in).expect("spawned once"));
+}
+
+#[interrupt]
+#[allow(unsafe_code)]
+unsafe fn UART5() {
+    // SAFETY: this interrupt is the one that the executor was started with.
+    unsafe { ABOVE_THREAD.on_interrupt() }
 }
 
 /// The index above data-ready above everything else.
@@ -320,7 +336,7 @@ async fn take_models(
     models: &'static mut BoardModels,
     mut inbox: Consumer<'static, Frame>,
     mut replies: Producer<'static, Frame>,
-) {
+) -> ! {
     loop {
         while let Some(frame) = inbox.dequeue() {
             let now_us = Instant::now().as_micros() as u32;
@@ -341,6 +357,7 @@ async fn take_models(
 
 /// Feeds the watchdog while samples are processed, counts bus-off, has a silent
 /// converter told until the watchdog starts the board over, which sets it up anew.
+#[embassy_executor::task]
 async fn watch(mut watchdog: IndependentWatchdog<'static, IWDG>, can: Properties) -> ! {
     let mut progress = Progress::default();
     let mut bus = BusState::default();

@@ -9,7 +9,7 @@ use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use ed25519_compact::{KeyPair, Seed};
-use loadtwin_common::sealed::{PublicKey, SIGNED_LEN};
+use loadtwin_common::sealed::{Identity, MachineId, PublicKey, SIGNED_LEN};
 use rand::TryRng;
 use rand::rngs::SysRng;
 use thiserror::Error;
@@ -65,7 +65,7 @@ pub struct KeyFiles {
     pub private: PathBuf,
     /// The public key, PEM.
     pub public: PathBuf,
-    /// The public key as it is flashed to a board's key page, binary.
+    /// The board's key page: the public key and the machine, binary.
     pub page: PathBuf,
 }
 
@@ -112,17 +112,23 @@ impl SigningKey {
         self.public
     }
 
+    /// What a board on this machine is given.
+    pub fn identity(&self, machine: &str) -> Identity {
+        identity(self.public, machine)
+    }
+
     /// Signs an image's header.
     pub fn sign(&self, header: &[u8; SIGNED_LEN]) -> [u8; 64] {
         *self.pair.sk.sign(header, None)
     }
 
-    /// Writes the pair to `private`, `private`.pub and `private`.page.
+    /// Writes the pair to `private` and `private`.pub, and the key page of the board on
+    /// `machine` to `private`.page.
     ///
     /// # Errors
     /// `KeyError::Exists` when one of them is there, `KeyError::File`; none is
     /// left behind then.
-    pub fn save(&self, private: &Path) -> Result<KeyFiles, KeyError> {
+    pub fn save(&self, private: &Path, machine: &str) -> Result<KeyFiles, KeyError> {
         let beside = |suffix: &str| {
             let mut name = private.as_os_str().to_owned();
             name.push(suffix);
@@ -135,7 +141,7 @@ impl SigningKey {
         };
         let private_pem = self.pair.sk.to_pem();
         let public_pem = self.pair.pk.to_pem();
-        let page = self.public.to_page();
+        let page = self.identity(machine).to_page();
         let contents: [(&Path, u32, &[u8]); 3] = [
             (&files.private, 0o600, private_pem.as_bytes()),
             (&files.public, 0o644, public_pem.as_bytes()),
@@ -158,6 +164,22 @@ impl std::fmt::Debug for SigningKey {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str("SigningKey(..)")
     }
+}
+
+/// What a board on this machine is given.
+pub fn identity(key: PublicKey, machine: &str) -> Identity {
+    Identity {
+        key,
+        machine: MachineId::of(machine),
+    }
+}
+
+/// Writes the key page of one more board, with the key of others.
+///
+/// # Errors
+/// `KeyError::Exists`, `KeyError::File`.
+pub fn save_page(key: PublicKey, machine: &str, path: &Path) -> Result<(), KeyError> {
+    create(path, 0o644, &identity(key, machine).to_page())
 }
 
 /// Reads a public key.

@@ -1,6 +1,6 @@
 //! Sealing a model image: header, signature, payload, CRC.
 
-use loadtwin_common::sealed::{CRC, Header};
+use loadtwin_common::sealed::{CRC, Header, MachineId};
 use thiserror::Error;
 
 use crate::image::key::SigningKey;
@@ -12,16 +12,16 @@ pub struct SealError(pub usize);
 
 /// Seals a payload; without a key the image is for the host only.
 ///
-/// `issue`: rises with every image that the signer publishes; `replaces`: the
+/// `machine`: identifier of the machine that the image is for; `issue`: rises with every image that the signer publishes; `replaces`: the
 /// issue of a newer image that this one may replace on a board.
 ///
 /// ```
-/// use loadtwin::{key::SigningKey, seal::seal};
+/// use loadtwin_can::image::{key::SigningKey, seal::seal};
 /// use loadtwin_common::sealed::open_signed;
 ///
 /// let key = SigningKey::generate()?;
-/// let image = seal(b"model", 7, None, Some(&key))?;
-/// let (header, payload) = open_signed(&image, Some(&key.public()))?;
+/// let image = seal(b"model", "bench", 7, None, Some(&key))?;
+/// let (header, payload) = open_signed(&image, Some(&key.identity("bench")))?;
 /// assert_eq!((header.issue, payload), (7, &b"model"[..]));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -30,12 +30,18 @@ pub struct SealError(pub usize);
 /// [`SealError`].
 pub fn seal(
     payload: &[u8],
+    machine: &str,
     issue: u32,
     replaces: Option<u32>,
     key: Option<&SigningKey>,
 ) -> Result<Vec<u8>, SealError> {
-    let mut header = Header::for_payload(payload, issue, replaces.unwrap_or(0))
-        .ok_or(SealError(payload.len()))?;
+    let mut header = Header::for_payload(
+        payload,
+        MachineId::of(machine),
+        issue,
+        replaces.unwrap_or(0),
+    )
+    .ok_or(SealError(payload.len()))?;
     if let Some(key) = key {
         header.signature = key.sign(&header.signed_bytes());
     }

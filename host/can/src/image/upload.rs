@@ -16,6 +16,8 @@ const ANSWER_US: u32 = 1_000_000;
 const WORK_US: u32 = 10_000_000;
 /// How often a request is sent before the upload is given up.
 const ATTEMPTS: u8 = 8;
+/// How often the whole image is sent: a stray frame between those of a block damages it on its way.
+const PASSES: u8 = 3;
 
 /// Why an upload failed; the running model stays unless `NoVerdict`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -80,6 +82,7 @@ pub struct Uploader {
     counter: u8,
     request: Vec<u8>,
     attempts: u8,
+    passes: u8,
     phase: Phase,
 }
 
@@ -94,7 +97,6 @@ impl Uploader {
         if header.signature == [0; 64] {
             return Err(UploadError::Refused(Refusal::Unsigned));
         }
-        let length = header.length + sealed::OVERHEAD as u32;
         let mut uploader = Self {
             image,
             block: 0,
@@ -102,10 +104,19 @@ impl Uploader {
             counter: 0,
             request: Vec::new(),
             attempts: 0,
+            passes: 0,
             phase: Phase::Over(Next::Accepted),
         };
-        uploader.start([&uds::DOWNLOAD_FORMAT[..], &length.to_be_bytes()].concat());
+        uploader.announce();
         Ok(uploader)
+    }
+
+    fn announce(&mut self) {
+        self.sent = 0;
+        self.counter = 0;
+        self.passes += 1;
+        let length = self.image.len() as u32;
+        self.start([&uds::DOWNLOAD_FORMAT[..], &length.to_be_bytes()].concat());
     }
 
     /// Bytes that the board has taken, and of how many.
@@ -163,11 +174,28 @@ impl Uploader {
                     limit_us: WORK_US,
                 };
             }
+            // Another upload is under way: the request is sent again after a while.
+            [uds::NEGATIVE, s, uds::BUSY] if s == service => {
+                self.phase = Phase::Answer {
+                    since_us: now_us,
+                    limit_us: ANSWER_US,
+                };
+            }
             // Asked again after its verdict, which was lost, a board knows of no upload.
             [uds::NEGATIVE, s, uds::SEQUENCE_ERROR]
                 if s == service && s == uds::TRANSFER_EXIT && self.attempts > 1 =>
             {
                 self.over(Next::Failed(UploadError::NoVerdict));
+            }
+            [uds::NEGATIVE, s, code]
+                if s == service
+                    && self.passes < PASSES
+                    && matches!(
+                        Refusal::from_code(code),
+                        Some(Refusal::BadCrc | Refusal::BadDigest)
+                    ) =>
+            {
+                self.announce();
             }
             [uds::NEGATIVE, s, code] if s == service => {
                 let error = Refusal::from_code(code).map_or(

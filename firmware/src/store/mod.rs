@@ -1,32 +1,38 @@
 //! Two slots for sealed images in NOR flash, safe against loss of power.
 //!
 //! A slot is a number of pages for the image and a last page for its commit
-//! records. An image is written to the slot that does not run, read back and
-//! judged there, and comes into force by one record of 8 bytes: one
-//! programming operation. The slot with the valid record of the highest counter
-//! and a valid image starts.
+//! records. An image is checked as a whole before anything is erased for it,
+//! written to the slot that does not run, read back there, and comes into force
+//! by one record of 8 bytes: one programming operation. The slot with the valid
+//! record of the highest counter and a valid image starts.
+//!
+//! Where the flash has damaged the image in force since it started, the other
+//! slot holds the only image that would start again: it is kept, and the damaged
+//! one is written over.
 //!
 //! A record whose writing was cut may read as valid today and not tomorrow. So
 //! records come in pairs, written in one go: where the second place is not
-//! blank, the first was completed. Before the other slot is erased, the running
-//! slot is given such a pair (`anchor`); a pair once begun is not continued
+//! blank, the first was completed. Before a slot is erased, the one that is
+//! kept is given such a pair (`anchor`); a pair once begun is not continued
 //! after a cut, the next one is taken. Starting writes nothing.
 //!
 //! The flash's `read` must return an error for a word that its ECC cannot
 //! correct, not fault: a cut leaves such words (on the STM32G4: NMI with
 //! `FLASH_ECCR.ECCD`, to be caught by the board).
 
+mod records;
+
 use embedded_storage::nor_flash::NorFlash;
 use loadtwin_common::Error;
-use loadtwin_common::sealed::{CRC, Content, HEADER_LEN, Header, PublicKey, Refusal};
+use loadtwin_common::sealed::{self, Content, HEADER_LEN, Header, Identity, Refusal};
 
-/// Length of a commit record [bytes]: counter and CRC-32 over the counter and
-/// the signature of the image, little endian.
-const RECORD_LEN: usize = 8;
-/// A record's place after an erase.
-const BLANK: [u8; RECORD_LEN] = [0xFF; RECORD_LEN];
+use records::RECORD_LEN;
+
 /// Bytes read from the flash at once.
 const CHUNK: usize = 256;
+/// How often an image is read before it counts as intact. A word that its ECC corrects in one
+/// read of four (as seen after cuts) passes all of them with a probability of 6e-8.
+const READS: u32 = 12;
 
 /// Where the slots are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,44 +82,37 @@ struct Incoming {
     written: u32,
 }
 
-/// What the record page of a slot says.
-#[derive(Clone, Copy, Debug, Default)]
-struct Records {
-    counter: Option<u32>,
-    anchored: bool,
-    /// First pair with nothing but blank pairs from there on.
-    free: u32,
-}
-
 /// The two slots.
 #[derive(Debug)]
 pub struct Store<F> {
     flash: F,
     layout: Layout,
-    key: Option<PublicKey>,
+    board: Option<Identity>,
     active: Option<Active>,
+    /// Survives the installation under way.
+    kept: Option<Active>,
     incoming: Option<Incoming>,
+    target: Option<Slot>,
     restart_pending: bool,
     passed_over: Option<Refusal>,
 }
 
 impl<F: NorFlash> Store<F> {
     const PAGE: u32 = F::ERASE_SIZE as u32;
-    const PAIRS: u32 = Self::PAGE / (2 * RECORD_LEN as u32);
 
     /// Finds the image to run. Reads only.
     ///
-    /// `accept` judges a payload, `length` bytes at an offset of the flash, by
+    /// `accept` checks a payload, `length` bytes at an offset of the flash, by
     /// what the container does not know: the model's version and ranges. An
-    /// image that is damaged, not signed with `key` or not accepted is passed
-    /// over for the older one. Without a key none starts.
+    /// image that is damaged, not signed for `board` or not accepted is passed
+    /// over for the older one. Without an identity none starts.
     ///
     /// # Errors
     /// `Error::OutOfRange` when the layout does not fit the flash.
     pub fn boot(
         flash: F,
         layout: Layout,
-        key: Option<PublicKey>,
+        board: Option<Identity>,
         mut accept: impl FnMut(&mut F, u32, u32) -> bool,
     ) -> Result<Self, Error> {
         const {
@@ -138,9 +137,11 @@ impl<F: NorFlash> Store<F> {
         let mut store = Self {
             flash,
             layout,
-            key,
+            board,
             active: None,
+            kept: None,
             incoming: None,
+            target: None,
             restart_pending: false,
             passed_over: None,
         };
@@ -172,9 +173,9 @@ impl<F: NorFlash> Store<F> {
         self.passed_over
     }
 
-    /// The key that images are checked with.
-    pub fn key(&self) -> Option<&PublicKey> {
-        self.key.as_ref()
+    /// What images are checked with.
+    pub fn board(&self) -> Option<&Identity> {
+        self.board.as_ref()
     }
 
     /// The flash.
@@ -203,16 +204,14 @@ impl<F: NorFlash> Store<F> {
         self.restart_pending
     }
 
-    /// Judges the start of an image and makes room for it in the slot that does
-    /// not run. Nothing is erased for an image that is refused.
+    /// Checks the start of an image: whether the whole may be installed. Reads and writes nothing.
     ///
     /// `first`: at least the image's header; `image_len`: as announced.
     ///
     /// # Errors
     /// Any reason that the header gives; `BadLength` when it does not fit
-    /// `image_len`; `TooLong`; `RestartPending`; `Flash`.
-    pub fn begin(&mut self, first: &[u8], image_len: u32) -> Result<(), Refusal> {
-        self.incoming = None;
+    /// `image_len`; `TooLong`; `RestartPending`.
+    pub fn check_header(&self, first: &[u8], image_len: u32) -> Result<Header, Refusal> {
         if self.restart_pending {
             return Err(Refusal::RestartPending);
         }
@@ -223,16 +222,32 @@ impl<F: NorFlash> Store<F> {
         if image_len > self.image_capacity() {
             return Err(Refusal::TooLong);
         }
-        header.verify(self.key.as_ref())?;
+        header.verify(self.board.as_ref())?;
         header.may_replace(self.active.as_ref().map(|a| &a.header))?;
-        if let Some(active) = self.active {
-            self.anchor(&active)?;
+        Ok(header)
+    }
+
+    /// Checks a whole image and chooses its slot. Nothing is erased yet.
+    ///
+    /// `accept` checks the payload as for [`Store::boot`].
+    ///
+    /// # Errors
+    /// As [`Store::check_header`]; `BadLength`, `BadCrc`, `BadDigest`, `BadModel`.
+    pub fn begin(
+        &mut self,
+        image: &[u8],
+        accept: impl FnOnce(&[u8]) -> bool,
+    ) -> Result<(), Refusal> {
+        self.incoming = None;
+        let image_len = u32::try_from(image.len()).map_err(|_| Refusal::TooLong)?;
+        let header = self.check_header(image, image_len)?;
+        let (_, payload) = sealed::open(image)?;
+        if !accept(payload) {
+            return Err(Refusal::BadModel);
         }
-        let slot = self.active.map_or(Slot::A, |a| a.slot.other());
-        self.erase(self.records_at(slot))?;
-        if self.records(slot, &header).free != 0 {
-            return Err(Refusal::Flash);
-        }
+        self.kept = self.kept();
+        let slot = self.kept.map_or(Slot::A, |kept| kept.slot.other());
+        self.target = Some(slot);
         self.incoming = Some(Incoming {
             slot,
             header,
@@ -242,62 +257,59 @@ impl<F: NorFlash> Store<F> {
         Ok(())
     }
 
-    /// Writes the next page of the image; all but the last are whole pages.
+    /// Installs the next page of an image that [`Store::begin`] has taken; `true` after the last.
+    ///
+    /// `image`: the whole image, as it was given to `begin`.
     ///
     /// # Errors
-    /// `BadLength` for a piece that is not the image's next page, `Flash`. The
-    /// upload is over then.
-    pub fn write(&mut self, piece: &[u8]) -> Result<(), Refusal> {
-        let Some(mut incoming) = self.incoming.take() else {
-            return Err(Refusal::BadLength);
-        };
-        let wanted = incoming
-            .image_len
-            .saturating_sub(incoming.written)
-            .min(Self::PAGE);
-        if wanted == 0 || piece.len() != wanted as usize {
-            return Err(Refusal::BadLength);
+    /// `BadLength` without a `begin`, `Flash`. The installation is over then.
+    pub fn install_page(&mut self, image: &[u8]) -> Result<bool, Refusal> {
+        let mut incoming = self.incoming.take().ok_or(Refusal::BadLength)?;
+        if incoming.written == 0 {
+            self.prepare(&incoming)?;
         }
+        let rest = (image.get(incoming.written as usize..)).ok_or(Refusal::BadLength)?;
+        let piece = rest.get(..F::ERASE_SIZE).unwrap_or(rest);
         let at = self.start(incoming.slot) + incoming.written;
         self.erase(at)?;
-        let (words, rest) = piece.as_chunks::<RECORD_LEN>();
+        let (words, last) = piece.as_chunks::<RECORD_LEN>();
         let whole = piece.get(..words.len() * RECORD_LEN).unwrap_or_default();
         if !whole.is_empty() {
             self.flash.write(at, whole).map_err(|_| Refusal::Flash)?;
         }
-        if !rest.is_empty() {
-            let mut last = [0xFF; RECORD_LEN];
-            for (l, r) in last.iter_mut().zip(rest) {
-                *l = *r;
+        if !last.is_empty() {
+            let mut word = [0xFF; RECORD_LEN];
+            for (w, l) in word.iter_mut().zip(last) {
+                *w = *l;
             }
             self.flash
-                .write(at + whole.len() as u32, &last)
+                .write(at + whole.len() as u32, &word)
                 .map_err(|_| Refusal::Flash)?;
         }
-        incoming.written += wanted;
+        incoming.written += piece.len() as u32;
         self.incoming = Some(incoming);
-        Ok(())
+        Ok(incoming.written >= incoming.image_len)
     }
 
-    /// Judges the whole image as it stands in the flash and puts it in force.
+    /// Checks the image as it stands in the flash and puts it in force.
     ///
     /// # Errors
-    /// `BadLength` when pieces are missing, any reason that the content gives,
-    /// `BadModel` when `accept` says no, `Flash`. The upload is over then.
-    pub fn finish(
-        &mut self,
-        mut accept: impl FnMut(&mut F, u32, u32) -> bool,
-    ) -> Result<Active, Refusal> {
+    /// `BadLength` when pages are missing, `Flash` when it does not stand there as it was given.
+    /// The installation is over then.
+    pub fn finish(&mut self) -> Result<Active, Refusal> {
         let incoming = self.incoming.take().ok_or(Refusal::BadLength)?;
-        if incoming.written != incoming.image_len {
+        if incoming.written < incoming.image_len {
             return Err(Refusal::BadLength);
         }
-        self.judge_content(incoming.slot, &incoming.header, &mut accept)?;
+        if !self.is_intact(incoming.slot, &incoming.header) {
+            return Err(Refusal::Flash);
+        }
+        let newest = self.active.iter().chain(&self.kept).map(|a| a.counter);
         let active = Active {
             slot: incoming.slot,
             header: incoming.header,
             payload: self.start(incoming.slot) + HEADER_LEN as u32,
-            counter: self.active.map_or(0, |a| a.counter).saturating_add(1),
+            counter: newest.max().unwrap_or(0).saturating_add(1),
         };
         if self.append(&active, 0).is_err() {
             // A record that could not be read back now must not be found later.
@@ -309,9 +321,42 @@ impl<F: NorFlash> Store<F> {
         Ok(active)
     }
 
-    /// Gives an upload up.
+    /// The slot that an installation under way, or the last one, writes.
+    pub fn installed(&self) -> Option<Slot> {
+        self.target
+    }
+
+    /// Gives an installation up.
     pub fn abandon(&mut self) {
         self.incoming = None;
+    }
+
+    /// The image that must survive an installation: the one in force, or, where the flash has
+    /// damaged that one since it started, the one in the other slot.
+    fn kept(&mut self) -> Option<Active> {
+        let active = self.active?;
+        if self.is_intact(active.slot, &active.header) {
+            return Some(active);
+        }
+        let other = self.candidate(active.slot.other());
+        let other = other.filter(|o| o.header.verify(self.board.as_ref()).is_ok());
+        other
+            .filter(|other| self.is_intact(other.slot, &other.header))
+            .or(Some(active))
+    }
+
+    /// Makes sure that the kept image starts whatever happens, and erases the records of the slot
+    /// that is written.
+    fn prepare(&mut self, incoming: &Incoming) -> Result<(), Refusal> {
+        if let Some(kept) = self.kept {
+            self.anchor(&kept)?;
+        }
+        self.erase(self.records_at(incoming.slot))?;
+        if self.records(incoming.slot, &incoming.header).free == 0 {
+            Ok(())
+        } else {
+            Err(Refusal::Flash)
+        }
     }
 
     fn start(&self, slot: Slot) -> u32 {
@@ -361,7 +406,7 @@ impl<F: NorFlash> Store<F> {
         header: &Header,
         accept: &mut impl FnMut(&mut F, u32, u32) -> bool,
     ) -> Result<(), Refusal> {
-        header.verify(self.key.as_ref())?;
+        header.verify(self.board.as_ref())?;
         self.judge_content(slot, header, accept)
     }
 
@@ -372,6 +417,21 @@ impl<F: NorFlash> Store<F> {
         header: &Header,
         accept: &mut impl FnMut(&mut F, u32, u32) -> bool,
     ) -> Result<(), Refusal> {
+        self.check_content(slot, header)?;
+        let payload = self.start(slot) + HEADER_LEN as u32;
+        if accept(&mut self.flash, payload, header.length) {
+            Ok(())
+        } else {
+            Err(Refusal::BadModel)
+        }
+    }
+
+    /// Whether what stands in a slot is what `header` was signed for, each time it is read.
+    fn is_intact(&mut self, slot: Slot, header: &Header) -> bool {
+        (0..READS).all(|_| self.check_content(slot, header).is_ok())
+    }
+
+    fn check_content(&mut self, slot: Slot, header: &Header) -> Result<(), Refusal> {
         if self.read_header(slot)? != *header {
             return Err(Refusal::BadDigest);
         }
@@ -399,81 +459,6 @@ impl<F: NorFlash> Store<F> {
             }
             at += CHUNK as u32;
         }
-        content.finish(u32::from_le_bytes(crc))?;
-        if accept(&mut self.flash, start + payload, header.length) {
-            Ok(())
-        } else {
-            Err(Refusal::BadModel)
-        }
-    }
-
-    /// The record that puts `header` in force under this counter.
-    fn record(counter: u32, header: &Header) -> [u8; RECORD_LEN] {
-        let counter = counter.to_le_bytes();
-        let mut digest = CRC.digest();
-        digest.update(&counter);
-        digest.update(&header.signature);
-        let mut record = [0; RECORD_LEN];
-        let crc = digest.finalize().to_le_bytes();
-        for (r, b) in record.iter_mut().zip(counter.iter().chain(&crc)) {
-            *r = *b;
-        }
-        record
-    }
-
-    fn records(&mut self, slot: Slot, header: &Header) -> Records {
-        let mut found = Records::default();
-        for pair in 0..Self::PAIRS {
-            let [first, second] = self.places(slot, pair).map(|at| self.read_record(at));
-            for word in [first, second].into_iter().flatten() {
-                let [c0, c1, c2, c3, ..] = word;
-                let counter = u32::from_le_bytes([c0, c1, c2, c3]);
-                if word != BLANK && word == Self::record(counter, header) {
-                    found.counter = found.counter.max(Some(counter));
-                    found.anchored |= Some(word) == first && second != Some(BLANK);
-                }
-            }
-            if first != Some(BLANK) || second != Some(BLANK) {
-                found.free = pair + 1;
-            }
-        }
-        found
-    }
-
-    /// Offsets of the two records of a pair.
-    fn places(&self, slot: Slot, pair: u32) -> [u32; 2] {
-        let first = self.records_at(slot) + pair * 2 * RECORD_LEN as u32;
-        [first, first + RECORD_LEN as u32]
-    }
-
-    /// Word by word: one unreadable word says nothing about the next.
-    fn read_record(&mut self, at: u32) -> Option<[u8; RECORD_LEN]> {
-        let mut word = [0; RECORD_LEN];
-        self.flash.read(at, &mut word).ok().map(|()| word)
-    }
-
-    /// Makes sure that a complete record stands in the slot, and shows as such.
-    fn anchor(&mut self, active: &Active) -> Result<(), Refusal> {
-        let records = self.records(active.slot, &active.header);
-        if records.anchored {
-            Ok(())
-        } else {
-            self.append(active, records.free)
-        }
-    }
-
-    /// Writes the first pair from `free` on that takes it.
-    fn append(&mut self, active: &Active, free: u32) -> Result<(), Refusal> {
-        let record = Self::record(active.counter, &active.header);
-        for pair in free..Self::PAIRS {
-            let [first, second] = self.places(active.slot, pair);
-            if self.flash.write(first, &record).is_ok() && self.read_record(first) == Some(record) {
-                // In force by now. Should the second fail, the next `anchor`
-                // writes another pair.
-                let _ = self.flash.write(second, &record);
-                return Ok(());
-            }
-        }
-        Err(Refusal::Flash)
+        content.finish(u32::from_le_bytes(crc))
     }
 }
