@@ -18,7 +18,7 @@ const STRETCHES: usize = 16;
 pub struct Interval {
     /// Mean absolute error [% of the nominal torque].
     pub value_percent: Option<f64>,
-    /// The interval.
+    /// The interval; none where the recordings do not say how much the figure varies.
     pub interval_percent: Option<[f64; 2]>,
 }
 
@@ -158,10 +158,10 @@ fn means(blocks: &[(f64, f64)]) -> Interval {
     let sum = |of: fn(&Stretch) -> f64| stretches.iter().map(of).sum::<f64>();
     let value = 100.0 * sum(|s| s.error) / sum(|s| s.size);
     // A mean square varies twice as much as a mean size, in parts of itself.
-    let variance = 4.0 * relative_variance(&stretches);
+    let variance = relative_variance(&stretches).map(|of_size| 4.0 * of_size);
     Interval {
         value_percent: Some(value),
-        interval_percent: Some(prediction_interval(value, variance)),
+        interval_percent: variance.and_then(|variance| prediction_interval(value, variance)),
     }
 }
 

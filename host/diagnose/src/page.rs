@@ -101,7 +101,8 @@ fn ranking<S: Observed>(diagnosis: &Diagnosis<S>) -> Table {
                     r.effect.name().into(),
                     r.effect.about().into(),
                     format!("{:.1}", r.trial.score),
-                    format!("{:.1}", r.threshold),
+                    r.threshold
+                        .map_or_else(|| "–".into(), |t| format!("{t:.1}")),
                 ]
             })
             .collect(),
@@ -138,7 +139,9 @@ fn goes_with<S: Observed>(diagnosis: &Diagnosis<S>) -> Table {
                 tested.to_string(),
                 format!("{:.2}", tested.before),
                 format!("{:.2}", tested.after),
-                format!("{:.2}", tested.by_chance),
+                tested
+                    .by_chance
+                    .map_or_else(|| "–".into(), |c| format!("{c:.2}")),
             ]
         })
     });

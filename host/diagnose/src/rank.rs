@@ -1,6 +1,7 @@
 //! Candidates with their evidence: on the grid of their shapes, then refined.
 
 use std::borrow::Cow;
+use std::cmp::Ordering;
 
 use rayon::prelude::*;
 
@@ -38,8 +39,9 @@ pub struct Ranked<S: Observed = Session> {
     pub trial: Trial,
     /// Linear parameters of each stream; empty where it does not act.
     pub parameters: Vec<Vec<f64>>,
-    /// Evidence that chance alone does not reach.
-    pub threshold: f64,
+    /// Evidence that chance alone does not reach; none where the tempered evidence is not above 0,
+    /// which chance always reaches.
+    pub threshold: Option<f64>,
     /// The most that each draw without effect reaches with any shape.
     null: Vec<f64>,
     /// Shapes elsewhere on the grid that explain the same.
@@ -47,9 +49,22 @@ pub struct Ranked<S: Observed = Session> {
 }
 
 impl<S: Observed> Ranked<S> {
-    /// Evidence beyond what the machine without effect shows.
-    pub fn margin(&self) -> f64 {
-        self.trial.score - self.threshold
+    /// Evidence beyond what the machine without effect shows; none without a threshold.
+    pub fn margin(&self) -> Option<f64> {
+        self.threshold.map(|threshold| self.trial.score - threshold)
+    }
+
+    /// Whether the evidence is more than chance reaches.
+    pub(super) fn exceeds_chance(&self) -> bool {
+        self.margin().is_some_and(|margin| margin > 0.0)
+    }
+
+    /// The largest margin first, those without one last.
+    pub(super) fn by_margin(&self, other: &Self) -> Ordering {
+        match (self.margin(), other.margin()) {
+            (Some(own), Some(other)) => other.total_cmp(&own),
+            (own, other) => other.is_some().cmp(&own.is_some()),
+        }
     }
 }
 
@@ -97,7 +112,7 @@ pub(super) fn rank<S: Observed>(
             elsewhere: elsewhere(*effect, &sessions[0], best, &own),
         });
     }
-    ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
+    ranked.sort_by(Ranked::by_margin);
     ranked
 }
 
@@ -193,14 +208,10 @@ fn relinearised<S: Observed>(
 ///
 /// The draws know the power of what a clean machine leaves only within a
 /// factor, taken as two; evidence is in proportion to it.
-fn by_chance(trial: &Trial, draws: &[f64], candidates: usize) -> f64 {
+fn by_chance(trial: &Trial, draws: &[f64], candidates: usize) -> Option<f64> {
     const ROUGHLY: f64 = 2.0;
     let tempered = (ROUGHLY * gumbel(draws, FALSE_ALARM / candidates as f64)).max(LEAST);
-    if trial.tempered > 0.0 {
-        tempered * (trial.score / trial.tempered).max(1.0)
-    } else {
-        f64::MAX
-    }
+    (trial.tempered > 0.0).then(|| tempered * (trial.score / trial.tempered).max(1.0))
 }
 
 /// Takes from the evidence what latent degrees of freedom cost; a signal that is free to
@@ -224,11 +235,16 @@ pub(super) fn refine<S: Observed>(
     ranked: &mut [Ranked<S>],
     candidates: usize,
 ) {
-    let best = ranked.first().map_or(0.0, Ranked::margin);
+    let best = ranked.first().and_then(Ranked::margin).unwrap_or(0.0);
     ranked
         .par_iter_mut()
         .take(REFINED)
-        .filter(|r| r.margin() > 0.1 * best && r.trial.score > 0.5 * r.threshold)
+        .filter(|r| {
+            let promising = |threshold| {
+                r.trial.score - threshold > 0.1 * best && r.trial.score > 0.5 * threshold
+            };
+            r.threshold.is_some_and(promising)
+        })
         .for_each(|candidate| {
             let effect = candidate.effect;
             let at_first = candidate.trial.clone();
@@ -245,10 +261,10 @@ pub(super) fn refine<S: Observed>(
             }
             candidate.threshold = by_chance(&candidate.trial, &candidate.null, candidates);
         });
-    for r in ranked.iter_mut().filter(|r| r.margin() > 0.0) {
+    for r in ranked.iter_mut().filter(|r| r.exceeds_chance()) {
         let columns = columns(sessions, r.effect, &r.trial.shape, &r.trial.about);
         let base = &data.with_nuisances(base, sessions, r.effect, &r.trial.shape);
         r.parameters = data.parameters(base, r.effect, &columns, &r.trial.overdispersion);
     }
-    ranked.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
+    ranked.sort_by(Ranked::by_margin);
 }

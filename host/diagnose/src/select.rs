@@ -55,8 +55,8 @@ pub struct Found<S: Observed = Session> {
     pub parameters: Vec<Vec<f64>>,
     /// Logarithm of the evidence on left-out blocks.
     pub evidence: f64,
-    /// What would have been evidence enough.
-    pub threshold: f64,
+    /// What would have been evidence enough; none where chance always reaches it.
+    pub threshold: Option<f64>,
     /// Evidence of each stream.
     pub streams: Vec<f64>,
     /// By how much what each stream says of shared parameters spreads more than
@@ -185,11 +185,11 @@ fn chosen<S: Observed>(
     let forms = Forms::new(data, sessions, found);
     let mut worth: Vec<Ranked<S>> = ranked
         .iter()
-        .filter(|r| r.margin() > 0.0 && is_material(data, sessions, r, found))
+        .filter(|r| r.exceeds_chance() && is_material(data, sessions, r, found))
         .filter_map(|r| forms.beyond(r))
-        .filter(|r| r.margin() > 0.0)
+        .filter(Ranked::exceeds_chance)
         .collect();
-    worth.sort_by(|a, b| b.margin().total_cmp(&a.margin()));
+    worth.sort_by(Ranked::by_margin);
     let best = simplest(data, sessions, &worth, found)?;
     let alike = (worth.iter())
         .filter(|other| other.effect.name() != best.effect.name())
@@ -245,7 +245,7 @@ fn is_material<S: Observed>(
 ) -> bool {
     let trial = &candidate.trial;
     let times = if found.is_empty() { SURE } else { SURE_BESIDE };
-    let sure = trial.score > times * candidate.threshold;
+    let sure = (candidate.threshold).is_some_and(|threshold| trial.score > times * threshold);
     let least = if is_latent(sessions, candidate.effect) {
         MATERIAL_OF_LATENT
     } else if sure && sessions.iter().all(Observed::is_referred) {
@@ -343,8 +343,10 @@ fn predicts_the_same<S: Observed>(best: &Ranked<S>, other: &Ranked<S>) -> bool {
 
 /// Whether what tells `other` from `best` could be chance.
 fn indistinct<S: Observed>(best: &Ranked<S>, other: &Ranked<S>) -> bool {
-    let gap = best.margin() - other.margin();
-    other.margin() > 0.0 && gap < same(best.margin())
+    let (Some(best), Some(other)) = (best.margin(), other.margin()) else {
+        return false;
+    };
+    other > 0.0 && best - other < same(best)
 }
 
 /// Takes out effects without which the evidence is hardly less; the others take
@@ -354,7 +356,7 @@ fn settle<S: Observed>(data: &Data, sessions: &[S], found: &mut Vec<Found<S>>) {
     while found.len() > 1 && i < found.len() {
         let (base, trial) = beside_others(data, sessions, found, i);
         let f = &mut found[i];
-        if trial.score < f.threshold {
+        if f.threshold.is_none_or(|threshold| trial.score < threshold) {
             found.remove(i);
         } else {
             f.shape = best_shape(data, &base, sessions, f.effect, trial);

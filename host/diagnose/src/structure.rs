@@ -31,8 +31,8 @@ pub enum Test {
     /// Root mean square of the autocorrelation over lags of 1 to 25 samples; `1/sqrt(n)` for
     /// white noise.
     Colour,
-    /// Part of the mean square in an order `o` of a shaft's angle `phi`:
-    /// `2 |int r exp(-i o phi) dphi|^2 / (int dphi int r^2 dphi)`.
+    /// Part of the mean square over a shaft's angle `phi` in its order `o`: that of the
+    /// `a cos(o phi) + b sin(o phi)` that is nearest to the residual about its mean.
     Order,
     /// Part of the mean square about the mean that the mean over a quantity takes from blocks
     /// left out, of any form and either sign; over time it is a drift.
@@ -50,6 +50,14 @@ impl Test {
             Self::Beside => 0.1,
         }
     }
+
+    /// Largest size that it can have; none where it has no bound.
+    fn most(self) -> Option<f64> {
+        match self {
+            Self::Bias => None,
+            Self::Colour | Self::Order | Self::Over | Self::Beside => Some(1.0),
+        }
+    }
 }
 
 /// One test of one residual.
@@ -63,14 +71,15 @@ pub struct Tested {
     pub before: f64,
     /// The same with what was found.
     pub after: f64,
-    /// Size that a machine without effect hardly exceeds.
-    pub by_chance: f64,
+    /// Size that a machine without effect hardly exceeds; none where it reaches any size.
+    pub by_chance: Option<f64>,
 }
 
 impl Tested {
     /// Whether the residual is unlike that of a machine without effect.
     pub fn stands_out(&self) -> bool {
-        self.before.abs() > self.by_chance
+        self.by_chance
+            .is_some_and(|by_chance| self.before.abs() > by_chance)
     }
 }
 
@@ -99,10 +108,13 @@ pub struct Structure {
 impl Structure {
     /// The tests that tell it from a machine without effect, the clearest first.
     pub fn standing_out(&self) -> Vec<&Tested> {
-        let mut out: Vec<&Tested> = self.tests.iter().filter(|t| t.stands_out()).collect();
-        let clear = |t: &Tested| t.before.abs() / t.by_chance;
-        out.sort_by(|a, b| clear(b).total_cmp(&clear(a)));
-        out
+        let clear =
+            |t: &'_ Tested| Some(t.before.abs() / t.by_chance?).filter(|times| *times > 1.0);
+        let mut out: Vec<(&Tested, f64)> = (self.tests.iter())
+            .filter_map(|t| Some((t, clear(t)?)))
+            .collect();
+        out.sort_by(|a, b| b.1.total_cmp(&a.1));
+        out.into_iter().map(|(tested, _)| tested).collect()
     }
 }
 
@@ -198,12 +210,13 @@ impl<'a> Measure<'a> {
         let all = (self.of)(before);
         let best = (0..all.len()).max_by(|a, b| size(&all[*a]).total_cmp(&size(&all[*b])))?;
         let clean: Vec<f64> = draws.iter().map(|draw| most(&(self.of)(draw))).collect();
+        let by_chance = gumbel(&clean, chance).max(self.test.least());
         Some(Tested {
             test: self.test,
             with: self.with[best].clone(),
             before: all[best],
             after: (self.of)(after)[best],
-            by_chance: gumbel(&clean, chance).max(self.test.least()),
+            by_chance: (self.test.most().is_none_or(|most| by_chance < most)).then_some(by_chance),
         })
     }
 }
@@ -318,9 +331,10 @@ impl Turning {
 }
 
 /// The part of stream `k` in each order, from the first; over the angle, so that a standstill
-/// tells nothing.
+/// tells nothing. A session in which an order does not turn `PERIODS` times has no part in it.
 fn orders_of(waves: &Waves, residuals: &Residuals, k: usize) -> [f64; ORDERS] {
     let (mut parts, mut square) = ([0.0; ORDERS], 0.0);
+    let turn = |[re, im]: [f64; 2], c: f64, s: f64| [re * c - im * s, re * s + im * c];
     for (waves, residuals) in waves.iter().zip(residuals) {
         let known = || {
             let weighed = waves.iter().zip(&residuals[k]);
@@ -328,24 +342,36 @@ fn orders_of(waves: &Waves, residuals: &Residuals, k: usize) -> [f64; ORDERS] {
         };
         let turned: f64 = known().map(|(w, _)| w[2]).sum();
         let middle = known().map(|(w, r)| w[2] * r).sum::<f64>() / turned;
-        let mut sums = [[0.0; 2]; ORDERS];
+        // Of the residual, and of 1 at twice the order.
+        let mut sums = [[0.0; 4]; ORDERS];
         for ([c, s, step], r) in known() {
             let r = r - middle;
             square += step * r * r;
-            let mut wave = [step * r, 0.0];
+            let (mut wave, mut twice) = ([step * r, 0.0], [*step, 0.0]);
             for sum in &mut sums {
-                wave = [wave[0] * c - wave[1] * s, wave[0] * s + wave[1] * c];
-                sum[0] += wave[0];
-                sum[1] += wave[1];
+                wave = turn(wave, *c, *s);
+                twice = turn(turn(twice, *c, *s), *c, *s);
+                for (sum, new) in sum.iter_mut().zip(wave.into_iter().chain(twice)) {
+                    *sum += new;
+                }
             }
         }
-        if turned > 0.0 {
-            for (part, [re, im]) in parts.iter_mut().zip(sums) {
-                *part += 2.0 * (re * re + im * im) / turned;
+        for (o, (part, sums)) in parts.iter_mut().zip(sums).enumerate() {
+            if (o + 1) as f64 * turned >= PERIODS * TAU {
+                *part += explained_by_wave(turned, sums);
             }
         }
     }
     parts.map(|part| part / square)
+}
+
+/// Squares that `a cos + b sin` explains, by least squares: `v' G^-1 v` with
+/// `v = (sum r cos, sum r sin)` and `G` of the sums of `cos^2`, `cos sin` and `sin^2`, from those of
+/// the cosine and sine of twice the angle.
+fn explained_by_wave(turned: f64, [cos, sin, cos_of_twice, sin_of_twice]: [f64; 4]) -> f64 {
+    let (cc, ss) = (0.5 * (turned + cos_of_twice), 0.5 * (turned - cos_of_twice));
+    let cs = 0.5 * sin_of_twice;
+    (ss * cos * cos - 2.0 * cs * cos * sin + cc * sin * sin) / (cc * ss - cs * cs)
 }
 
 fn correlation(residuals: &Residuals, k: usize, j: usize) -> f64 {
@@ -398,6 +424,18 @@ mod tests {
             parts.iter().enumerate().all(|(o, p)| o == 2 || *p < 0.02),
             "{parts:?}"
         );
+    }
+
+    /// Turns that are no whole number of periods: of a wave alone the part is all of it, no more.
+    #[test]
+    fn a_part_is_at_most_one() {
+        let angles: Vec<f64> = (0..2_000).map(|i| 0.0159 * f64::from(i)).collect();
+        let waves = vec![wave(&angles)];
+        for phase in [0.0, 0.8, 1.6, 2.4] {
+            let of: Vec<f64> = angles.iter().map(|a| (a + phase).cos()).collect();
+            let part = orders_of(&waves, &vec![vec![of]], 0)[0];
+            assert!((0.99..=1.0 + 1e-12).contains(&part), "{phase}: {part}");
+        }
     }
 
     #[test]

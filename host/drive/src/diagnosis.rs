@@ -104,11 +104,11 @@ pub struct BeforeAfter {
 /// An error with its interval.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Figure {
-    /// RMS of what is unexplained [% of the drive's RMS].
-    pub value_percent: f64,
+    /// RMS of what is unexplained [% of the drive's RMS]; none where no row has one.
+    pub value_percent: Option<f64>,
     /// 95 % prediction interval: the error on as many other recordings, as long, of the
-    /// same kind of motion.
-    pub interval_percent: [f64; 2],
+    /// same kind of motion. None where the recordings do not say how much the error varies.
+    pub interval_percent: Option<[f64; 2]>,
 }
 
 /// The linear part of a balance.

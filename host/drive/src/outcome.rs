@@ -87,8 +87,8 @@ impl Outcome {
                 after: figure(&after, judge),
             },
             recalibrated_own_offset: BeforeAfter {
-                before: figure(&centred(&before, judge), judge),
-                after: figure(&centred(&after, judge), judge),
+                before: figure_about_means(&before, judge),
+                after: figure_about_means(&after, judge),
             },
         };
         let loads = balance.loads.len();
@@ -204,7 +204,8 @@ impl Outcome {
 
 /// Whether the effects make the error on the validation recordings greater.
 fn is_worse(error: &Errors) -> bool {
-    error.recalibrated.after.value_percent > error.recalibrated.before.value_percent
+    let [before, after] = [error.recalibrated.before, error.recalibrated.after];
+    (before.value_percent.zip(after.value_percent)).is_some_and(|(before, after)| after > before)
 }
 
 /// What to know before the result is used.
@@ -389,6 +390,18 @@ fn nominal_coefficients(balance: &Balance) -> Vec<f64> {
     c
 }
 
+/// [`figure`] of what is about the mean of each recording; none where that mean is all there is.
+fn figure_about_means(rest: &[f64], table: &Table) -> Figure {
+    if table.has_means(rows_by_recording(table).len()) {
+        figure(&centred(rest, table), table)
+    } else {
+        Figure {
+            value_percent: None,
+            interval_percent: None,
+        }
+    }
+}
+
 /// RMS of a residual over that of the drive, with the interval in which it is on as
 /// many other recordings.
 ///
@@ -424,10 +437,13 @@ fn figure(rest: &[f64], table: &Table) -> Figure {
         1.0
     };
     let of_offsets = 2.0 * power(&rows) / rows.iter().sum::<f64>().powi(2);
-    let variance = (1.0 - part).powi(2) * of_offsets + part * part * relative_variance(&stretches);
-    let value_percent = 100.0 * (whole / power(&table.drive)).sqrt();
+    let variance = relative_variance(&stretches)
+        .map(|about| (1.0 - part).powi(2) * of_offsets + part * part * about);
+    let value_percent =
+        Some(100.0 * (whole / power(&table.drive)).sqrt()).filter(|v| v.is_finite());
     Figure {
         value_percent,
-        interval_percent: prediction_interval(value_percent, variance),
+        interval_percent: (value_percent.zip(variance))
+            .and_then(|(value, variance)| prediction_interval(value, variance)),
     }
 }

@@ -66,11 +66,10 @@ fn print(diagnosis: &Diagnosis) {
         linear.drag,
         linear.load_gains
     );
-    let figure = |f: &Figure| {
-        format!(
-            "{:.1} % ({:.1} to {:.1})",
-            f.value_percent, f.interval_percent[0], f.interval_percent[1]
-        )
+    let figure = |f: &Figure| match (f.value_percent, f.interval_percent) {
+        (None, _) => "-".into(),
+        (Some(value), None) => format!("{value:.1} % (interval: -)"),
+        (Some(value), Some([low, high])) => format!("{value:.1} % ({low:.1} to {high:.1})"),
     };
     say!(
         "error below {} Hz, in parts of the drive's RMS, not fitted (of as many other recordings, 95 %):",

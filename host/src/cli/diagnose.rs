@@ -189,10 +189,10 @@ fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
     say!("{:<26}{:>12}{:>12}", "candidate", "evidence", "by chance");
     for ranked in diagnosis.selection.ranking.iter().take(8) {
         say!(
-            "{:<26}{:>12.1}{:>12.1}",
+            "{:<26}{:>12.1}{:>12}",
             ranked.effect.name(),
             ranked.trial.score,
-            ranked.threshold
+            (ranked.threshold).map_or_else(|| "-".into(), |t| format!("{t:.1}"))
         );
     }
     say!(
@@ -242,12 +242,12 @@ fn print_structure(structures: &[Structure]) {
     for structure in structures {
         for tested in structure.standing_out().into_iter().take(CLEAREST) {
             say!(
-                "{:<20}{:<40}{:>8.2}{:>8.2}{:>11.2}",
+                "{:<20}{:<40}{:>8.2}{:>8.2}{:>11}",
                 structure.channel,
                 tested.to_string(),
                 tested.before,
                 tested.after,
-                tested.by_chance
+                (tested.by_chance).map_or_else(|| "-".into(), |c| format!("{c:.2}"))
             );
         }
     }

@@ -133,7 +133,8 @@ fn tested<'a>(said: &'a Value, channel: &str, test: &str, with: &str) -> &'a Val
 }
 
 fn stands_out(tested: &Value, when: &str) -> bool {
-    tested[when].as_f64().unwrap().abs() > tested["by_chance"].as_f64().unwrap()
+    let by_chance = tested["by_chance"].as_f64();
+    by_chance.is_some_and(|by_chance| tested[when].as_f64().unwrap().abs() > by_chance)
 }
 
 #[test]

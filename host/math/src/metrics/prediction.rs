@@ -28,19 +28,16 @@ pub struct Stretch {
 /// `v = (t / t_inf)^2 n / (n - 1) sum_i (e_i^2 + 2 sum_k w_k e_i e_(i+k))`, `k = 1..3` within a
 /// recording, `w_k = 1 - k / 4`, `e_i = (error_i - ratio size_i) / sum error`; not less than
 /// without the products. `t` is Student's for `n / sum w^2 - 1` degrees of freedom, one at least.
-/// 0 where there is no error, infinite with a single stretch.
+/// None where there is no error, or a single stretch.
 ///
 /// Sources: Cochran 1977, Sampling techniques, section 6.3 (ratio); Newey and West 1987 (weights);
 /// Priestley 1981, section 6.2.3 (degrees of freedom).
-pub fn relative_variance(stretches: &[Stretch]) -> f64 {
+pub fn relative_variance(stretches: &[Stretch]) -> Option<f64> {
     let n = stretches.len() as f64;
     let sum = |of: fn(&Stretch) -> f64| stretches.iter().map(of).sum::<f64>();
     let (errors, sizes) = (sum(|s| s.error), sum(|s| s.size));
-    if errors <= 0.0 {
-        return 0.0;
-    }
-    if stretches.len() < 2 {
-        return f64::INFINITY;
+    if errors <= 0.0 || stretches.len() < 2 {
+        return None;
     }
     let e: Vec<f64> = stretches
         .iter()
@@ -57,30 +54,34 @@ pub fn relative_variance(stretches: &[Stretch]) -> f64 {
         }
     }
     let freedom = (n / weights - 1.0).max(1.0);
-    variance.max(squares) * n / (n - 1.0) * (student(freedom) / NORMAL).powi(2)
+    Some(variance.max(squares) * n / (n - 1.0) * (student(freedom) / NORMAL).powi(2))
 }
 
 /// 95 % interval of a root mean square on other recordings, as many and as long, where its square
-/// here has that relative variance.
-pub fn prediction_interval(root: f64, relative_variance: f64) -> [f64; 2] {
-    let factor = prediction_factor(relative_variance).sqrt();
-    [root / factor, root * factor]
+/// here has that relative variance; none above a relative variance of 4, where it would be wider
+/// than a factor of a thousand.
+pub fn prediction_interval(root: f64, relative_variance: f64) -> Option<[f64; 2]> {
+    let factor = prediction_factor(relative_variance)?.sqrt();
+    Some([root / factor, root * factor])
 }
 
 /// Factor that a mean square of other recordings, as many and as long, is not above, nor its
 /// inverse below, in 95 of 100 cases: the quantile of Fisher's F for `2 / v` degrees of freedom
-/// on both sides, which a sum of squares with the relative variance `v` is taken to have; `v`
-/// above 4 counts as 4, for which the factor is beyond any use.
+/// on both sides, which a sum of squares with the relative variance `v` is taken to have; none
+/// for `v` above 4, where the factor is beyond any use.
 ///
 /// Source: Satterthwaite 1946, An approximate distribution of estimates of variance components.
-fn prediction_factor(relative_variance: f64) -> f64 {
-    let half = (1.0 / relative_variance).max(0.25);
+fn prediction_factor(relative_variance: f64) -> Option<f64> {
+    if !(0.0..=4.0).contains(&relative_variance) {
+        return None;
+    }
+    let half = 1.0 / relative_variance;
     // Logarithms are normal long before the function below runs out of digits.
     if half > 1e3 {
-        return (NORMAL * (2.0 * relative_variance).sqrt()).exp();
+        return Some((NORMAL * (2.0 * relative_variance).sqrt()).exp());
     }
     let x = (0.5 * OUTSIDE).inv_inc_beta(half, half, half.ln_beta(half));
-    (1.0 - x) / x
+    Some((1.0 - x) / x)
 }
 
 /// What Student's t is beyond, on either side, in 5 of 100 cases.
@@ -103,10 +104,10 @@ mod tests {
             assert!((student(freedom) - t).abs() < 1e-3, "{}", student(freedom));
         }
         for (freedom, f) in [(2.0, 39.00), (10.0, 3.717), (1e12, 1.000)] {
-            let found = prediction_factor(2.0 / freedom);
+            let found = prediction_factor(2.0 / freedom).unwrap();
             assert!((found / f - 1.0).abs() < 1e-3, "{found}");
         }
-        let step = prediction_factor(1.001e-3) / prediction_factor(0.999e-3);
+        let step = prediction_factor(1.001e-3).unwrap() / prediction_factor(0.999e-3).unwrap();
         assert!((1.0..1.000_5).contains(&step), "{step}");
     }
 
@@ -122,11 +123,12 @@ mod tests {
         };
         let expected = 0.25 * (12.706_f64 / 1.960).powi(2);
         for recording in [0, 1] {
-            let found = relative_variance(&[stretch(0, 1.0), stretch(recording, 3.0)]);
+            let found = relative_variance(&[stretch(0, 1.0), stretch(recording, 3.0)]).unwrap();
             assert!((found / expected - 1.0).abs() < 1e-3, "{found}");
         }
-        assert_eq!(relative_variance(&[stretch(0, 0.0); 2]), 0.0);
-        assert_eq!(relative_variance(&[stretch(0, 1.0)]), f64::INFINITY);
+        assert_eq!(relative_variance(&[stretch(0, 0.0); 2]), None);
+        assert_eq!(relative_variance(&[stretch(0, 1.0)]), None);
+        assert_eq!(prediction_interval(1.0, 4.1), None);
     }
 
     /// Mean squares of 16 stretches of 40 values whose loudness walks from stretch to stretch
@@ -141,7 +143,7 @@ mod tests {
         for _ in 0..draws {
             let [told, other] = [(); 2].map(|()| recording(&mut rng));
             let mean = |s: &[Stretch]| s.iter().map(|s| s.error).sum::<f64>();
-            let factor = prediction_factor(relative_variance(&told));
+            let factor = prediction_factor(relative_variance(&told).unwrap()).unwrap();
             let ratio = mean(&other) / mean(&told);
             inside += usize::from((1.0 / factor..=factor).contains(&ratio));
         }
