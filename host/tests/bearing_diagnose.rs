@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use loadtwin::diagnose::{self, BearingSession, Verdict};
+use loadtwin::diagnose::{self, BearingResiduals, Verdict};
 use loadtwin::machine::{Kind, Machine};
 use loadtwin::simulate::{BearingEffect, BearingScenario, BearingSimulation};
 use serde_json::Value;
@@ -43,7 +43,7 @@ fn of_a_clean_bearing_nothing_is_said() {
     let folder = tempfile::tempdir().unwrap();
     let path = record("lc1", 31, &[], folder.path());
     let machine = Machine::load(&example()).unwrap();
-    let said = diagnose::diagnose::<BearingSession>(&machine, &[path], &[], |_| ()).unwrap();
+    let said = diagnose::diagnose::<BearingResiduals>(&machine, &[path], &[], |_| ()).unwrap();
     assert_eq!(said.verdict, Verdict::None);
     // At one speed an offset does the same.
     assert_eq!(diagnose::cannot_show(&said.selection), ["speed-offset"]);

@@ -1,7 +1,7 @@
 //! Means, mean squares, and what chance reaches.
 
 /// Mean of what is finite; NaN where nothing is.
-pub(super) fn mean(values: impl Iterator<Item = f64>) -> f64 {
+pub(crate) fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, n) = values
         .filter(|v| v.is_finite())
         .fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
@@ -9,27 +9,27 @@ pub(super) fn mean(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Mean square of what is known; none where nothing is.
-pub(super) fn mean_square(x: &[f64]) -> Option<f64> {
+pub(crate) fn mean_square(x: &[f64]) -> Option<f64> {
     let known = x.iter().filter(|v| v.is_finite());
     let count = known.clone().count();
     (count > 0).then(|| known.map(|v| v * v).sum::<f64>() / count as f64)
 }
 
 /// Mean and standard deviation.
-pub(super) fn mean_and_spread(x: &[f64]) -> (f64, f64) {
+pub(crate) fn mean_and_std(x: &[f64]) -> (f64, f64) {
     let n = x.len();
     let mean = x.iter().sum::<f64>() / n.max(1) as f64;
     let squares = x.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
     (mean, (squares / n.saturating_sub(1).max(1) as f64).sqrt())
 }
 
-/// The value that an extreme-value distribution with the draws' mean and
+/// The value that an extreme-value distribution with the null samples' mean and
 /// standard deviation exceeds with `probability`.
-pub(super) fn gumbel(draws: &[f64], probability: f64) -> f64 {
+pub(crate) fn gumbel_quantile(draws: &[f64], probability: f64) -> f64 {
     if draws.len() < 2 {
         return 0.0;
     }
-    let (mean, spread) = mean_and_spread(draws);
+    let (mean, spread) = mean_and_std(draws);
     let width = spread * 6.0_f64.sqrt() / std::f64::consts::PI;
     mean - 0.577_2 * width - width * (-(1.0 - probability).ln()).ln()
 }
@@ -37,7 +37,7 @@ pub(super) fn gumbel(draws: &[f64], probability: f64) -> f64 {
 /// Standard deviation of the white noise in `x`, whatever moves slowly against the samples: third
 /// differences of noise have `sqrt(1 + 9 + 9 + 1)` times its own; their median, so that a jump does
 /// not count. 0 where fewer than four neighbours are known.
-pub(super) fn white_noise_std(x: &[f64]) -> f64 {
+pub(crate) fn white_noise_std(x: &[f64]) -> f64 {
     /// Median of the size of a standard normal number.
     const MEDIAN: f64 = 0.674_5;
     let third = |w: &[f64]| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs();

@@ -3,7 +3,9 @@
 use std::error::Error;
 use std::time::Instant;
 
-use loadtwin::diagnose::{Diagnosis, Observed, Session, Verdict, by_name, effect};
+use loadtwin::diagnose::{
+    Diagnosable, Diagnosis, DrivetrainResiduals, ResidualModel, Verdict, by_name,
+};
 use loadtwin::machine::Machine;
 
 use crate::cases::{Case, Kind};
@@ -25,8 +27,8 @@ pub fn told(number: usize, drawn: &Case, machine: &Machine) -> Result<Row, Box<d
     case.record(machine, &seen, &unseen)?;
     let (seen, unseen) = (vec![seen], vec![unseen]);
     let started = Instant::now();
-    let residuals = Session::read(machine, &seen, &unseen, |_| ())?;
-    let diagnosis = residuals.explained_by(effect::LIBRARY, |_| ());
+    let residuals = DrivetrainResiduals::read(machine, &seen, &unseen, |_| ())?;
+    let diagnosis = residuals.diagnose(DrivetrainResiduals::library(), |_| ());
     let seconds = started.elapsed().as_secs_f64();
     let said = match &diagnosis.verdict {
         Verdict::Effects(names) | Verdict::Inseparable(names) => names.join(" "),
@@ -35,7 +37,7 @@ pub fn told(number: usize, drawn: &Case, machine: &Machine) -> Result<Row, Box<d
     let open = (diagnosis.selection.found.iter())
         .filter(|_| matches!(diagnosis.verdict, Verdict::Effects(_)))
         .flat_map(|f| {
-            f.alike
+            f.indistinguishable_from
                 .iter()
                 .map(|other| format!("{}={other}", f.effect.name()))
         })
@@ -44,10 +46,10 @@ pub fn told(number: usize, drawn: &Case, machine: &Machine) -> Result<Row, Box<d
     let true_effects: Option<Vec<_>> = case
         .effects
         .iter()
-        .map(|(name, _)| by_name::<Session>(name))
+        .map(|(name, _)| by_name::<DrivetrainResiduals>(name))
         .collect();
     let given = match true_effects {
-        Some(effects) if !effects.is_empty() => after(&residuals.explained_by(&effects, |_| ())),
+        Some(effects) if !effects.is_empty() => after(&residuals.diagnose(&effects, |_| ())),
         _ => None,
     };
     Ok(Row {
@@ -58,7 +60,7 @@ pub fn told(number: usize, drawn: &Case, machine: &Machine) -> Result<Row, Box<d
         drawn: drawn.profile.to_owned(),
         truth: case.truth(),
         shows,
-        verdict: diagnosis.verdict.word().to_owned(),
+        verdict: diagnosis.verdict.as_str().to_owned(),
         said,
         open,
         before: diagnosis.errors.nominal.before.value_percent,
@@ -70,7 +72,7 @@ pub fn told(number: usize, drawn: &Case, machine: &Machine) -> Result<Row, Box<d
 
 /// Error on the unseen recording with what was said; nothing is mended of
 /// what is not known.
-fn after(diagnosis: &Diagnosis) -> Option<f64> {
+fn after(diagnosis: &Diagnosis<DrivetrainResiduals>) -> Option<f64> {
     let errors = diagnosis.errors.nominal;
     let error = match diagnosis.verdict {
         Verdict::Effects(_) | Verdict::Inseparable(_) => errors.after,

@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::path::Path;
 
-use loadtwin::diagnose::{Diagnosis, RotorSession, Verdict, cannot_show, diagnose};
+use loadtwin::diagnose::{Diagnosis, RotorResiduals, Verdict, cannot_show, diagnose};
 use loadtwin::machine::Machine;
 use loadtwin::simulate::{RotorEffect, RotorScenario, RotorSimulation};
 use rand::{RngExt, SeedableRng};
@@ -145,7 +145,7 @@ impl Case {
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("rotor.parquet");
         self.write(machine, &path)?;
-        let diagnosis: Diagnosis<RotorSession> = diagnose(machine, &[path], &[], |_| ())?;
+        let diagnosis: Diagnosis<RotorResiduals> = diagnose(machine, &[path], &[], |_| ())?;
         let names = match &diagnosis.verdict {
             Verdict::Effects(names) | Verdict::Inseparable(names) => names.clone(),
             Verdict::None | Verdict::Unknown => Vec::new(),
@@ -177,7 +177,7 @@ impl Case {
             |interval: loadtwin::diagnose::Interval| interval.value_percent.unwrap_or(f64::NAN);
         let said = format!(
             "{} {}, residual {:.2} to {:.2} %",
-            diagnosis.verdict.word(),
+            diagnosis.verdict.as_str(),
             names.join(" "),
             percent(error.before),
             percent(error.after)

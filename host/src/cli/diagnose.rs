@@ -12,8 +12,8 @@ use super::progress::Progress;
 use crate::balance::{self as drive, Request};
 use crate::diagnose::effect::Effect;
 use crate::diagnose::{
-    self, BearingSession, Diagnosis, Innovations, Observed, RotorSession, Session, Structure,
-    Verdict,
+    self, BearingResiduals, Diagnosable, Diagnosis, DrivetrainResiduals, Innovations,
+    ResidualTests, RotorResiduals, Verdict,
 };
 use crate::machine::{Kind, Machine};
 use crate::replay::ReplayError;
@@ -55,13 +55,13 @@ impl Diagnose {
             return self.run_balance(&machine, as_json);
         }
         match machine.kind() {
-            Some(Kind::Rotor(_)) => self.run_kind::<RotorSession>(&machine, started, as_json),
-            Some(Kind::Bearing(_)) => self.run_kind::<BearingSession>(&machine, started, as_json),
-            _ => self.run_kind::<Session>(&machine, started, as_json),
+            Some(Kind::Rotor(_)) => self.run_kind::<RotorResiduals>(&machine, started, as_json),
+            Some(Kind::Bearing(_)) => self.run_kind::<BearingResiduals>(&machine, started, as_json),
+            _ => self.run_kind::<DrivetrainResiduals>(&machine, started, as_json),
         }
     }
 
-    fn run_kind<S: Observed>(
+    fn run_kind<S: Diagnosable>(
         &self,
         machine: &Machine,
         started: Instant,
@@ -142,24 +142,26 @@ impl Diagnose {
     }
 }
 
-fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
-    say!("{}", diagnose::sentence(&diagnosis.verdict));
-    let session = &diagnosis.sessions[0];
+fn print<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
+    say!("{}", diagnose::headline(&diagnosis.verdict));
+    let recording = &diagnosis.recordings[0];
     for found in &diagnosis.selection.found {
-        let place = |shape: &Vec<f64>| found.effect.place(session, shape);
+        let place = |shape: &Vec<f64>| found.effect.location(recording, shape);
         let places: Vec<String> = [&found.shape]
             .into_iter()
-            .chain(&found.elsewhere)
+            .chain(&found.equivalent_locations)
             .filter_map(place)
             .collect();
         if !places.is_empty() {
             say!("{} at {}", found.effect.name(), places.join(", or at "));
         }
-        if !found.alike.is_empty() && matches!(diagnosis.verdict, Verdict::Effects(_)) {
+        if !found.indistinguishable_from.is_empty()
+            && matches!(diagnosis.verdict, Verdict::Effects(_))
+        {
             say!(
                 "{}: this recording does not tell it from {}",
                 found.effect.name(),
-                found.alike.join(", ")
+                found.indistinguishable_from.join(", ")
             );
         }
     }
@@ -167,14 +169,14 @@ fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
         say!(
             "an empirical correction over {} takes {:.0} % of {} (see --json)",
             correction.over.to_lowercase(),
-            100.0 * correction.takes,
+            100.0 * correction.explained,
             correction.channel
         );
     }
     if !matches!(diagnosis.verdict, Verdict::Unknown)
-        && let Some(open) = diagnosis.selection.found.iter().find(|f| f.is_open())
+        && let Some(open) = diagnosis.selection.found.iter().find(|f| f.is_ambiguous())
     {
-        say!("what would: {}", open.effect.experiment());
+        say!("what would: {}", open.effect.recommended_experiment());
     }
     let silent = diagnose::cannot_show(&diagnosis.selection);
     if !silent.is_empty() {
@@ -183,7 +185,7 @@ fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
             silent.join(", ")
         );
     }
-    if let Some(note) = session.note(&diagnosis.selection) {
+    if let Some(note) = recording.remarks(&diagnosis.selection) {
         say!("{note}");
     }
     say!("{:<26}{:>12}{:>12}", "candidate", "evidence", "by chance");
@@ -191,7 +193,7 @@ fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
         say!(
             "{:<26}{:>12.1}{:>12}",
             ranked.effect.name(),
-            ranked.trial.score,
+            ranked.score.log_evidence,
             (ranked.threshold).map_or_else(|| "-".into(), |t| format!("{t:.1}"))
         );
     }
@@ -203,17 +205,17 @@ fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
         "Hz",
         "top 10%"
     );
-    for oddity in &diagnosis.oddities {
+    for excess in &diagnosis.residual_excesses {
         say!(
             "{:<20}{:>10.2}{:>10.2}{:>8.1}{:>8.2}",
-            oddity.channel,
-            oddity.before,
-            oddity.after,
-            oddity.frequency_hz,
-            oddity.concentration
+            excess.channel,
+            excess.before,
+            excess.after,
+            excess.frequency_hz,
+            excess.concentration
         );
     }
-    print_structure(&diagnosis.structures);
+    print_residual_tests(&diagnosis.residual_tests);
     let cell = |value: Option<f64>| value.map_or_else(|| "-".into(), |v| format!("{v:.3} %"));
     let errors = &diagnosis.errors;
     for (name, pair) in [
@@ -229,7 +231,7 @@ fn print<S: Observed>(diagnosis: &Diagnosis<S>) {
 }
 
 /// What each residual goes with most clearly.
-fn print_structure(structures: &[Structure]) {
+fn print_residual_tests(residual_tests: &[ResidualTests]) {
     const CLEAREST: usize = 2;
     say!(
         "{:<20}{:<40}{:>8}{:>8}{:>11}",
@@ -239,11 +241,11 @@ fn print_structure(structures: &[Structure]) {
         "after",
         "by chance"
     );
-    for structure in structures {
-        for tested in structure.standing_out().into_iter().take(CLEAREST) {
+    for tests in residual_tests {
+        for tested in tests.significant().into_iter().take(CLEAREST) {
             say!(
                 "{:<20}{:<40}{:>8.2}{:>8.2}{:>11}",
-                structure.channel,
+                tests.channel,
                 tested.to_string(),
                 tested.before,
                 tested.after,
@@ -279,14 +281,15 @@ fn library() -> String {
     format!(
         "Effects:\n{}\nEffects of a rotor:\n{}\nEffects of a bearing:\n{}\n\
          Effects in a torque balance, and what shows them:\n{}",
-        listed::<Session>(),
-        listed::<RotorSession>(),
-        listed::<BearingSession>(),
+        listed::<DrivetrainResiduals>(),
+        listed::<RotorResiduals>(),
+        listed::<BearingResiduals>(),
         of_balance
     )
 }
 
-fn listed<S: Observed>() -> String {
-    let line = |effect: &&dyn Effect<S>| format!("  {:<26}{}\n", effect.name(), effect.about());
+fn listed<S: Diagnosable>() -> String {
+    let line =
+        |effect: &&dyn Effect<S>| format!("  {:<26}{}\n", effect.name(), effect.description());
     S::library().iter().map(line).collect()
 }

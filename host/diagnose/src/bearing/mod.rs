@@ -5,23 +5,23 @@
 //! balls, along what the calibration says of it (local); of each row how much its cage lags. What an
 //! offset that warms up can do is taken out of the bulk strain, and of what effects predict alike.
 
-mod clean;
+mod context;
+mod diagnosable;
 mod effect;
-mod observed;
-mod recorded;
-mod seen;
+mod null_distribution;
+mod recording;
 mod write;
 
 use std::sync::Arc;
 
 use loadtwin_common::bearing::{GAUGES, ROWS};
 
+use crate::bearing::context::BearingContext;
 use loadtwin_machine::Machine;
-use seen::Seen;
 
-use super::taken::Readings;
+use crate::residual_model::SignalSet;
 
-/// Streams: bulk and local strain of each gauge, slip of each cage.
+/// Signals: bulk and local strain of each gauge, slip of each cage.
 const STREAMS: usize = 2 * GAUGES + ROWS;
 
 /// What a residual is of.
@@ -47,28 +47,28 @@ impl Kind {
 
 /// A residual.
 #[derive(Clone, Debug)]
-pub struct BearingStream {
+pub struct BearingSignal {
     name: String,
     residual: Vec<f64>,
-    /// What a clean bearing leaves, root mean square.
+    /// What a fault-free bearing leaves, root mean square.
     noise_std: f64,
 }
 
 /// A recording of a bearing as residuals.
 #[derive(Clone)]
-pub struct BearingSession {
-    seen: Arc<Seen>,
-    streams: Vec<BearingStream>,
+pub struct BearingResiduals {
+    context: Arc<BearingContext>,
+    residuals: Vec<BearingSignal>,
     /// Since the first recording's start [s].
     t: Vec<f64>,
 }
 
 /// What of a description takes an effect: the machine.
-pub type BearingPlace = Machine;
+pub type BearingTarget = Machine;
 
-impl BearingSession {
+impl BearingResiduals {
     /// A column by what it is of and block.
-    fn each(&self, of: impl Fn(Kind, usize) -> f64) -> Readings {
+    fn each(&self, of: impl Fn(Kind, usize) -> f64) -> SignalSet {
         (0..STREAMS)
             .map(|k| (0..self.t.len()).map(|i| of(Kind::of(k), i)).collect())
             .collect()

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use super::BearingSession;
-use crate::{DiagnoseError, Diagnosis};
+use crate::bearing::BearingResiduals;
+use crate::diagnosis::{DiagnoseError, Diagnosis};
 use loadtwin_identification::calibrate::{CalibrateError, Description};
 use loadtwin_machine::Machine;
 
@@ -12,16 +12,16 @@ use loadtwin_machine::Machine;
 ///
 /// # Errors
 /// When a file cannot be read or written.
-pub(super) fn write(
+pub(crate) fn write(
     machine: &Machine,
-    diagnosis: &Diagnosis<BearingSession>,
+    diagnosis: &Diagnosis<BearingResiduals>,
     path: &Path,
 ) -> Result<Vec<&'static str>, DiagnoseError> {
     let mut mended = machine.clone();
     let mut absent = Vec::new();
     for found in &diagnosis.selection.found {
         let own = found.parameters.iter().find(|own| !own.is_empty());
-        let taken = own.is_some_and(|own| found.effect.mend(&found.shape, own, &mut mended));
+        let taken = own.is_some_and(|own| found.effect.apply_to(&found.shape, own, &mut mended));
         if !taken {
             absent.push(found.effect.name());
         }

@@ -1,35 +1,22 @@
-//! The library of effects, a file for each family; a new one is its `impl` and a line in [`LIBRARY`].
+//! A physical effect that a model may lack: its interface to regression and selection.
 
-pub(super) mod bending;
-mod clock;
-mod creep;
-mod eccentricity;
-mod friction;
-mod gain;
-mod mains;
-mod order;
-mod resonance;
-mod step;
-mod thermal;
-mod torsion;
-mod word;
+pub mod fitted;
 
-use super::observed::Observed;
-use super::stream::Session;
-use loadtwin_machine::{Creep, Hysteresis, MAP_ENTRIES, Machine, Thermal};
+use crate::residual_model::ResidualModel;
+use loadtwin_machine::Machine;
 
 /// Whether an effect has its parameters in each channel or once for all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Coupling {
-    /// Each stream has its own.
-    Own,
-    /// One set says what happens in every stream.
-    Shared,
+pub enum Scope {
+    /// Each signal has its own.
+    PerSignal,
+    /// One set says what happens in every signal.
+    Machine,
 }
 
 /// A linear parameter.
 #[derive(Clone, Copy, Debug)]
-pub struct Linear {
+pub struct LinearParameter {
     /// Its name, with what it is a part of.
     pub name: &'static str,
     /// Standard deviation that known errors have, in the same unit.
@@ -38,7 +25,7 @@ pub struct Linear {
 
 /// A parameter that the residual is not linear in.
 #[derive(Clone, Copy, Debug)]
-pub struct Shape {
+pub struct NonlinearParameter {
     /// Its name.
     pub name: &'static str,
     /// Its unit.
@@ -52,41 +39,72 @@ pub struct Shape {
     pub logarithmic: bool,
 }
 
+/// What an effect is: its names, parameters and the experiment that shows it best.
+#[derive(Clone, Copy, Debug)]
+pub struct EffectInfo {
+    /// Name in verdicts.
+    pub name: &'static str,
+    /// Description in a few words.
+    pub description: &'static str,
+    /// Whether each residual signal has its own linear parameters.
+    pub scope: Scope,
+    /// Parameters that the residual is linear in.
+    pub linear: &'static [LinearParameter],
+    /// Parameters that are found by search.
+    pub nonlinear: &'static [NonlinearParameter],
+    /// The experiment that shows it best.
+    pub recommended_experiment: &'static str,
+}
+
 /// A small piece of model that the machine description may lack.
 ///
 /// The residual is `sum_j c_j term_j(shape)` with linear parameters `c`, found
 /// by least squares, and a shape that is found by search.
-pub trait Effect<S: Observed = Session>: Sync {
+pub trait Effect<S: ResidualModel>: Sync {
+    /// What it is.
+    fn info(&self) -> &EffectInfo;
+
     /// Name in verdicts.
-    fn name(&self) -> &'static str;
+    fn name(&self) -> &'static str {
+        self.info().name
+    }
 
-    /// What it is, in a few words.
-    fn about(&self) -> &'static str;
+    /// Description in a few words.
+    fn description(&self) -> &'static str {
+        self.info().description
+    }
 
-    /// Where its parameters stand.
-    fn coupling(&self) -> Coupling {
-        Coupling::Own
+    /// Where its parameters apply.
+    fn scope(&self) -> Scope {
+        self.info().scope
     }
 
     /// The linear parameters.
-    fn linear(&self) -> &'static [Linear];
+    fn linear_parameters(&self) -> &'static [LinearParameter] {
+        self.info().linear
+    }
 
-    /// The parameters of the shape.
-    fn shape(&self) -> &'static [Shape] {
-        &[]
+    /// The nonlinear parameters.
+    fn nonlinear_parameters(&self) -> &'static [NonlinearParameter] {
+        self.info().nonlinear
+    }
+
+    /// The experiment that shows it best.
+    fn recommended_experiment(&self) -> &'static str {
+        self.info().recommended_experiment
     }
 
     /// How many numbers it may choose: what explains the same with fewer is the simpler one.
-    fn numbers(&self) -> usize {
-        self.linear().len() + self.shape().len()
+    fn parameter_count(&self) -> usize {
+        self.linear_parameters().len() + self.nonlinear_parameters().len()
     }
 
     /// Shapes from which the search starts; none where the recording cannot
     /// show the effect.
-    fn grid(&self, session: &S) -> Vec<Vec<f64>>;
+    fn initial_values(&self, recording: &S) -> Vec<Vec<f64>>;
 
     /// One term for each linear parameter.
-    fn terms(&self, session: &S, shape: &[f64]) -> Vec<S::Term>;
+    fn regressors(&self, recording: &S, shape: &[f64]) -> Vec<S::Regressor>;
 
     /// Whether the terms stay the same however large the parameters are.
     fn is_linear(&self) -> bool {
@@ -94,58 +112,58 @@ pub trait Effect<S: Observed = Session>: Sync {
     }
 
     /// Terms with which `sum_j c_j term_j` is what it predicts at these
-    /// parameters (`[stream]`, empty where it does not act), and nearly so
+    /// parameters (`[signal]`, empty where it does not act), and nearly so
     /// around them.
-    fn terms_about(&self, session: &S, shape: &[f64], _: &[Vec<f64>]) -> Vec<S::Term> {
-        self.terms(session, shape)
+    fn regressors_at(&self, recording: &S, shape: &[f64], _: &[Vec<f64>]) -> Vec<S::Regressor> {
+        self.regressors(recording, shape)
     }
 
-    /// What may be beside it in each stream by itself, one standard deviation of each: a changed
+    /// Nuisance parameters that it brings to each signal, as one standard deviation: a changed
     /// chain begins with other vibrations.
-    fn nuisances(&self, _: &S, _shape: &[f64]) -> Vec<S::Term> {
+    fn own_nuisances(&self, _: &S, _shape: &[f64]) -> Vec<S::Regressor> {
         Vec::new()
     }
 
-    /// Part, in amplitude, of what it explains by which its form may be off: what it leaves so
+    /// Relative model error, in amplitude, of what it explains: a residual of that size
     /// is no further effect.
-    fn form(&self, _: &S) -> f64 {
+    fn model_error(&self, _: &S) -> f64 {
         0.15
     }
 
     /// Where in the machine this shape is, in words.
-    fn place(&self, _: &S, _shape: &[f64]) -> Option<String> {
+    fn location(&self, _: &S, _shape: &[f64]) -> Option<String> {
         None
     }
 
-    /// Which streams it can act on.
-    fn acts_on(&self, _: &S::Stream) -> bool {
+    /// Which signals it can act on.
+    fn applies_to(&self, _: &S::ResidualSignal) -> bool {
         true
     }
 
-    /// Natural logarithm of the odds for it that a stream's faulty samples
+    /// Natural logarithm of the odds for it that a signal's faulty samples
     /// tell by themselves.
-    fn evidence_of_faults(&self, _: &S::Stream) -> f64 {
+    fn fault_log_odds(&self, _: &S::ResidualSignal) -> f64 {
         0.0
     }
 
     /// Whether its parameters are those of the machine, and not of one recording.
-    fn lasts(&self) -> bool {
+    fn is_machine_property(&self) -> bool {
         true
     }
 
     /// Latent degrees of freedom that its terms took from the data.
-    fn latent(&self, _: &S) -> f64 {
+    fn free_degrees(&self, _: &S) -> f64 {
         0.0
     }
 
-    /// Takes its parameters into the description, so that the line runs it; false where that
+    /// Takes its parameters into the description, so that the estimator runs it; false where that
     /// has no place for it.
-    fn mend(&self, _shape: &[f64], _parameters: &[f64], _place: &mut S::Place) -> bool {
+    fn apply_to(&self, _shape: &[f64], _parameters: &[f64], _place: &mut S::Target) -> bool {
         false
     }
 
     /// The same, into what is not one channel's.
-    fn mend_machine(
+    fn apply_to_machine(
         &self,
         _: &S,
         _shape: &[f64],
@@ -154,93 +172,4 @@ pub trait Effect<S: Observed = Session>: Sync {
     ) -> bool {
         false
     }
-
-    /// The experiment that shows it best.
-    fn experiment(&self) -> &'static str;
-}
-
-/// A gauge as the line knows it [SI].
-pub struct GaugeModel {
-    /// Reading at no torque.
-    pub offset: f64,
-    /// Sensitivity over the carrier angle, in equal steps; one value where it
-    /// is the same everywhere.
-    pub map: Vec<f64>,
-    /// Reading at nominal torque, root mean square.
-    pub full_scale: f64,
-    /// Part of the reading by which it is larger at nominal torque than in proportion.
-    pub nonlinearity: f64,
-    /// Creep of the zero.
-    pub creep: Option<Creep>,
-    /// What it remembers of the way on which the load came.
-    pub hysteresis: Option<Hysteresis>,
-    /// Reading of a load that all gauges read and that is not torque, of which one unit is a
-    /// mean reading of full scale; 0 where none is described.
-    pub bending: f64,
-    /// Its weight in that mean.
-    pub weight: f64,
-    /// How old its readings are [s].
-    pub late_s: f64,
-    /// What warmth does; none where the board samples no temperature.
-    pub thermal: Option<Thermal>,
-}
-
-impl GaugeModel {
-    /// Changes the sensitivity over the angle: each value, by its angle.
-    pub fn over_angle(&mut self, change: impl Fn(f64, f64) -> f64) {
-        if self.map.len() == 1 {
-            self.map = vec![self.map[0]; MAP_ENTRIES];
-        }
-        let step = std::f64::consts::TAU / self.map.len() as f64;
-        for (i, m) in self.map.iter_mut().enumerate() {
-            *m = change(*m, i as f64 * step);
-        }
-    }
-
-    /// Root mean square of the map.
-    pub fn rms(&self) -> f64 {
-        (self.map.iter().map(|m| m * m).sum::<f64>() / self.map.len() as f64).sqrt()
-    }
-}
-
-/// Every effect that is tried.
-pub static LIBRARY: &[&dyn Effect] = &[
-    &gain::GainError,
-    &gain::Position,
-    &gain::Nonlinearity,
-    &thermal::DRIFT,
-    &thermal::Unrecorded,
-    &thermal::GAIN,
-    &creep::GaugeCreep,
-    &creep::Drift,
-    &creep::StrainHysteresis,
-    &step::STEP,
-    &step::DEBONDING,
-    &order::CarrierOrder,
-    &order::PlanetSharing,
-    &order::ShaftOrder,
-    &bending::Bending,
-    &friction::COULOMB,
-    &friction::STRIBECK,
-    &friction::VISCOUS,
-    &friction::LOAD_DEPENDENT,
-    &friction::PRESLIDING,
-    &torsion::Backlash,
-    &torsion::Ripple,
-    &resonance::Resonance,
-    &clock::Delay,
-    &eccentricity::Eccentricity,
-    &mains::PickUp,
-    &word::DROPPED_BITS,
-    &word::STUCK,
-];
-
-/// The grid of an effect without shape.
-fn one_shape() -> Vec<Vec<f64>> {
-    vec![Vec::new()]
-}
-
-/// The grid of one parameter.
-fn each(values: &[f64]) -> Vec<Vec<f64>> {
-    values.iter().map(|v| vec![*v]).collect()
 }

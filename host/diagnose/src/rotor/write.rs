@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use super::{RotorPlace, RotorSession};
-use crate::effect::Coupling;
-use crate::{DiagnoseError, Diagnosis};
+use crate::diagnosis::{DiagnoseError, Diagnosis};
+use crate::effect::Scope;
+use crate::rotor::{RotorResiduals, RotorTarget};
 use loadtwin_identification::calibrate::{CalibrateError, Description};
 use loadtwin_machine::Machine;
 
@@ -13,31 +13,34 @@ use loadtwin_machine::Machine;
 ///
 /// # Errors
 /// When a file cannot be read or written.
-pub(super) fn write(
+pub(crate) fn write(
     machine: &Machine,
-    diagnosis: &Diagnosis<RotorSession>,
+    diagnosis: &Diagnosis<RotorResiduals>,
     path: &Path,
 ) -> Result<Vec<&'static str>, DiagnoseError> {
-    let mut place = RotorPlace {
+    let mut place = RotorTarget {
         machine: machine.clone(),
         channel: None,
     };
-    let channels = diagnosis.sessions[0].channels();
+    let channels = diagnosis.recordings[0].channels();
     let mut absent = Vec::new();
     for found in &diagnosis.selection.found {
         let acting = (found.parameters.iter().enumerate()).filter(|(_, own)| !own.is_empty());
-        let count = match found.effect.coupling() {
-            Coupling::Shared => 1,
-            Coupling::Own => usize::MAX,
+        let count = match found.effect.scope() {
+            Scope::Machine => 1,
+            Scope::PerSignal => usize::MAX,
         };
         // Where it cannot be told at which of several places, none is changed.
-        let mut taken = found.elsewhere.is_empty();
-        for (k, own) in acting.take(count).filter(|_| found.elsewhere.is_empty()) {
+        let mut taken = found.equivalent_locations.is_empty();
+        for (k, own) in acting
+            .take(count)
+            .filter(|_| found.equivalent_locations.is_empty())
+        {
             place.channel = machine
                 .channels
                 .iter()
                 .position(|c| c.name == channels[k].name);
-            taken &= found.effect.mend(&found.shape, own, &mut place);
+            taken &= found.effect.apply_to(&found.shape, own, &mut place);
         }
         if !taken {
             absent.push(found.effect.name());

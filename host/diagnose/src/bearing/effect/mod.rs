@@ -1,18 +1,18 @@
 //! What a bearing's description and calibration may lack, a file for each effect; a new one is its
 //! `impl` and a line in [`LIBRARY`].
 
-mod loose;
+mod cage_slip;
+mod loose_gauge;
 mod preload;
-mod slip;
-mod speed;
+mod speed_offset;
 
-use super::BearingSession;
+use crate::bearing::BearingResiduals;
 use crate::effect::Effect;
 
 /// Every effect that is tried.
-pub static LIBRARY: &[&dyn Effect<BearingSession>] = &[
+pub static LIBRARY: &[&dyn Effect<BearingResiduals>] = &[
     &preload::Preload,
-    &loose::LooseGauge,
-    &slip::CageSlip,
-    &speed::SpeedOffset,
+    &loose_gauge::LooseGauge,
+    &cage_slip::CageSlip,
+    &speed_offset::SpeedOffset,
 ];

@@ -1,44 +1,42 @@
 //! A sensor that is off.
 
-use crate::effect::{Coupling, Effect, Linear};
-use crate::rotor::{Readings, RotorPlace, RotorSession};
+use crate::effect::{Effect, EffectInfo, LinearParameter, Scope};
+use crate::residual_model::SignalSet;
+use crate::rotor::{RotorResiduals, RotorTarget};
 
 /// `b`: a constant in each reading.
 pub struct SensorBias;
 
-impl Effect<RotorSession> for SensorBias {
-    fn name(&self) -> &'static str {
-        "sensor-bias"
+const INFO: EffectInfo = EffectInfo {
+    name: "sensor-bias",
+    description: "a sensor reads something where the shaft rests on its axis",
+    scope: Scope::PerSignal,
+    linear: &[LinearParameter {
+        name: "offset [m]",
+        prior_std: 1e-4,
+    }],
+    nonlinear: &[],
+    recommended_experiment: "the rotor at rest, then turning",
+};
+
+impl Effect<RotorResiduals> for SensorBias {
+    fn info(&self) -> &EffectInfo {
+        &INFO
     }
-    fn about(&self) -> &'static str {
-        "a sensor reads something where the shaft rests on its axis"
-    }
-    fn coupling(&self) -> Coupling {
-        Coupling::Own
-    }
-    fn linear(&self) -> &'static [Linear] {
-        &[Linear {
-            name: "offset [m]",
-            prior_std: 1e-4,
-        }]
-    }
-    fn grid(&self, _: &RotorSession) -> Vec<Vec<f64>> {
+    fn initial_values(&self, _: &RotorResiduals) -> Vec<Vec<f64>> {
         vec![Vec::new()]
     }
-    fn terms(&self, session: &RotorSession, _: &[f64]) -> Vec<Readings> {
-        vec![session.each(|_, _| 1.0)]
+    fn regressors(&self, recording: &RotorResiduals, _: &[f64]) -> Vec<SignalSet> {
+        vec![recording.each(|_, _| 1.0)]
     }
     /// A constant; but it may settle: a tenth of it, over half a recording, leaves so much.
-    fn form(&self, _: &RotorSession) -> f64 {
+    fn model_error(&self, _: &RotorResiduals) -> f64 {
         0.03
     }
-    fn mend(&self, _: &[f64], parameters: &[f64], place: &mut RotorPlace) -> bool {
-        if let Some(channel) = place.channel() {
+    fn apply_to(&self, _: &[f64], parameters: &[f64], target: &mut RotorTarget) -> bool {
+        if let Some(channel) = target.channel() {
             channel.offset += channel.unit.from_si(parameters[0]);
         }
         true
-    }
-    fn experiment(&self) -> &'static str {
-        "the rotor at rest, then turning"
     }
 }

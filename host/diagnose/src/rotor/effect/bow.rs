@@ -1,8 +1,9 @@
 //! A shaft that is bent.
 
-use super::{RUN_UP, place, places};
-use crate::effect::{Coupling, Effect, Linear, Shape};
-use crate::rotor::{Readings, RotorSession};
+use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
+use crate::residual_model::SignalSet;
+use crate::rotor::RotorResiduals;
+use crate::rotor::effect::{RUN_UP, location_grid, location_parameter};
 
 /// What a force that turns with the shaft and is the same at every speed does, at the node of a
 /// load: a shaft that is bent as such a force would bend it.
@@ -11,43 +12,38 @@ use crate::rotor::{Readings, RotorSession};
 /// J. Eng. Power 98 (1976).
 pub struct ShaftBow;
 
-impl Effect<RotorSession> for ShaftBow {
-    fn name(&self) -> &'static str {
-        "shaft-bow"
+const PLACE: &[NonlinearParameter] = &[location_parameter("load", "from 0")];
+
+const INFO: EffectInfo = EffectInfo {
+    name: "shaft-bow",
+    description: "the shaft is bent where nothing acts on it",
+    scope: Scope::Machine,
+    linear: &[
+        LinearParameter {
+            name: "cosine of the force that would bend it so [N]",
+            prior_std: 10.0,
+        },
+        LinearParameter {
+            name: "sine of the force that would bend it so [N]",
+            prior_std: 10.0,
+        },
+    ],
+    nonlinear: PLACE,
+    recommended_experiment: RUN_UP,
+};
+
+impl Effect<RotorResiduals> for ShaftBow {
+    fn info(&self) -> &EffectInfo {
+        &INFO
     }
-    fn about(&self) -> &'static str {
-        "the shaft is bent where nothing acts on it"
+    fn initial_values(&self, recording: &RotorResiduals) -> Vec<Vec<f64>> {
+        location_grid(recording.rotor().loads.len())
     }
-    fn coupling(&self) -> Coupling {
-        Coupling::Shared
+    fn regressors(&self, recording: &RotorResiduals, shape: &[f64]) -> Vec<SignalSet> {
+        recording.bow_response(shape[0] as usize).to_vec()
     }
-    fn linear(&self) -> &'static [Linear] {
-        &[
-            Linear {
-                name: "cosine of the force that would bend it so [N]",
-                prior_std: 10.0,
-            },
-            Linear {
-                name: "sine of the force that would bend it so [N]",
-                prior_std: 10.0,
-            },
-        ]
-    }
-    fn shape(&self) -> &'static [Shape] {
-        const PLACE: &[Shape] = &[place("load", "from 0")];
-        PLACE
-    }
-    fn grid(&self, session: &RotorSession) -> Vec<Vec<f64>> {
-        places(session.rotor().loads.len())
-    }
-    fn terms(&self, session: &RotorSession, shape: &[f64]) -> Vec<Readings> {
-        session.bow(shape[0] as usize).to_vec()
-    }
-    fn place(&self, session: &RotorSession, shape: &[f64]) -> Option<String> {
-        let load = &session.rotor().loads[shape[0] as usize];
+    fn location(&self, recording: &RotorResiduals, shape: &[f64]) -> Option<String> {
+        let load = &recording.rotor().loads[shape[0] as usize];
         Some(format!("node {}", load.node))
-    }
-    fn experiment(&self) -> &'static str {
-        RUN_UP
     }
 }

@@ -8,11 +8,11 @@ mod misalignment;
 mod runout;
 mod stiffness;
 
-use super::RotorSession;
-use crate::effect::{Effect, Shape};
+use crate::effect::{Effect, NonlinearParameter};
+use crate::rotor::RotorResiduals;
 
 /// Every effect that is tried.
-pub static LIBRARY: &[&dyn Effect<RotorSession>] = &[
+pub static LIBRARY: &[&dyn Effect<RotorResiduals>] = &[
     &bias::SensorBias,
     &runout::RUNOUT,
     &runout::SURFACE_LOBES,
@@ -23,8 +23,8 @@ pub static LIBRARY: &[&dyn Effect<RotorSession>] = &[
 ];
 
 /// A shape that is one of several places, which the grid goes through.
-const fn place(name: &'static str, unit: &'static str) -> Shape {
-    Shape {
+const fn location_parameter(name: &'static str, unit: &'static str) -> NonlinearParameter {
+    NonlinearParameter {
         name,
         unit,
         bounds: (0.0, f64::INFINITY),
@@ -34,8 +34,10 @@ const fn place(name: &'static str, unit: &'static str) -> Shape {
 }
 
 /// The grid of so many places.
-fn places(count: usize) -> Vec<Vec<f64>> {
-    (0..count).map(|place| vec![place as f64]).collect()
+fn location_grid(count: usize) -> Vec<Vec<f64>> {
+    (0..count)
+        .map(|location_parameter| vec![location_parameter as f64])
+        .collect()
 }
 
 /// The experiment that tells what stays from what grows with the speed squared.

@@ -1,66 +1,64 @@
 //! A surface that is out of true.
 
-use super::{RUN_UP, place, places};
-use crate::effect::{Coupling, Effect, Linear, Shape};
-use crate::rotor::{Readings, RotorPlace, RotorSession, displacement, nodes};
+use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
+use crate::residual_model::SignalSet;
+use crate::rotor::effect::{RUN_UP, location_grid, location_parameter};
+use crate::rotor::{RotorResiduals, RotorTarget, displacement, nodes};
 
 /// `a cos(k (angle - d)) + b sin(k (angle - d))` in the sensors at one node, along their
 /// directions `d`, for each order `k`: of the same size at every speed.
-pub struct Surface {
-    name: &'static str,
-    about: &'static str,
-    amplitudes: &'static [Linear],
+pub struct SurfaceHarmonics {
+    info: EffectInfo,
     /// The first of the orders, each with two amplitudes.
     first: u8,
 }
 
 /// Once a turn.
-pub const RUNOUT: Surface = Surface {
-    name: "runout",
-    about: "the surface that sensors look at is out of true",
-    amplitudes: &[metres("cosine [m]", 5e-5), metres("sine [m]", 5e-5)],
+pub const RUNOUT: SurfaceHarmonics = SurfaceHarmonics {
+    info: EffectInfo {
+        name: "runout",
+        description: "the surface that sensors look at is out of true",
+        scope: Scope::Machine,
+        linear: &[metres("cosine [m]", 5e-5), metres("sine [m]", 5e-5)],
+        nonlinear: NODE,
+        recommended_experiment: RUN_UP,
+    },
     first: 1,
 };
 
 /// Two and three times a turn: what a surface has beside it, and no unbalance does.
-pub const SURFACE_LOBES: Surface = Surface {
-    name: "surface-lobes",
-    about: "the surface that sensors look at is not round",
-    amplitudes: &[
-        metres("twice a turn, cosine [m]", 5e-6),
-        metres("twice a turn, sine [m]", 5e-6),
-        metres("three times a turn, cosine [m]", 5e-6),
-        metres("three times a turn, sine [m]", 5e-6),
-    ],
+pub const SURFACE_LOBES: SurfaceHarmonics = SurfaceHarmonics {
+    info: EffectInfo {
+        name: "surface-lobes",
+        description: "the surface that sensors look at is not round",
+        scope: Scope::Machine,
+        linear: &[
+            metres("twice a turn, cosine [m]", 5e-6),
+            metres("twice a turn, sine [m]", 5e-6),
+            metres("three times a turn, cosine [m]", 5e-6),
+            metres("three times a turn, sine [m]", 5e-6),
+        ],
+        nonlinear: NODE,
+        recommended_experiment: RUN_UP,
+    },
     first: 2,
 };
 
-impl Effect<RotorSession> for Surface {
-    fn name(&self) -> &'static str {
-        self.name
+const NODE: &[NonlinearParameter] = &[location_parameter("node", "of those with sensors")];
+
+impl Effect<RotorResiduals> for SurfaceHarmonics {
+    fn info(&self) -> &EffectInfo {
+        &self.info
     }
-    fn about(&self) -> &'static str {
-        self.about
+    fn initial_values(&self, recording: &RotorResiduals) -> Vec<Vec<f64>> {
+        location_grid(recording.nodes().len())
     }
-    fn coupling(&self) -> Coupling {
-        Coupling::Shared
-    }
-    fn linear(&self) -> &'static [Linear] {
-        self.amplitudes
-    }
-    fn shape(&self) -> &'static [Shape] {
-        const NODE: &[Shape] = &[place("node", "of those with sensors")];
-        NODE
-    }
-    fn grid(&self, session: &RotorSession) -> Vec<Vec<f64>> {
-        places(session.nodes().len())
-    }
-    fn terms(&self, session: &RotorSession, shape: &[f64]) -> Vec<Readings> {
-        let node = session.nodes()[shape[0] as usize];
+    fn regressors(&self, recording: &RotorResiduals, shape: &[f64]) -> Vec<SignalSet> {
+        let node = recording.nodes()[shape[0] as usize];
         let wave = |order: f64, of: fn(f64) -> f64| {
-            session.each(|k, i| match session.place(k) {
+            recording.each(|k, i| match recording.place(k) {
                 (at, direction) if at == node => {
-                    of(order * (session.turning().angle[i] - direction))
+                    of(order * (recording.turning().angle[i] - direction))
                 }
                 _ => 0.0,
             })
@@ -70,12 +68,12 @@ impl Effect<RotorSession> for Surface {
             .flat_map(|order| [wave(order, f64::cos), wave(order, f64::sin)])
             .collect()
     }
-    fn place(&self, session: &RotorSession, shape: &[f64]) -> Option<String> {
-        Some(format!("node {}", session.nodes()[shape[0] as usize]))
+    fn location(&self, recording: &RotorResiduals, shape: &[f64]) -> Option<String> {
+        Some(format!("node {}", recording.nodes()[shape[0] as usize]))
     }
-    fn mend(&self, shape: &[f64], parameters: &[f64], place: &mut RotorPlace) -> bool {
-        let nodes = nodes(&place.machine.channels);
-        for channel in &mut place.machine.channels {
+    fn apply_to(&self, shape: &[f64], parameters: &[f64], target: &mut RotorTarget) -> bool {
+        let nodes = nodes(&target.machine.channels);
+        for channel in &mut target.machine.channels {
             let (at, direction) = displacement(channel);
             if at != nodes[shape[0] as usize] {
                 continue;
@@ -92,19 +90,16 @@ impl Effect<RotorSession> for Surface {
                 channel.runout[order - 1][1] += unit.from_si(wave[0] * sine + wave[1] * cosine);
             }
         }
-        !place.machine.encoders.is_empty()
-    }
-    fn experiment(&self) -> &'static str {
-        RUN_UP
+        !target.machine.encoders.is_empty()
     }
 }
 
-impl Surface {
+impl SurfaceHarmonics {
     fn orders(&self) -> impl Iterator<Item = u8> {
-        (self.first..).take(self.amplitudes.len() / 2)
+        (self.first..).take(self.info.linear.len() / 2)
     }
 }
 
-const fn metres(name: &'static str, prior_std: f64) -> Linear {
-    Linear { name, prior_std }
+const fn metres(name: &'static str, prior_std: f64) -> LinearParameter {
+    LinearParameter { name, prior_std }
 }

@@ -1,8 +1,9 @@
 //! A bearing that is softer or stiffer.
 
-use super::{RUN_UP, place};
-use crate::effect::{Coupling, Effect, Linear, Shape};
-use crate::rotor::{Readings, RotorPlace, RotorSession};
+use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
+use crate::residual_model::SignalSet;
+use crate::rotor::effect::{RUN_UP, location_parameter};
+use crate::rotor::{RotorResiduals, RotorTarget};
 use loadtwin_machine::Rotor;
 
 /// Factors on a stiffness from which the search starts.
@@ -12,8 +13,8 @@ const FACTORS: [f64; 6] = [0.4, 0.6, 0.8, 1.25, 1.7, 2.5];
 /// the unbalance that fits it best: by 1 where the stiffness is right.
 pub struct BearingStiffness;
 
-const fn factor(name: &'static str) -> Shape {
-    Shape {
+const fn factor(name: &'static str) -> NonlinearParameter {
+    NonlinearParameter {
         name,
         unit: "of the stiffness described",
         bounds: (0.1, 10.0),
@@ -22,52 +23,47 @@ const fn factor(name: &'static str) -> Shape {
     }
 }
 
-impl Effect<RotorSession> for BearingStiffness {
-    fn name(&self) -> &'static str {
-        "bearing-stiffness"
+const ALL: &[NonlinearParameter] = &[
+    location_parameter("bearing", "from 0"),
+    factor("along x"),
+    factor("along y"),
+];
+
+const INFO: EffectInfo = EffectInfo {
+    name: "bearing-stiffness",
+    description: "a bearing is softer or stiffer than described",
+    scope: Scope::Machine,
+    linear: &[LinearParameter {
+        name: "part of what such a bearing explains",
+        prior_std: 1.0,
+    }],
+    nonlinear: ALL,
+    recommended_experiment: RUN_UP,
+};
+
+impl Effect<RotorResiduals> for BearingStiffness {
+    fn info(&self) -> &EffectInfo {
+        &INFO
     }
-    fn about(&self) -> &'static str {
-        "a bearing is softer or stiffer than described"
-    }
-    fn coupling(&self) -> Coupling {
-        Coupling::Shared
-    }
-    fn linear(&self) -> &'static [Linear] {
-        &[Linear {
-            name: "part of what such a bearing explains",
-            prior_std: 1.0,
-        }]
-    }
-    fn shape(&self) -> &'static [Shape] {
-        const ALL: &[Shape] = &[
-            place("bearing", "from 0"),
-            factor("along x"),
-            factor("along y"),
-        ];
-        ALL
-    }
-    fn grid(&self, session: &RotorSession) -> Vec<Vec<f64>> {
-        (0..session.rotor().bearings.len())
+    fn initial_values(&self, recording: &RotorResiduals) -> Vec<Vec<f64>> {
+        (0..recording.rotor().bearings.len())
             .flat_map(|bearing| FACTORS.map(|factor| vec![bearing as f64, factor, factor]))
             .collect()
     }
-    fn terms(&self, session: &RotorSession, shape: &[f64]) -> Vec<Readings> {
-        vec![session.explained_beyond(&changed(session.rotor(), shape))]
+    fn regressors(&self, recording: &RotorResiduals, shape: &[f64]) -> Vec<SignalSet> {
+        vec![recording.explained_beyond(&changed(recording.rotor(), shape))]
     }
-    fn place(&self, session: &RotorSession, shape: &[f64]) -> Option<String> {
-        let bearing = &session.rotor().bearings[shape[0] as usize];
+    fn location(&self, recording: &RotorResiduals, shape: &[f64]) -> Option<String> {
+        let bearing = &recording.rotor().bearings[shape[0] as usize];
         Some(format!("node {}", bearing.node))
     }
-    fn mend(&self, shape: &[f64], _: &[f64], place: &mut RotorPlace) -> bool {
-        let rotor = place.machine.rotor.as_mut();
+    fn apply_to(&self, shape: &[f64], _: &[f64], target: &mut RotorTarget) -> bool {
+        let rotor = target.machine.rotor.as_mut();
         let Some(rotor) = rotor.filter(|r| r.ross_model.is_none()) else {
             return false;
         };
         *rotor = changed(rotor, shape);
         rotor.bearings[shape[0] as usize].table.is_empty()
-    }
-    fn experiment(&self) -> &'static str {
-        RUN_UP
     }
 }
 

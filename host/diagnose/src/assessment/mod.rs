@@ -1,0 +1,9 @@
+//! Residual tests and the verdict.
+
+pub mod binned_mean;
+pub mod empirical_correction;
+pub mod innovation_consistency;
+pub mod parameter_std;
+pub mod residual_excess;
+pub mod residual_tests;
+pub mod verdict;

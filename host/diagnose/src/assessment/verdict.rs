@@ -1,0 +1,161 @@
+//! The verdict: what was found and what remains.
+
+use crate::assessment::residual_excess::ResidualExcess;
+use crate::assessment::residual_tests::{ResidualTests, Test, TestResult};
+use crate::effect::Effect;
+use crate::machine_kind::Diagnosable;
+use crate::null_samples::NullSamples;
+use crate::regression::cross_validation::RegressionData;
+use crate::regression::design_matrix::base_columns;
+use crate::residual_model::ResidualModel;
+use crate::selection::model_error::MEAN_SQUARE_TOLERANCE;
+use crate::selection::stepwise::Selection;
+use crate::statistics::{mean_and_std, mean_square};
+
+/// Part of the excess that what was found must explain, or something else is missing.
+const MIN_EXPLAINED: f64 = 0.7;
+
+/// Excess of the mean square that counts as something, over how much it
+/// differs over the null samples.
+const MIN_EXCESS_SIGMA: f64 = 8.0;
+
+/// Fraction of a fault-free machine's mean square that counts as structure.
+const MIN_STRUCTURE: f64 = 0.3;
+
+/// Evidence of faulty samples that counts.
+pub(crate) const MIN_FAULT_LOG_ODDS: f64 = 40.0;
+
+/// What is said.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Verdict {
+    /// Nothing is missing.
+    None,
+    /// These effects, by name, the first found first.
+    Effects(Vec<&'static str>),
+    /// One of these, and which experiment would tell.
+    Inseparable(Vec<&'static str>),
+    /// Something that no candidate explains.
+    Unknown,
+}
+
+impl Verdict {
+    /// evaluates what the search found and what it left.
+    pub fn of<S: Diagnosable>(
+        recordings: &[S],
+        selection: &Selection<S>,
+        residual_excesses: &[ResidualExcess],
+        residual_tests: &[ResidualTests],
+        null_samples: &NullSamples,
+    ) -> Self {
+        let faults: Vec<&'static str> = S::library()
+            .iter()
+            .filter(|e| fault_log_odds(**e, recordings) > MIN_FAULT_LOG_ODDS)
+            .map(|e| e.name())
+            .collect();
+        let nameless = selection.ranking.is_empty();
+        if unexplained(recordings, selection, residual_excesses, null_samples)
+            || nameless && has_structure(residual_excesses, residual_tests)
+        {
+            return Self::Unknown;
+        }
+        let mut names: Vec<&'static str> =
+            selection.found.iter().map(|f| f.effect.name()).collect();
+        if let ([only], true) = (selection.found.as_slice(), faults.is_empty())
+            && only.is_ambiguous()
+        {
+            names.extend(&only.indistinguishable_from);
+            return Self::Inseparable(names);
+        }
+        names.extend(faults);
+        if names.is_empty() {
+            Self::None
+        } else {
+            Self::Effects(names)
+        }
+    }
+
+    /// The word in JSON.
+    pub fn as_str(&self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Effects(names) if names.len() == 1 => "effect",
+            Self::Effects(_) => "effects",
+            Self::Inseparable(_) => "inseparable",
+            Self::Unknown => "unknown",
+        }
+    }
+}
+
+/// Whether an excess remains beyond chance, and beyond the model error
+/// not quite right leaves of an effect.
+fn unexplained<S: Diagnosable>(
+    recordings: &[S],
+    selection: &Selection<S>,
+    residual_excesses: &[ResidualExcess],
+    null_samples: &NullSamples,
+) -> bool {
+    let data = RegressionData::new(recordings, null_samples);
+    let left = data.null_mean_squares(&data.base(base_columns(recordings, &selection.found)));
+    let samples: f64 = recordings.iter().map(|s| s.speed().len() as f64).sum();
+    let weight = |k: usize| {
+        let n = samples / recordings[0].samples_per_independent(k);
+        // What a mean square differs by over the null samples, beside what is fitted of it as well, and, as
+        // null samples share blocks, from block to block of a null sample; at least that of white noise.
+        let (mut of_draws, mut of_blocks) = (Vec::new(), Vec::new());
+        for null_sample in null_samples {
+            let blocks: Vec<f64> = (recordings.iter().zip(null_sample))
+                .flat_map(|(recording, d)| d[k].chunks(recording.block()))
+                .filter_map(mean_square)
+                .collect();
+            let (mean, spread) = mean_and_std(&blocks);
+            of_draws.push(mean);
+            of_blocks.push(spread / (blocks.len().max(1) as f64).sqrt());
+        }
+        let (mean, _) = mean_and_std(&of_draws);
+        let (_, spread) = mean_and_std(&left[k]);
+        (spread.max(mean_and_std(&of_blocks).0) / mean.max(1e-300))
+            .max((2.0 / n).sqrt())
+            .max(MEAN_SQUARE_TOLERANCE)
+    };
+    let (mut before, mut after, mut largest) = (0.0, 0.0, 0.0_f64);
+    for (k, excess) in residual_excesses.iter().enumerate() {
+        before += (excess.before - 1.0).max(0.0);
+        after += (excess.after - 1.0).max(0.0);
+        largest = largest.max((excess.after - 1.0) / weight(k));
+    }
+    largest > MIN_EXCESS_SIGMA && after > (1.0 - MIN_EXPLAINED) * before
+}
+
+/// Whether some residual goes with an order or a quantity, by more than how well a fault-free machine
+/// is known. Where nothing can be named that is all there is to say.
+fn has_structure(residual_excesses: &[ResidualExcess], residual_tests: &[ResidualTests]) -> bool {
+    let form =
+        |t: &TestResult| t.is_significant() && matches!(t.test, Test::Order | Test::Covariate);
+    (residual_excesses.iter().zip(residual_tests))
+        .flat_map(|(o, s)| s.tests.iter().map(move |t| (o, t)))
+        .any(|(o, t)| form(t) && o.before * t.before > MIN_STRUCTURE)
+}
+
+/// Logarithm of the odds that faulty samples give for an effect.
+pub(crate) fn fault_log_odds<S: Diagnosable>(effect: &dyn Effect<S>, recordings: &[S]) -> f64 {
+    recordings
+        .iter()
+        .flat_map(ResidualModel::residuals)
+        .map(|s| effect.fault_log_odds(s))
+        .sum()
+}
+
+/// The effect of that name.
+pub fn by_name<S: Diagnosable>(name: &str) -> Option<&'static dyn Effect<S>> {
+    S::library().iter().copied().find(|e| e.name() == name)
+}
+
+/// The effects of which the recordings show nothing, whether they are there or not.
+pub fn cannot_show<S: Diagnosable>(selection: &Selection<S>) -> Vec<&'static str> {
+    S::library()
+        .iter()
+        .filter(|e| !e.linear_parameters().is_empty())
+        .map(|e| e.name())
+        .filter(|name| !selection.ranking.iter().any(|r| r.effect.name() == *name))
+        .collect()
+}

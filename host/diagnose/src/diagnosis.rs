@@ -1,0 +1,154 @@
+//! A diagnosis: what it rests on, and what it found.
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use crate::assessment::empirical_correction::{self, Correction};
+use crate::assessment::residual_excess::{ResidualExcess, residual_excesses};
+use crate::assessment::residual_tests::{ResidualTests, residual_tests};
+use crate::assessment::verdict::Verdict;
+use crate::effect::Effect;
+use crate::effect::fitted::FittedEffect;
+use crate::load_error::LoadErrors;
+use crate::machine_kind::Diagnosable;
+use crate::null_samples::NullSamples;
+use crate::selection::stepwise::{self, Selection};
+use loadtwin_design::build::BuildError;
+use loadtwin_design::rotor::RotorError;
+use loadtwin_identification::calibrate::CalibrateError;
+use loadtwin_machine::MachineError;
+use loadtwin_recording::RecordingError;
+use loadtwin_replay::RecordedError;
+use loadtwin_replay::ReplayError;
+use loadtwin_simulate::SimulateError;
+
+/// Why nothing can be said.
+#[derive(Debug, Error)]
+pub enum DiagnoseError {
+    /// The machine is none whose residuals are known.
+    #[error(
+        "the machine has none of [drivetrain], [rotor] and [bearing]; only these can be diagnosed"
+    )]
+    NoDrivetrain,
+    /// The recording does not say enough.
+    #[error("{}: {reason}", recording.display())]
+    TooLittle {
+        /// The recording.
+        recording: PathBuf,
+        /// What it lacks and what is needed.
+        reason: String,
+    },
+    /// The motion of the machine cannot be read.
+    #[error(transparent)]
+    Motion(#[from] CalibrateError),
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// A file of the description cannot be used.
+    #[error(transparent)]
+    Machine(#[from] MachineError),
+    /// The recording of a rotor cannot be read.
+    #[error(transparent)]
+    Replay(#[from] ReplayError),
+    /// The sensors cannot be used together.
+    #[error(transparent)]
+    Sensors(#[from] BuildError),
+    /// A load that may do what any effect does.
+    #[error(
+        "rotor.load[{0}].kind: found \"walk\", allowed: \"unbalance\"; beside a load that may be anything no effect can be told"
+    )]
+    AnyLoad(usize),
+    /// The rotor cannot be computed.
+    #[error("rotor: {0}")]
+    Rotor(#[from] RotorError),
+    /// The loads of a bearing are not known.
+    #[error(transparent)]
+    Loads(#[from] RecordedError),
+    /// The machine without effect cannot be simulated.
+    #[error(transparent)]
+    Simulate(#[from] SimulateError),
+    /// No room for the simulations.
+    #[error(transparent)]
+    Io(#[from] std::io::Error),
+}
+
+/// What a diagnosis found.
+pub struct Diagnosis<S: Diagnosable> {
+    /// The residuals that it rests on.
+    pub recordings: Vec<S>,
+    /// Those that took no part in it.
+    pub holdout: Vec<S>,
+    /// What explains them.
+    pub selection: Selection<S>,
+    /// What is left and unlike the machine without effect.
+    pub residual_excesses: Vec<ResidualExcess>,
+    /// What the residuals go with.
+    pub residual_tests: Vec<ResidualTests>,
+    /// What is said.
+    pub verdict: Verdict,
+    /// What may be subtracted where something is missing that no candidate explains.
+    pub corrections: Vec<Correction>,
+    /// Errors on the hold-out recordings; on the fitted ones where there are none.
+    pub errors: LoadErrors,
+}
+
+/// Seed of the null samples.
+pub(crate) const SEED: u64 = 20_261_121;
+
+/// What recordings show, and what they would show without any effect.
+pub struct DiagnosisInput<S: Diagnosable> {
+    pub(crate) recordings: Vec<S>,
+    pub(crate) holdout: Vec<S>,
+    pub(crate) null_samples: NullSamples,
+}
+
+impl<S: Diagnosable> DiagnosisInput<S> {
+    /// What of `candidates` explains them.
+    pub fn diagnose(
+        &self,
+        candidates: &[&'static dyn Effect<S>],
+        progress: impl Fn(f64),
+    ) -> Diagnosis<S> {
+        let (recordings, holdout, null_samples) =
+            (&self.recordings, &self.holdout, &self.null_samples);
+        let mut selection = stepwise::select(recordings, null_samples, candidates, progress);
+        if !holdout.is_empty() {
+            selection.validate_on(recordings, holdout);
+        }
+        let residual_excesses = residual_excesses(recordings, &selection, null_samples);
+        let residual_tests = residual_tests(recordings, &selection, null_samples);
+        let verdict = Verdict::of(
+            recordings,
+            &selection,
+            &residual_excesses,
+            &residual_tests,
+            null_samples,
+        );
+        let corrections = match verdict {
+            Verdict::Unknown => empirical_correction::corrections(recordings, &residual_excesses),
+            _ => Vec::new(),
+        };
+        // What explains too little is not named, and changes nothing.
+        let named: &[FittedEffect<S>] = match verdict {
+            Verdict::Unknown => &[],
+            _ => &selection.found,
+        };
+        let errors = if holdout.is_empty() {
+            S::errors(recordings, named)
+        } else {
+            let lasting = named.iter().filter(|f| f.effect.is_machine_property());
+            S::errors(holdout, &lasting.cloned().collect::<Vec<_>>())
+        };
+        Diagnosis {
+            recordings: recordings.clone(),
+            holdout: holdout.clone(),
+            selection,
+            residual_excesses,
+            residual_tests,
+            verdict,
+            corrections,
+            errors,
+        }
+    }
+}

@@ -1,0 +1,231 @@
+//! What the residuals of the same machine look like without any effect.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use crate::diagnosis::DiagnoseError;
+use crate::drivetrain::chain_response::{DAMPING_TOLERANCE, TOLERANCE};
+use crate::drivetrain::read::{read_residuals_given, remove_carrier_offset};
+use crate::drivetrain::residuals::DrivetrainResiduals;
+use crate::null_samples::{NullSamples, resample_blocks};
+use crate::residual_model::ResidualModel;
+use crate::statistics::mean;
+use loadtwin_machine::Machine;
+use loadtwin_simulate::{Scenario, Simulation};
+
+/// Simulations of the machine as described, on what the recording did, with other noise.
+const SIMULATIONS: u64 = 3;
+
+/// Machines that fit the description within what such figures are known to.
+const ALIKE: u64 = 3;
+
+/// Part to which the friction that a description has is known.
+const FRICTION_TOLERANCE: f64 = 0.05;
+
+/// null samples of the residuals.
+const DRAWS: u64 = 10;
+
+/// What simulations of one recording without any effect leave, `[simulation][signal]`.
+struct NominalResiduals {
+    /// What noise leaves, and that what was done is only read off the recording.
+    noise: Vec<Vec<Vec<f64>>>,
+    /// What machines like the one described leave more than that one, without noise.
+    parameter_scatter: Vec<Vec<Vec<f64>>>,
+}
+
+/// Draws residuals without effect: of fault-free simulations of `machine` doing what it did in each
+/// recording what noise leaves, each block from another one, and over the whole of them what a
+/// machine leaves that differs from the description as little as such figures are known.
+///
+/// What a simulation of the very `machine` without noise leaves is taken into the signals of
+/// `recordings`. What that does not tell of a fault-free recording, because what was
+/// done is only read off it, the null samples have as well: each simulation with noise is
+/// simulated again from what is read off it, and the difference drawn.
+///
+/// Where that cannot be simulated, the blocks of the residual itself with
+/// signs at random: its size and colour stay, what it has to do with any
+/// signal is lost.
+pub fn null_samples(
+    machine: &Machine,
+    recordings: &mut [DrivetrainResiduals],
+    seed: u64,
+) -> NullSamples {
+    let fault_free: Vec<Option<NominalResiduals>> = recordings
+        .iter_mut()
+        .map(|recording| fault_free(machine, recording, seed).ok())
+        .collect();
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    (0..DRAWS)
+        .map(|number| {
+            let like = (number % ALIKE) as usize;
+            let of =
+                |(recording, fault_free): (&DrivetrainResiduals, &Option<NominalResiduals>)| {
+                    match fault_free {
+                        Some(fault_free) => {
+                            let mut null_sample =
+                                resample_blocks(recording, &fault_free.noise, &mut rng);
+                            for (null_sample, perturbed_machine) in null_sample
+                                .iter_mut()
+                                .zip(&fault_free.parameter_scatter[like])
+                            {
+                                for (value, more) in null_sample.iter_mut().zip(perturbed_machine) {
+                                    *value += more;
+                                }
+                            }
+                            null_sample
+                        }
+                        None => sign_flipped_blocks(recording, &mut rng),
+                    }
+                };
+            recordings.iter().zip(&fault_free).map(of).collect()
+        })
+        .collect()
+}
+
+/// Simulates `machine` doing what it did in `recording`, and takes what it leaves without noise
+/// into the signals of `recording`.
+fn fault_free(
+    machine: &Machine,
+    recording: &mut DrivetrainResiduals,
+    seed: u64,
+) -> Result<NominalResiduals, DiagnoseError> {
+    let source = &*recording;
+    let noise = || {
+        (0..SIMULATIONS).into_par_iter().map(|k| {
+            let first = simulated(machine, machine, source, |s| s, seed + k)?;
+            let again = noise_free(machine, machine, &first, seed)?;
+            Ok(difference(first, &again))
+        })
+    };
+    let perturbed_machine = || {
+        (0..ALIKE)
+            .into_par_iter()
+            .map(|k| noise_free(machine, &perturbed_machine(machine, seed + k), source, seed))
+    };
+    let (described, (noise, perturbed_machine)) = rayon::join(
+        || noise_free(machine, machine, source, seed),
+        || {
+            rayon::join(
+                || noise().collect::<Result<Vec<_>, DiagnoseError>>(),
+                || perturbed_machine().collect::<Result<Vec<_>, DiagnoseError>>(),
+            )
+        },
+    );
+    let described = described?;
+    let perturbed_machine = perturbed_machine?.into_iter();
+    let perturbed_machine = perturbed_machine
+        .map(|perturbed_machine| difference(perturbed_machine, &described))
+        .collect();
+    for (signal, fault_free) in recording.residuals.iter_mut().zip(described.residuals) {
+        signal.fault_free = fault_free.residual;
+    }
+    Ok(NominalResiduals {
+        noise: noise?,
+        parameter_scatter: perturbed_machine,
+    })
+}
+
+/// What `recording` leaves more than `other`, signal by signal.
+fn difference(mut recording: DrivetrainResiduals, other: &DrivetrainResiduals) -> Vec<Vec<f64>> {
+    for (signal, other) in recording.residuals.iter_mut().zip(&other.residuals) {
+        for (r, source) in signal.residual.iter_mut().zip(&other.residual) {
+            *r -= source;
+        }
+    }
+    remove_carrier_offset(&mut recording.residuals, recording.signals.count);
+    recording
+        .residuals
+        .into_iter()
+        .map(|s| s.residual)
+        .collect()
+}
+
+/// The residual itself, blocks of it turned about their mean.
+fn sign_flipped_blocks(recording: &DrivetrainResiduals, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
+    let (n, block) = (recording.signals.len(), recording.block());
+    let choice: Vec<bool> = (0..n.div_ceil(block)).map(|_| rng.random()).collect();
+    (recording.residuals.iter())
+        .map(|signal| {
+            let mean = mean(signal.residual.iter().copied());
+            let about = |(i, r): (usize, &f64)| {
+                if choice[i / block] {
+                    r - mean
+                } else {
+                    mean - r
+                }
+            };
+            signal.residual.iter().enumerate().map(about).collect()
+        })
+        .collect()
+}
+
+/// A machine that fits the description within what such figures are known to.
+fn perturbed_machine(machine: &Machine, seed: u64) -> Machine {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut about = |value: &mut f64, part: f64| *value *= 1.0 + part * rng.random_range(-1.0..1.0);
+    let mut machine = machine.clone();
+    if let Some(drivetrain) = &mut machine.drivetrain {
+        for inertia in &mut drivetrain.inertias {
+            about(&mut inertia.moment_kg_m2, TOLERANCE);
+            if let Some(friction) = &mut inertia.friction {
+                about(&mut friction.coulomb_nm, FRICTION_TOLERANCE);
+                about(&mut friction.stribeck_nm, FRICTION_TOLERANCE);
+                about(&mut friction.load_part, FRICTION_TOLERANCE);
+            }
+        }
+        for shaft in &mut drivetrain.shafts {
+            about(&mut shaft.stiffness_nm_per_rad, TOLERANCE);
+            about(&mut shaft.damping_nm_s_per_rad, DAMPING_TOLERANCE);
+        }
+    }
+    machine
+}
+
+/// As [`simulated`] by sensors without noise: what stands still repeats its word then and is taken
+/// for stuck, but reads what it read before.
+fn noise_free(
+    described: &Machine,
+    machine: &Machine,
+    recording: &DrivetrainResiduals,
+    seed: u64,
+) -> Result<DrivetrainResiduals, DiagnoseError> {
+    let mut fault_free = simulated(described, machine, recording, Simulation::exact, seed)?;
+    for signal in &mut fault_free.residuals {
+        let mut last = 0.0;
+        for r in &mut signal.residual {
+            if r.is_finite() {
+                last = *r;
+            }
+            *r = last;
+        }
+    }
+    Ok(fault_free)
+}
+
+/// What `described` makes of a fault-free simulation of `machine` on what `recording` did, by `sensors`.
+fn simulated(
+    described: &Machine,
+    machine: &Machine,
+    recording: &DrivetrainResiduals,
+    sensors: impl Fn(Simulation) -> Simulation,
+    seed: u64,
+) -> Result<DrivetrainResiduals, DiagnoseError> {
+    let operating_profile = recording
+        .operating_profile
+        .clone()
+        .ok_or(DiagnoseError::NoDrivetrain)?;
+    let scenario = Scenario::recorded(operating_profile);
+    let simulation = Simulation::new(machine, &scenario, seed, None, &[])?;
+    let simulation = sensors(simulation.with_reference_noise(&recording.reference_noise));
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("clean.parquet");
+    simulation.write(&path, |_| ())?;
+    let mut fault_free = read_residuals_given(described, &path, recording.torque_source)?;
+    // Zeros differ from recording to recording; a block is not to tell from which it is.
+    for signal in &mut fault_free.residuals {
+        let mean = mean(signal.residual.iter().copied());
+        signal.residual.iter_mut().for_each(|r| *r -= mean);
+    }
+    Ok(fault_free)
+}

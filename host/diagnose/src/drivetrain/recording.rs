@@ -1,0 +1,317 @@
+//! A recording, sample by sample, in SI units and referred to the main shaft.
+
+use std::f64::consts::TAU;
+use std::path::Path;
+
+use crate::diagnosis::DiagnoseError;
+use crate::smoothing::moving_mean;
+use loadtwin_identification::calibrate::Motion;
+use loadtwin_machine::{Encoder, Machine};
+use loadtwin_recording::{Quantity, Reader, Unit, Wanted};
+
+/// Everything that a recording holds of a machine.
+pub(crate) struct DrivetrainRecording {
+    pub dt_s: f64,
+    /// Carrier angle, continuous; NaN where it was not measured.
+    pub angle: Vec<f64>,
+    /// Each load of the drivetrain in its own sign; NaN where it has no reference.
+    pub loads: Vec<Vec<f64>>,
+    /// Reading of each channel; NaN where missing, stuck or alone.
+    pub channels: Vec<Vec<f64>>,
+    /// Angle of each encoder, referred, from an arbitrary zero.
+    pub encoders: Vec<Vec<f64>>,
+    /// How much warmer it is than where zeros hold [K].
+    pub warming: Option<Vec<f64>>,
+}
+
+/// Equal readings in a row that noise does not make.
+const STUCK_AFTER: usize = 8;
+
+impl DrivetrainRecording {
+    #[allow(
+        clippy::too_many_lines,
+        reason = "one column after another, in the order of the file"
+    )]
+    pub(crate) fn read(machine: &Machine, path: &Path) -> Result<Self, DiagnoseError> {
+        let motion = Motion::read(machine, path, |_| ())?;
+        let n = motion.len();
+        let mut angle: Vec<f64> = (0..n)
+            .map(|i| motion.angle(i).unwrap_or(f64::NAN))
+            .collect();
+        if !motion.homed() {
+            angle.fill(f64::NAN);
+        }
+        let drivetrain = machine.drivetrain.as_ref();
+        let loads = drivetrain.map_or(0, |d| d.loads.len());
+        let loads = (0..loads)
+            .map(|j| (0..n).map(|i| motion.load(j, i)).collect())
+            .collect();
+        let found = Reader::open(path, &machine.recording, &[])?;
+        let unit = |name: &str, si: Unit| {
+            let column = found.columns().iter().find(|c| c.name == name);
+            let written = column
+                .and_then(|c| c.unit.as_deref())
+                .and_then(|u| u.parse::<Unit>().ok());
+            match written.map(Unit::quantity) {
+                Some(Quantity::Counts) => Unit::COUNTS,
+                _ => si,
+            }
+        };
+        let mut wanted: Vec<Wanted<'_>> = machine
+            .channels
+            .iter()
+            .map(|c| Wanted {
+                name: &c.name,
+                unit: unit(&c.name, c.unit.si()),
+                required: true,
+            })
+            .collect();
+        let is_angle = |e: &Encoder| {
+            unit(&e.name, Unit::RADIAN) != Unit::COUNTS
+                && found
+                    .columns()
+                    .iter()
+                    .any(|c| c.name == e.name && c.unit.is_some())
+        };
+        let angles: Vec<bool> = machine.encoders.iter().map(is_angle).collect();
+        for (encoder, is_angle) in machine.encoders.iter().zip(&angles) {
+            wanted.push(Wanted {
+                name: &encoder.name,
+                unit: if *is_angle {
+                    Unit::RADIAN
+                } else {
+                    Unit::COUNTS
+                },
+                required: true,
+            });
+        }
+        let thermometer = machine.thermometer();
+        if let Some(thermometer) = thermometer {
+            wanted.push(Wanted {
+                name: &thermometer.name,
+                unit: thermometer.unit.si(),
+                required: false,
+            });
+        }
+        let words: Vec<bool> = wanted[..machine.channels.len()]
+            .iter()
+            .map(|w| w.unit == Unit::COUNTS)
+            .collect();
+        let reader = Reader::open(path, &machine.recording, &wanted)?
+            .expect_period(1.0 / machine.rate_hz)?;
+        let mut columns: Vec<Vec<f64>> = vec![Vec::with_capacity(n); wanted.len()];
+        let mut has_temperature = thermometer.is_some();
+        for block in reader {
+            let block = block?;
+            for (k, (store, column)) in columns.iter_mut().zip(&block.columns).enumerate() {
+                if let Some(column) = column {
+                    store.extend(column);
+                } else {
+                    has_temperature &= k + 1 != wanted.len();
+                    store.resize(store.len() + block.len(), f64::NAN);
+                }
+            }
+        }
+        let temperature = thermometer.filter(|_| has_temperature).zip(columns.last());
+        let warming = temperature
+            .map(|(thermometer, column)| thermometer.warming(column, 1.0 / machine.rate_hz));
+        columns.truncate(machine.channels.len() + machine.encoders.len());
+        let counts = columns.split_off(machine.channels.len());
+        for ((channel, words), column) in machine.channels.iter().zip(words).zip(&mut columns) {
+            if words {
+                for value in column {
+                    *value = channel.reading(*value);
+                }
+            }
+        }
+        let ratio = |encoder: &Encoder| {
+            drivetrain
+                .and_then(|d| d.inertias.iter().find(|i| i.name == encoder.inertia))
+                .map_or(1.0, |i| i.speed_ratio)
+        };
+        let encoders = machine
+            .encoders
+            .iter()
+            .zip(&counts)
+            .zip(&angles)
+            .map(|((encoder, counts), is_angle)| {
+                let (modulus, step) = if *is_angle {
+                    (f64::INFINITY, 1.0 / ratio(encoder))
+                } else {
+                    (
+                        f64::from(encoder.bits).exp2(),
+                        TAU / (encoder.counts_per_turn * ratio(encoder)),
+                    )
+                };
+                let mut read = unwrapped(counts, modulus, step);
+                if encoder.eccentricity.is_some() {
+                    remove_eccentricity(&mut read, &angle, machine);
+                }
+                read
+            })
+            .collect();
+        Ok(Self {
+            dt_s: 1.0 / machine.rate_hz,
+            angle,
+            loads,
+            channels: columns,
+            encoders,
+            warming,
+        })
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.angle.len()
+    }
+}
+
+/// Counts as a continuous angle; what is missing stands where it was.
+fn unwrapped(counts: &[f64], modulus: f64, step: f64) -> Vec<f64> {
+    let mut last = counts
+        .iter()
+        .copied()
+        .find(|c| c.is_finite())
+        .unwrap_or(0.0);
+    let mut total = 0.0;
+    counts
+        .iter()
+        .map(|count| {
+            if count.is_finite() {
+                let mut moved = count - last;
+                if modulus.is_finite() {
+                    moved -= (moved / modulus).round() * modulus;
+                }
+                total += moved;
+                last = *count;
+            }
+            total * step
+        })
+        .collect()
+}
+
+/// Takes off how the index's encoder errs by `machine`'s description; nothing where `angle`, its
+/// own once homed, is not known.
+fn remove_eccentricity(read: &mut [f64], angle: &[f64], machine: &Machine) {
+    let known = angle.iter().position(|angle| angle.is_finite());
+    let Some(zero) = known.map(|at| angle[at] - read[at]) else {
+        return;
+    };
+    let error = machine.homed_error();
+    for read in read {
+        *read -= error(*read + zero);
+    }
+}
+
+/// Takes out readings that repeat for longer than noise allows; how many.
+///
+/// A channel that rests by nature (of coarse counts) is left alone.
+pub(crate) fn mask_stuck(y: &mut [f64]) -> u64 {
+    let repeats = y.windows(2).filter(|w| w[0] == w[1]).count();
+    // Where every third sample repeats by rounding, eight in a row are chance.
+    let mut runs = Vec::new();
+    let (mut start, mut i) = (0, 1);
+    while i <= y.len() {
+        if i == y.len() || y[i] != y[start] {
+            if i - start >= STUCK_AFTER {
+                runs.push(start..i);
+            }
+            start = i;
+        }
+        i += 1;
+    }
+    let in_runs: usize = runs.iter().map(|r| r.len() - 1).sum();
+    if repeats - in_runs.min(repeats) > y.len() / 20 {
+        return 0;
+    }
+    let mut count = 0;
+    for run in runs {
+        // The first is a reading.
+        for value in &mut y[run.start + 1..run.end] {
+            *value = f64::NAN;
+            count += 1;
+        }
+    }
+    count
+}
+
+/// Takes out samples of `residual` that stand out from their four neighbours
+/// alone by more than seven standard deviations, theirs and `noise_std`; which.
+pub(crate) fn mask_outliers(residual: &mut [f64], noise_std: f64) -> Vec<usize> {
+    let n = residual.len();
+    if n < 16 {
+        return Vec::new();
+    }
+    let aside = |i: usize| {
+        let mut around = [
+            residual[i - 2],
+            residual[i - 1],
+            residual[i + 1],
+            residual[i + 2],
+        ];
+        around.sort_by(f64::total_cmp);
+        residual[i] - 0.5 * (around[1] + around[2])
+    };
+    let deviations: Vec<f64> = (2..n - 2).map(aside).collect();
+    let mut sizes: Vec<f64> = deviations
+        .iter()
+        .map(|d| d.abs())
+        .filter(|d| d.is_finite())
+        .collect();
+    if sizes.len() < 16 {
+        return Vec::new();
+    }
+    let middle = sizes.len() / 2;
+    let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
+    // Without noise the counts of an encoder would stand out.
+    let limit = 7.0 * f64::max(median / 0.6745, noise_std);
+    let out: Vec<usize> = deviations
+        .iter()
+        .enumerate()
+        .filter(|(i, d)| {
+            // Alone: its neighbours are not out the same way.
+            let near = |k: usize| {
+                deviations
+                    .get(k)
+                    .is_some_and(|o| o.is_finite() && o * **d > 0.0 && o.abs() > 0.5 * d.abs())
+            };
+            d.abs() > limit && limit > 0.0 && !near(i.wrapping_sub(1)) && !near(i + 1)
+        })
+        .map(|(i, _)| i + 2)
+        .collect();
+    for i in &out {
+        residual[*i] = f64::NAN;
+    }
+    out
+}
+
+/// First and second derivative of `angle` over moving means of `width` samples.
+///
+/// The second is that of the angle smoothed by [`crate::smoothing::smooth`].
+pub(crate) fn derivatives(angle: &[f64], width: usize, dt_s: f64) -> (Vec<f64>, Vec<f64>) {
+    let n = angle.len();
+    let first = angle.first().copied().unwrap_or(0.0);
+    let slope = (angle.last().copied().unwrap_or(0.0) - first) / n.max(2) as f64;
+    // Deviations from uniform motion, so that the sums stay small.
+    let bent: Vec<f64> = angle
+        .iter()
+        .enumerate()
+        .map(|(i, a)| a - first - slope * i as f64)
+        .collect();
+    let mean = moving_mean(&bent, width);
+    let at = |i: isize| mean[i.clamp(0, n as isize - 1) as usize];
+    let h = width as isize;
+    let span = width as f64 * dt_s;
+    let half = h / 2;
+    let short = 2.0 * half as f64 * dt_s;
+    // Where the means do not reach, as where they just do.
+    let (from, to) = (h + half, n as isize - 1 - h - half);
+    (0..n as isize)
+        .map(|i| {
+            let i = if from < to { i.clamp(from, to) } else { i };
+            (
+                (at(i + half) - at(i - half)) / short + slope / dt_s,
+                (at(i + h) - 2.0 * at(i) + at(i - h)) / (span * span),
+            )
+        })
+        .unzip()
+}

@@ -1,0 +1,79 @@
+//! Error of the load before and after, with prediction intervals.
+
+use serde::Serialize;
+
+use loadtwin_math::metrics::{Stretch, prediction_interval, relative_variance};
+
+/// Stretches of all recordings whose differences say how much an error varies.
+const STRETCHES: usize = 16;
+
+/// A figure with the interval in which 95 of 100 are on other recordings as long.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Interval {
+    /// Mean absolute error [% of the nominal torque].
+    pub value_percent: Option<f64>,
+    /// The interval; none where the recordings do not say how much the figure varies.
+    pub interval_percent: Option<[f64; 2]>,
+}
+
+/// A model without and with the effects found.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct BeforeAfter {
+    /// Without.
+    pub before: Interval,
+    /// With.
+    pub after: Interval,
+}
+
+/// Error of the torque that all gauges together say, sample by sample.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct LoadErrors {
+    /// Gauges as described.
+    pub nominal: BeforeAfter,
+    /// Zero and gain of each gauge fitted anew.
+    pub recalibrated: BeforeAfter,
+}
+
+impl LoadErrors {
+    /// Of blocks without and with what was found, each by its sum and its count, where nothing
+    /// is calibrated anew.
+    pub(crate) fn as_described(before: &[(f64, f64)], after: &[(f64, f64)]) -> Self {
+        let pair = |before, after| BeforeAfter {
+            before: means(before),
+            after: means(after),
+        };
+        Self {
+            nominal: pair(before, after),
+            recalibrated: pair(&[], &[]),
+        }
+    }
+}
+
+/// Mean of blocks, each by its sum and its count, with the interval in which it is on other
+/// recordings as long [%]; none without blocks.
+pub(crate) fn means(blocks: &[(f64, f64)]) -> Interval {
+    let blocks: Vec<(f64, f64)> = blocks.iter().copied().filter(|b| b.1 > 0.0).collect();
+    if blocks.is_empty() {
+        return Interval {
+            value_percent: None,
+            interval_percent: None,
+        };
+    }
+    // Stretches longer than what an error stays alike over.
+    let stretches: Vec<Stretch> = blocks
+        .chunks(blocks.len().div_ceil(STRETCHES))
+        .map(|blocks| Stretch {
+            recording: 0,
+            error: blocks.iter().map(|b| b.0).sum(),
+            size: blocks.iter().map(|b| b.1).sum(),
+        })
+        .collect();
+    let sum = |of: fn(&Stretch) -> f64| stretches.iter().map(of).sum::<f64>();
+    let value = 100.0 * sum(|s| s.error) / sum(|s| s.size);
+    // A mean square varies twice as much as a mean size, in parts of itself.
+    let variance = relative_variance(&stretches).map(|of_size| 4.0 * of_size);
+    Interval {
+        value_percent: Some(value),
+        interval_percent: variance.and_then(|variance| prediction_interval(value, variance)),
+    }
+}

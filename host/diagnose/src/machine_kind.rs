@@ -1,0 +1,47 @@
+//! What a machine kind adds to its residual model: a library of effects, reading, writing, remarks.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value};
+
+use crate::diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput};
+use crate::effect::fitted::FittedEffect;
+use crate::load_error::LoadErrors;
+use crate::residual_model::ResidualModel;
+use crate::selection::stepwise::Selection;
+use loadtwin_machine::Machine;
+
+/// A machine kind that can be diagnosed.
+pub trait Diagnosable: ResidualModel {
+    /// Reads `recordings` and `validation`, and simulates the machine without effect.
+    ///
+    /// # Errors
+    /// As [`crate::diagnose`].
+    fn read(
+        machine: &Machine,
+        paths: &[PathBuf],
+        validation: &[PathBuf],
+        progress: impl Fn(f64),
+    ) -> Result<DiagnosisInput<Self>, DiagnoseError>;
+
+    /// Writes `machine` with the effects found to `path`; gives the names of those that the
+    /// line has no place for.
+    ///
+    /// # Errors
+    /// When a file cannot be read or written.
+    fn write(
+        machine: &Machine,
+        diagnosis: &Diagnosis<Self>,
+        path: &Path,
+    ) -> Result<Vec<&'static str>, DiagnoseError>;
+
+    /// Errors of `recordings` without and with what was found.
+    fn errors(recordings: &[Self], found: &[FittedEffect<Self>]) -> LoadErrors;
+
+    /// Keys of the JSON that only this kind of machine has.
+    fn extra_json(&self) -> Map<String, Value>;
+
+    /// What such a recording cannot tell, and why, beside the effects of which it
+    /// shows nothing, and what it says of the description.
+    fn remarks(&self, selection: &Selection<Self>) -> Option<String>;
+}

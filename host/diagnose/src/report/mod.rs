@@ -1,0 +1,4 @@
+//! What is shown of a diagnosis: JSON and page.
+
+pub mod json;
+pub mod page;

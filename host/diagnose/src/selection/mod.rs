@@ -1,0 +1,9 @@
+//! Stepwise selection of effects by cross-validated evidence: gives no verdict.
+
+pub mod candidates;
+pub mod equivalence;
+pub mod holdout;
+pub mod model_error;
+pub mod parameter_search;
+pub mod score;
+pub mod stepwise;

@@ -1,0 +1,58 @@
+//! The shape of an effect: what it does not enter the residuals linearly with.
+
+use crate::effect::Effect;
+use crate::regression::cross_validation::{BaseModel, RegressionData};
+use crate::regression::design_matrix::columns;
+use crate::residual_model::ResidualModel;
+use crate::selection::score::CandidateScore;
+
+/// The shape that explains most beside `base`, by a pattern search from that of `best`.
+pub(crate) fn search_parameters<S: ResidualModel>(
+    data: &RegressionData,
+    base: &BaseModel,
+    recordings: &[S],
+    effect: &dyn Effect<S>,
+    mut best: CandidateScore,
+) -> Vec<f64> {
+    const ROUNDS: usize = 5;
+    best.log_evidence = f64::NEG_INFINITY;
+    let overdispersion = best.overdispersion.clone();
+    let evaluate = |shape: &[f64]| {
+        let columns = columns(recordings, effect, shape, &[]);
+        let base = &data.with_nuisances(base, recordings, effect, shape);
+        data.trial(base, effect, shape, &columns, Some(&overdispersion))
+    };
+    for (j, parameter) in effect.nonlinear_parameters().iter().enumerate() {
+        let mut step = parameter.step;
+        if step == 0.0 {
+            continue;
+        }
+        if best.log_evidence == f64::NEG_INFINITY {
+            best = evaluate(&best.shape);
+        }
+        let mut rounds = 0;
+        while rounds < ROUNDS {
+            let mut moved = false;
+            for sign in [1.0, -1.0] {
+                let mut shape = best.shape.clone();
+                shape[j] = if parameter.logarithmic {
+                    shape[j] * (sign * step).exp()
+                } else {
+                    shape[j] + sign * step
+                }
+                .clamp(parameter.bounds.0, parameter.bounds.1);
+                let trial = evaluate(&shape);
+                if trial.log_evidence > best.log_evidence {
+                    best = trial;
+                    moved = true;
+                    break;
+                }
+            }
+            if !moved {
+                step *= 0.4;
+                rounds += 1;
+            }
+        }
+    }
+    best.shape
+}
