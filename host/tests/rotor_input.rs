@@ -6,7 +6,7 @@ use std::process::Command;
 
 use loadtwin::build::{self, Filter, Sensors};
 use loadtwin::machine::{BearingAt, Drift, Machine, MachineError, RotorBearing};
-use loadtwin::rotor::{RotorModel, RotorPlan, modes};
+use loadtwin::rotor::{RotorFilterDesign, RotorModel, modes};
 use loadtwin_common::image::Image;
 use loadtwin_common::line::Line;
 
@@ -250,7 +250,7 @@ fn a_rotor_that_is_unstable_as_described_gets_a_line() {
     });
     let rotor = machine.rotor.as_ref().unwrap();
     let sensors = Sensors::choose(&machine, None).unwrap();
-    let plan = RotorPlan::new(&machine, rotor, &sensors.channels).unwrap();
+    let plan = RotorFilterDesign::new(&machine, rotor, &sensors.channels).unwrap();
     let found = plan.instability().unwrap();
     let [from, to] = found.from_to_rad_s;
     let model = RotorModel::new(rotor);

@@ -6,6 +6,10 @@
 
 pub mod bearing;
 pub mod build;
+mod encoder;
+mod error;
 pub mod gearbox;
+mod payload;
 pub mod reduce;
 pub mod rotor;
+mod sensors;

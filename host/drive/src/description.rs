@@ -5,7 +5,7 @@ use std::path::Path;
 
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, value};
 
-use super::{BalanceError, Linear};
+use crate::{BalanceError, Linear};
 use loadtwin_files::atomic_file::AtomicFile;
 use loadtwin_machine::{BalanceEffect, Machine};
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::Remainder;
+use crate::Remainder;
 
 /// What is known after the loop is closed; the keys of `--json`.
 #[derive(Debug, Serialize)]

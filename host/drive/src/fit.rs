@@ -3,7 +3,7 @@
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 
-use super::design::Table;
+use crate::design_matrix::Dataset;
 
 /// Columns of a model, and how large their contribution may be.
 #[derive(Clone, Default)]
@@ -90,7 +90,7 @@ impl Fit {
 ///
 /// `y`: what is to be explained; `noise_variance`: `sigma^2`, the variance of
 /// what is unexplained times its correlation time in rows.
-pub fn fit(columns: &Columns, y: &[f64], table: &Table, noise_variance: f64) -> Fit {
+pub fn fit(columns: &Columns, y: &[f64], table: &Dataset, noise_variance: f64) -> Fit {
     let n = y.len();
     let p = columns.len();
     let mean_square = y.iter().map(|y| y * y).sum::<f64>() / n as f64;
@@ -180,8 +180,8 @@ pub fn fit(columns: &Columns, y: &[f64], table: &Table, noise_variance: f64) -> 
 mod tests {
     use super::*;
 
-    fn table(n: usize) -> Table {
-        Table {
+    fn table(n: usize) -> Dataset {
+        Dataset {
             drive: vec![0.0; n],
             fold: (0..n).map(|i| i / 8 % 10).collect(),
             stretch: (0..n).map(|i| i * 16 / n).collect(),

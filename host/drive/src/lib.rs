@@ -7,38 +7,38 @@
 //! recordings that took no part at all.
 #![forbid(unsafe_code)]
 
-mod certainty;
 mod description;
-mod design;
+mod design_matrix;
 mod diagnosis;
 pub mod effect;
 mod fit;
 mod motion;
 mod outcome;
-mod remainder;
-mod selection;
-mod smooth;
-mod spike;
+mod outliers;
+mod savitzky_golay;
+mod significance;
+mod stepwise;
+mod unexplained;
 
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-pub use diagnosis::{
+pub use crate::diagnosis::{
     Alternative, BeforeAfter, Beyond, Diagnosis, Errors, Figure, FoundEffect, FoundEvidence,
     Linear, Parameters, Validated,
 };
-pub use effect::EFFECTS;
-pub use remainder::Remainder;
+pub use crate::effect::EFFECTS;
+pub use crate::unexplained::Remainder;
 
-use design::{OFFSET_PRIOR, Table};
-use effect::{Effect, Scale};
-use fit::{Columns, shared};
+use crate::design_matrix::{Dataset, OFFSET_PRIOR};
+use crate::effect::{Effect, Scale};
+use crate::fit::{Columns, shared};
+use crate::motion::Motion;
+use crate::outcome::Outcome;
+use crate::stepwise::{LINEAR_PRIOR, Selection};
 use loadtwin_machine::{Balance, BalanceEffect, Machine, MachineError, Regime, Violation};
 use loadtwin_recording::RecordingError;
-use motion::Motion;
-use outcome::Outcome;
-use selection::{LINEAR_PRIOR, Selection};
 
 /// Fewest judged values that a diagnosis rests on.
 const FEWEST: usize = 60;
@@ -130,7 +130,7 @@ pub fn diagnose(
     } else {
         (read(request.fit)?, read(request.validate)?)
     };
-    let (table, judge) = (Table::new(&fitted), Table::new(&validation));
+    let (table, judge) = (Dataset::new(&fitted), Dataset::new(&validation));
     enough(&fitted, &table, balance)?;
     enough_to_judge(&judge)?;
 
@@ -140,7 +140,7 @@ pub fn diagnose(
     let alike = find(base.clone());
     // What differs between recordings is what operating points are there for, and
     // is fitted as such; unless that explains nothing: sensors may not have been zeroed.
-    let offsets = design::offsets(&fitted, &table);
+    let offsets = design_matrix::offsets(&fitted, &table);
     let selection = if alike.parts.is_empty() && !offsets.is_empty() {
         let own = vec![OFFSET_PRIOR; offsets.len()];
         find(base.with(&offsets, &own))
@@ -176,7 +176,7 @@ fn held_out(motions: Vec<Motion>) -> (Vec<Motion>, Vec<Motion>) {
     }
 }
 
-fn enough(motions: &[Motion], table: &Table, balance: &Balance) -> Result<(), BalanceError> {
+fn enough(motions: &[Motion], table: &Dataset, balance: &Balance) -> Result<(), BalanceError> {
     let (what, found, allowed) = match balance.regime {
         Regime::Steady => (
             "recordings at steady speed to fit",
@@ -199,7 +199,7 @@ fn enough(motions: &[Motion], table: &Table, balance: &Balance) -> Result<(), Ba
     Ok(())
 }
 
-fn enough_to_judge(table: &Table) -> Result<(), BalanceError> {
+fn enough_to_judge(table: &Dataset) -> Result<(), BalanceError> {
     if table.len() < 3 {
         return Err(BalanceError::TooLittle {
             what: "values to validate on",
@@ -213,11 +213,11 @@ fn enough_to_judge(table: &Table) -> Result<(), BalanceError> {
 /// The linear model's columns and those of the effects that the description has.
 fn base(balance: &Balance, motions: &[Motion]) -> Columns {
     let mut base = Columns::default();
-    let linear = design::linear(motions);
+    let linear = design_matrix::linear(motions);
     base.push(&linear, &vec![LINEAR_PRIOR; linear.len()]);
     for known in &balance.effects {
         if let Some(effect) = find(&known.name) {
-            let columns = design::columns(motions, effect, &known.shape);
+            let columns = design_matrix::columns(motions, effect, &known.shape);
             base.push(&columns, &shared(columns.len(), LINEAR_PRIOR));
         }
     }

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::BalanceError;
-use super::{smooth::Smoother, spike};
+use crate::BalanceError;
+use crate::outliers;
+use crate::savitzky_golay::Smoother;
 use loadtwin_machine::{Balance, Machine, Regime, Signal};
 use loadtwin_recording::{Reader, Wanted};
 
@@ -83,7 +84,7 @@ impl Motion {
         }
         // Rows of other regimes have no neighbours that they must be like.
         let spikes = if balance.regime == Regime::Moving {
-            columns.iter_mut().map(|x| spike::remove(x)).sum()
+            columns.iter_mut().map(|x| outliers::remove(x)).sum()
         } else {
             0
         };

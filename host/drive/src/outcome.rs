@@ -3,16 +3,17 @@
 
 use std::path::PathBuf;
 
-use super::Request;
-use super::design::{self, Table};
-use super::diagnosis::{
+use crate::Request;
+use crate::design_matrix;
+use crate::design_matrix::Dataset;
+use crate::diagnosis::{
     Alternative, BeforeAfter, Beyond, Diagnosis, Errors, Figure, FoundEffect, FoundEvidence,
     Linear, Parameters, Validated,
 };
-use super::fit::{Columns, fit};
-use super::motion::Motion;
-use super::remainder::Remainder;
-use super::selection::Selection;
+use crate::fit::{Columns, fit};
+use crate::motion::Motion;
+use crate::stepwise::Selection;
+use crate::unexplained::Remainder;
 use loadtwin_machine::{Balance, BalanceEffect};
 use loadtwin_math::metrics::{Stretch, prediction_interval, relative_variance};
 
@@ -26,10 +27,10 @@ const POSITION_BEYOND: f64 = 1.2;
 const WRONG_SIGN: f64 = 0.1;
 
 /// Everything that was fitted, and its errors.
-pub(super) struct Outcome {
-    pub(super) linear: Linear,
+pub(crate) struct Outcome {
+    pub(crate) linear: Linear,
     /// Those of the description, recalibrated, then those found.
-    pub(super) effects: Vec<BalanceEffect>,
+    pub(crate) effects: Vec<BalanceEffect>,
     error: Errors,
     validated: Vec<Validated>,
     remainder: Remainder,
@@ -39,12 +40,12 @@ pub(super) struct Outcome {
 }
 
 impl Outcome {
-    pub(super) fn new(
+    pub(crate) fn new(
         balance: &Balance,
         selection: &Selection<'_>,
         base: &Columns,
-        (fitted, table): (&[Motion], &Table),
-        (validation, judge): (&[Motion], &Table),
+        (fitted, table): (&[Motion], &Dataset),
+        (validation, judge): (&[Motion], &Dataset),
     ) -> Self {
         let noise = selection.noise_variance();
         let with_offsets = selection.base();
@@ -59,7 +60,7 @@ impl Outcome {
         let mut effects_there = Columns::default();
         for part in &selection.parts {
             effects_here.push(&part.columns, &part.prior);
-            let columns = design::columns(validation, part.effect, &part.shape);
+            let columns = design_matrix::columns(validation, part.effect, &part.shape);
             effects_there.push(&columns, &part.prior);
         }
         let rest = without(&table.drive, &base.times(&nominal, table.len()));
@@ -68,7 +69,7 @@ impl Outcome {
         let mut beside = fit(&effects_here.and(&offsets), &rest, table, noise).coefficients;
         beside.truncate(count);
         // What each of the four models leaves of recordings that it never saw.
-        let base_there = super::base(balance, validation);
+        let base_there = crate::base(balance, validation);
         let rows = judge.len();
         let none = vec![0.0; effects_there.len()];
         let residual = |linear: &[f64], effects: &[f64]| -> Vec<f64> {
@@ -119,7 +120,7 @@ impl Outcome {
         }
     }
 
-    pub(super) fn diagnosis(
+    pub(crate) fn diagnosis(
         self,
         request: &Request<'_>,
         machine_out: Option<PathBuf>,
@@ -213,7 +214,7 @@ fn notes(
     linear: &Linear,
     error: &Errors,
     has_effects: bool,
-    (fitted, table): (&[Motion], &Table),
+    (fitted, table): (&[Motion], &Dataset),
     beyond: &[Beyond],
 ) -> Vec<String> {
     let mut notes = Vec::new();
@@ -255,11 +256,11 @@ fn in_recalibrated_loads(effects: &mut [BalanceEffect], fitted: &[Motion], facto
     }
     let scaled: Vec<Motion> = fitted.iter().map(|m| m.with_loads_times(factors)).collect();
     for known in effects {
-        let Some(effect) = super::find(&known.name) else {
+        let Some(effect) = crate::find(&known.name) else {
             continue;
         };
-        let here = design::columns(fitted, effect, &known.shape);
-        let there = design::columns(&scaled, effect, &known.shape);
+        let here = design_matrix::columns(fitted, effect, &known.shape);
+        let there = design_matrix::columns(&scaled, effect, &known.shape);
         for ((c, here), there) in known.coefficients.iter_mut().zip(&here).zip(&there) {
             let dot = |b: &[f64]| there.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
             let power = dot(there);
@@ -271,7 +272,7 @@ fn in_recalibrated_loads(effects: &mut [BalanceEffect], fitted: &[Motion], facto
 }
 
 /// Rows of each recording.
-fn rows_by_recording(table: &Table) -> Vec<f64> {
+fn rows_by_recording(table: &Dataset) -> Vec<f64> {
     let mut rows = vec![0.0; table.recording.iter().max().map_or(0, |r| r + 1)];
     for &k in &table.recording {
         rows[k] += 1.0;
@@ -280,7 +281,7 @@ fn rows_by_recording(table: &Table) -> Vec<f64> {
 }
 
 /// A residual without the mean that it has in each recording.
-fn centred(rest: &[f64], table: &Table) -> Vec<f64> {
+fn centred(rest: &[f64], table: &Dataset) -> Vec<f64> {
     let rows = rows_by_recording(table);
     let mut means = vec![0.0; rows.len()];
     for (r, &k) in rest.iter().zip(&table.recording) {
@@ -324,7 +325,7 @@ fn effects(balance: &Balance, selection: &Selection<'_>, c: &[f64]) -> Vec<Balan
 }
 
 /// The error on each recording, from the residuals `before` and `after`.
-fn validated(motions: &[Motion], judge: &Table, before: &[f64], after: &[f64]) -> Vec<Validated> {
+fn validated(motions: &[Motion], judge: &Dataset, before: &[f64], after: &[f64]) -> Vec<Validated> {
     let power = |x: &[f64], k: usize| -> f64 {
         let here = judge.recording.iter().zip(x).filter(|(r, _)| **r == k);
         here.map(|(_, x)| x * x).sum()
@@ -391,7 +392,7 @@ fn nominal_coefficients(balance: &Balance) -> Vec<f64> {
 }
 
 /// [`figure`] of what is about the mean of each recording; none where that mean is all there is.
-fn figure_about_means(rest: &[f64], table: &Table) -> Figure {
+fn figure_about_means(rest: &[f64], table: &Dataset) -> Figure {
     if table.has_means(rows_by_recording(table).len()) {
         figure(&centred(rest, table), table)
     } else {
@@ -409,7 +410,7 @@ fn figure_about_means(rest: &[f64], table: &Table) -> Figure {
 /// is about it. Of an offset each recording of `n_k` rows shows one draw, normal about 0:
 /// relative variance of `p` is `(p_own / p)^2 2 sum n_k^2 / (sum n_k)^2 + (p_rest / p)^2 v`,
 /// with `v` from stretch to stretch.
-fn figure(rest: &[f64], table: &Table) -> Figure {
+fn figure(rest: &[f64], table: &Dataset) -> Figure {
     let rows = rows_by_recording(table);
     let about = if table.has_means(rows.len()) {
         centred(rest, table)

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::Sample;
 use super::orbits::Orbits;
 use loadtwin_design::build::{BuildError, Sensors};
-use loadtwin_design::rotor::RotorPlan;
+use loadtwin_design::rotor::RotorFilterDesign;
 use loadtwin_machine::{Kind, Machine};
 use loadtwin_math::metrics::Segment;
 use loadtwin_report::Section;
@@ -25,7 +25,7 @@ pub fn displacement_columns(machine: &Machine) -> Vec<String> {
 
 /// Errors of the displacements of one replay, gathered sample by sample.
 pub struct Displacements {
-    plan: Option<RotorPlan>,
+    plan: Option<RotorFilterDesign>,
     orbits: Option<Orbits>,
     segments: Vec<Segment>,
     estimate: Vec<f64>,
@@ -63,9 +63,9 @@ impl Displacements {
             _ => None,
         };
         let plan = rotor
-            .map(|r| RotorPlan::new(machine, r, &sensors.channels))
+            .map(|r| RotorFilterDesign::new(machine, r, &sensors.channels))
             .transpose()?;
-        let nodes = plan.as_ref().map_or(0, RotorPlan::nodes);
+        let nodes = plan.as_ref().map_or(0, RotorFilterDesign::nodes);
         let mut segments = vec![Segment {
             name: "full".into(),
             from_s: f64::NEG_INFINITY,

@@ -4,16 +4,16 @@ use std::f64::consts::TAU;
 
 /// Values in equal steps over a turn; one value is a constant.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct AngleFunction(Vec<f64>);
+pub(crate) struct AngleFunction(Vec<f64>);
 
 impl AngleFunction {
     /// `values` must not be empty.
-    pub(super) fn new(values: Vec<f64>) -> Self {
+    pub(crate) fn new(values: Vec<f64>) -> Self {
         Self(values)
     }
 
     /// The value at `angle` [rad], by a cubic through the four values around it.
-    pub(super) fn at(&self, angle: f64) -> f64 {
+    pub(crate) fn at(&self, angle: f64) -> f64 {
         let n = self.0.len();
         if n == 1 {
             return self.0[0];
@@ -26,30 +26,30 @@ impl AngleFunction {
     }
 
     /// Root of the mean square.
-    pub(super) fn rms(&self) -> f64 {
+    pub(crate) fn rms(&self) -> f64 {
         (self.0.iter().map(|v| v * v).sum::<f64>() / self.0.len() as f64).sqrt()
     }
 
     /// Largest magnitude.
-    pub(super) fn peak(&self) -> f64 {
+    pub(crate) fn peak(&self) -> f64 {
         self.0.iter().fold(0.0, |peak, v| v.abs().max(peak))
     }
 
     /// Angle of the largest magnitude [rad].
-    pub(super) fn peak_angle(&self) -> f64 {
+    pub(crate) fn peak_angle(&self) -> f64 {
         let peak = self.peak();
         let i = self.0.iter().position(|v| v.abs() == peak).unwrap_or(0);
         i as f64 * TAU / self.0.len() as f64
     }
 
     /// Whether it is made of narrow peaks, as under passing planets.
-    pub(super) fn is_intermittent(&self) -> bool {
+    pub(crate) fn is_intermittent(&self) -> bool {
         self.peak() > 2.0 * self.rms()
     }
 
     /// Spread over neighbouring angles until its peak is `part` of what it
     /// was, 0 to 1: a load that is not a point. The mean stays.
-    pub(super) fn with_peak(&self, part: f64) -> Self {
+    pub(crate) fn with_peak(&self, part: f64) -> Self {
         let target = part * self.peak();
         let (mut narrow, mut wide) = (0.0, TAU);
         for _ in 0..40 {

@@ -7,7 +7,7 @@ use rand_distr::StandardNormal;
 use loadtwin_machine::Drift;
 
 /// `L+ = a L + w`, `a = exp(-dt / time_s)`, `var w = std^2 (1 - a^2)`.
-pub(super) struct BendingLoad {
+pub(crate) struct BendingLoad {
     left: f64,
     spread: f64,
     value: f64,
@@ -16,7 +16,7 @@ pub(super) struct BendingLoad {
 
 impl BendingLoad {
     /// Where the long run has left it.
-    pub(super) fn new(described: &Drift, dt: f64, mut rng: ChaCha8Rng) -> Self {
+    pub(crate) fn new(described: &Drift, dt: f64, mut rng: ChaCha8Rng) -> Self {
         let left = (-dt / described.time_s).exp();
         Self {
             left,
@@ -27,7 +27,7 @@ impl BendingLoad {
     }
 
     /// The load in the next sample.
-    pub(super) fn next(&mut self) -> f64 {
+    pub(crate) fn next(&mut self) -> f64 {
         self.value =
             self.left * self.value + self.spread * self.rng.sample::<f64, _>(StandardNormal);
         self.value

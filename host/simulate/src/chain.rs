@@ -6,7 +6,7 @@ use loadtwin_machine::{Drivetrain, Inertia};
 /// A chain of inertias and shafts, all referred to the shaft with speed
 /// ratio 1; an effect changes its fields before the plant is built.
 #[derive(Clone, Debug)]
-pub(super) struct Chain {
+pub(crate) struct Chain {
     /// 1 to 6, in the order of the machine description.
     pub bodies: Vec<Body>,
     /// One fewer than bodies.
@@ -23,7 +23,7 @@ pub(super) struct Chain {
 
 /// An inertia and what brakes it.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Body {
+pub(crate) struct Body {
     /// Moment of inertia [kg m^2], > 0.
     pub inertia: f64,
     /// Viscous drag [N m s/rad].
@@ -38,7 +38,7 @@ pub(super) struct Body {
 
 /// A shaft with a gear mesh at its end.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Shaft {
+pub(crate) struct Shaft {
     /// Stiffness of shaft and mesh in series [N m/rad], > 0.
     pub stiffness: f64,
     /// Damping of the two in series [N m s/rad].
@@ -58,7 +58,7 @@ pub(super) struct Shaft {
 
 /// `amplitude cos(order angle + phase)` on one body.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Ripple {
+pub(crate) struct Ripple {
     /// Which body.
     pub body: usize,
     /// [N m].
@@ -71,7 +71,7 @@ pub(super) struct Ripple {
 
 /// Dahl friction: `dz/dt = w (1 - z sign(w) / torque) torque / angle`.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Presliding {
+pub(crate) struct Presliding {
     /// Which body.
     pub body: usize,
     /// Friction once it slides [N m], > 0.
@@ -87,7 +87,7 @@ pub(super) struct Presliding {
 const GEAR: f64 = 0.01;
 
 impl Chain {
-    pub(super) fn new(drivetrain: &Drivetrain) -> Self {
+    pub(crate) fn new(drivetrain: &Drivetrain) -> Self {
         let ratio = |name: &str| {
             drivetrain
                 .inertias

@@ -9,7 +9,7 @@ use rand_distr::StandardNormal;
 use loadtwin_machine::{Eccentricity, QUANTISATION};
 
 /// A counter that turns with one inertia.
-pub(super) struct Encoder {
+pub(crate) struct Encoder {
     /// Name of the encoder.
     pub name: String,
     /// The inertia of the machine description that it turns with.
@@ -30,7 +30,7 @@ pub(super) struct Encoder {
 }
 
 impl Encoder {
-    pub(super) fn new(
+    pub(crate) fn new(
         encoder: &loadtwin_machine::Encoder,
         inertia: usize,
         ratio: f64,
@@ -58,13 +58,13 @@ impl Encoder {
     }
 
     /// Without noise, and in parts of a count.
-    pub(super) fn exact(&mut self) {
+    pub(crate) fn exact(&mut self) {
         self.counts = false;
         self.jitter = 0.0;
     }
 
     /// The counter when the inertia stands at `angle`, referred [rad].
-    pub(super) fn count(&mut self, angle: f64) -> f64 {
+    pub(crate) fn count(&mut self, angle: f64) -> f64 {
         let own = angle * self.ratio;
         let mut count = self.start + own * self.counts_per_rad;
         if self.eccentricity != 0.0 {
@@ -86,7 +86,7 @@ impl Encoder {
 
 /// The pulse once per turn of the carrier.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Index {
+pub(crate) struct Index {
     /// The encoder that it latches.
     pub encoder: usize,
     /// Carrier angle at the pulse [rad].
@@ -94,7 +94,7 @@ pub(super) struct Index {
 }
 
 impl Index {
-    pub(super) fn new(index: &loadtwin_machine::Index, encoder: usize) -> Self {
+    pub(crate) fn new(index: &loadtwin_machine::Index, encoder: usize) -> Self {
         Self {
             encoder,
             angle: index.angle_rad,
@@ -103,7 +103,7 @@ impl Index {
 
     /// When the carrier passes the pulse on its way from `before` to `after`,
     /// as part of the way.
-    pub(super) fn passed(&self, before: f64, after: f64) -> Option<f64> {
+    pub(crate) fn passed(&self, before: f64, after: f64) -> Option<f64> {
         let turns = |angle: f64| (angle - self.angle) / TAU;
         let (from, to) = (turns(before), turns(after));
         let pulse = from.floor().max(to.floor());

@@ -8,11 +8,11 @@ use rand_distr::StandardNormal;
 
 use loadtwin_machine::Channel;
 
-use super::angle_function::AngleFunction;
+use crate::angle_function::AngleFunction;
 
 /// What a disturbance may depend on.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Moment {
+pub(crate) struct Moment {
     /// Time since the start [s].
     pub t: f64,
     /// Sample period [s].
@@ -30,19 +30,19 @@ pub(super) struct Moment {
 }
 
 /// Adds to a reading, or changes it, before the converter.
-pub(super) trait Disturbance: Send {
+pub(crate) trait Disturbance: Send {
     /// The disturbed reading; called once for each sample.
     fn apply(&mut self, moment: &Moment, reading: f64) -> f64;
 }
 
 /// `dz/dt = (amplitude level - z) / time`, added to the reading.
-pub(super) struct Creep {
+pub(crate) struct Creep {
     described: loadtwin_machine::Creep,
     z: f64,
 }
 
 impl Creep {
-    pub(super) fn new(described: loadtwin_machine::Creep) -> Self {
+    pub(crate) fn new(described: loadtwin_machine::Creep) -> Self {
         Self { described, z: 0.0 }
     }
 }
@@ -65,14 +65,14 @@ impl<F: FnMut(f64) -> f64 + Send> Disturbance for Loop<F> {
 }
 
 /// The reading of some time ago, between samples by straight lines.
-pub(super) struct Delay {
+pub(crate) struct Delay {
     seconds: f64,
     /// The newest reading first.
     past: VecDeque<f64>,
 }
 
 impl Delay {
-    pub(super) fn new(seconds: f64) -> Self {
+    pub(crate) fn new(seconds: f64) -> Self {
         Self {
             seconds,
             past: VecDeque::new(),
@@ -99,7 +99,7 @@ impl Disturbance for Delay {
 }
 
 /// What warmth does, as described.
-pub(super) struct Thermal {
+pub(crate) struct Thermal {
     pub described: loadtwin_machine::Thermal,
     /// Reading at zero load [unit].
     pub offset: f64,
@@ -126,14 +126,14 @@ impl Disturbance for Thermal {
 }
 
 /// Changes what the converter delivers.
-pub(super) trait WordFault: Send {
+pub(crate) trait WordFault: Send {
     /// The word that is delivered, if any; called once for each sample.
     fn apply(&mut self, moment: &Moment, word: i64) -> Option<i64>;
 }
 
 /// `reading = offset + gain map(angle - shift) sensed`, then the disturbances,
 /// the noise and the converter.
-pub(super) struct Gauge {
+pub(crate) struct Gauge {
     /// Name of the channel.
     pub name: String,
     /// Group of the channel.
@@ -168,7 +168,7 @@ pub(super) struct Gauge {
 }
 
 impl Gauge {
-    pub(super) fn new(
+    pub(crate) fn new(
         channel: &Channel,
         map: AngleFunction,
         nominal: f64,
@@ -206,17 +206,17 @@ impl Gauge {
     }
 
     /// Magnitude of the reading at nominal load [unit].
-    pub(super) fn span(&self) -> f64 {
+    pub(crate) fn span(&self) -> f64 {
         self.map.rms() * self.nominal
     }
 
     /// Reading of one count of the converter [unit/count].
-    pub(super) fn lsb(&self) -> f64 {
+    pub(crate) fn lsb(&self) -> f64 {
         self.lsb
     }
 
     /// The value that the recording holds; NaN where none was delivered.
-    pub(super) fn sample(&mut self, moment: &Moment, sensed: f64) -> f64 {
+    pub(crate) fn sample(&mut self, moment: &Moment, sensed: f64) -> f64 {
         let moment = &Moment {
             level: sensed / self.nominal,
             ..*moment

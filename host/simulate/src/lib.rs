@@ -24,10 +24,8 @@
 
 mod angle_function;
 mod bearing;
-mod bench;
 mod bending;
 mod chain;
-mod draw;
 mod drivetrain;
 mod effect;
 mod encoder;
@@ -35,19 +33,23 @@ mod error;
 mod gauge;
 mod plant;
 mod recorder;
+mod rng;
 mod rotor;
 mod rotor_effect;
 mod rotor_plant;
 mod scenario;
+mod test_bench;
 mod thermal;
 
-pub use bearing::{
+pub use crate::bearing::{
     BEARING_EFFECTS, BearingCourse, BearingEffect, BearingScenario, BearingSimulation,
 };
-pub use drivetrain::Simulation;
-pub use effect::{Applied, EFFECTS, Effect};
-pub use error::SimulateError;
-pub use recorder::{Recorder, Sampled};
-pub use rotor::{AppliedUnbalance, ROTOR_SCENARIOS, RotorCourse, RotorScenario, RotorSimulation};
-pub use rotor_effect::{ROTOR_EFFECTS, RotorEffect};
-pub use scenario::{Course, Demand, Scenario};
+pub use crate::drivetrain::Simulation;
+pub use crate::effect::{Applied, EFFECTS, Effect};
+pub use crate::error::SimulateError;
+pub use crate::recorder::{Recorder, Sampled};
+pub use crate::rotor::{
+    AppliedUnbalance, ROTOR_SCENARIOS, RotorCourse, RotorScenario, RotorSimulation,
+};
+pub use crate::rotor_effect::{ROTOR_EFFECTS, RotorEffect};
+pub use crate::scenario::{Course, Demand, Scenario};

@@ -12,7 +12,7 @@
 //! where `zone` is the dead zone of the backlash, and a tooth that pushes
 //! cannot pull: `tau_i` never has the sign opposite to `zone(delta_i)`.
 
-use super::chain::{Body, Chain, Presliding, Ripple};
+use crate::chain::{Body, Chain, Presliding, Ripple};
 
 /// Bodies of the largest machine, 2 * 6 - 1.
 const BODIES: usize = 11;
@@ -31,7 +31,7 @@ const STRIBECK: f64 = 0.05;
 
 /// What drives the plant from outside.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Drive {
+pub(crate) struct Drive {
     /// Torque on each body, referred [N m].
     loads: [f64; BODIES],
     /// Torque that the speed controller starts from, referred [N m].
@@ -42,7 +42,7 @@ pub(super) struct Drive {
 
 impl Drive {
     /// No torque, at `speed` [rad/s of the main shaft].
-    pub(super) fn at_speed(speed: f64) -> Self {
+    pub(crate) fn at_speed(speed: f64) -> Self {
         Self {
             speed,
             ..Self::default()
@@ -50,7 +50,7 @@ impl Drive {
     }
 
     /// What acts at `part` of the way from one to the other, 0 to 1.
-    pub(super) fn between(from: &Self, to: &Self, part: f64) -> Self {
+    pub(crate) fn between(from: &Self, to: &Self, part: f64) -> Self {
         let between = |a: f64, b: f64| a + part * (b - a);
         Self {
             loads: std::array::from_fn(|i| between(from.loads[i], to.loads[i])),
@@ -60,7 +60,7 @@ impl Drive {
     }
 
     /// Adds a torque on inertia `i` of the machine description, referred [N m].
-    pub(super) fn load(&mut self, i: usize, torque: f64) {
+    pub(crate) fn load(&mut self, i: usize, torque: f64) {
         self.loads[2 * i] += torque;
     }
 }
@@ -79,7 +79,7 @@ struct Controller {
 }
 
 /// Time constant of the controlled machine's torque [s].
-pub(super) const LAG: f64 = 0.02;
+pub(crate) const LAG: f64 = 0.02;
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Segment {
@@ -93,7 +93,7 @@ struct Segment {
 
 /// Angles and speeds, or their rates.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct State {
+pub(crate) struct State {
     /// Angle of the first body [rad].
     angle: f64,
     /// Angle of body i less that of body i + 1 [rad].
@@ -134,7 +134,7 @@ impl State {
 
 /// The plant and where it is.
 #[derive(Clone, Debug)]
-pub(super) struct Plant {
+pub(crate) struct Plant {
     count: usize,
     bodies: [Body; BODIES],
     segments: [Segment; BODIES],
@@ -149,7 +149,7 @@ pub(super) struct Plant {
 
 /// Why a plant cannot be integrated.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct TooStiff {
+pub(crate) struct TooStiff {
     /// Step that would resolve its fastest motion [s].
     pub needed_s: f64,
     /// Shortest step that is taken [s].
@@ -159,7 +159,7 @@ pub(super) struct TooStiff {
 impl Plant {
     /// The plant of `chain` whose inertia `held` is driven so that the speed
     /// follows with a bandwidth of `bandwidth` [rad/s].
-    pub(super) fn new(chain: &Chain, held: usize, bandwidth: f64) -> Self {
+    pub(crate) fn new(chain: &Chain, held: usize, bandwidth: f64) -> Self {
         let mut plant = Self {
             count: 2 * chain.bodies.len() - 1,
             bodies: [Body::default(); BODIES],
@@ -217,7 +217,7 @@ impl Plant {
     /// Steps per sample, so that each resolves the fastest motion.
     ///
     /// Bounds the highest eigenfrequency and decay rate by Gershgorin's circles.
-    pub(super) fn steps_per_sample(&self, dt_s: f64) -> Result<u32, TooStiff> {
+    pub(crate) fn steps_per_sample(&self, dt_s: f64) -> Result<u32, TooStiff> {
         const MOST: f64 = 20_000.0;
         let slow = CREEP * self.nominal_speed;
         let mut step = LONGEST_STEP_S;
@@ -253,7 +253,7 @@ impl Plant {
     /// Puts the plant where `drive` turns it steadily.
     ///
     /// The loads and the feed must balance but for the losses of the meshes.
-    pub(super) fn settle(&mut self, angle: f64, drive: &Drive) {
+    pub(crate) fn settle(&mut self, angle: f64, drive: &Drive) {
         let speed = drive.speed;
         self.state = State {
             angle,
@@ -277,7 +277,7 @@ impl Plant {
     }
 
     /// Friction of all bodies at `speed` without that of the meshes [N m].
-    pub(super) fn drag(&self, speed: f64) -> f64 {
+    pub(crate) fn drag(&self, speed: f64) -> f64 {
         let mut state = State {
             friction: self.slid(speed),
             ..State::default()
@@ -296,12 +296,12 @@ impl Plant {
     }
 
     /// Moment of inertia of all bodies [kg m^2].
-    pub(super) fn inertia(&self) -> f64 {
+    pub(crate) fn inertia(&self) -> f64 {
         self.bodies[..self.count].iter().map(|b| b.inertia).sum()
     }
 
     /// One step of the classical Runge-Kutta method with constant loads.
-    pub(super) fn step(&mut self, h: f64, drive: &Drive) {
+    pub(crate) fn step(&mut self, h: f64, drive: &Drive) {
         let size = (self.count, self.presliding.len().min(BODIES));
         let x = self.state;
         let (mut stage, mut rate) = (x, State::default());
@@ -418,22 +418,22 @@ impl Plant {
     }
 
     /// Angle of inertia `i` of the machine description, referred [rad].
-    pub(super) fn angle_of(&self, i: usize) -> f64 {
+    pub(crate) fn angle_of(&self, i: usize) -> f64 {
         self.state.angle - self.state.twist[..2 * i].iter().sum::<f64>()
     }
 
     /// Speed of inertia `i` of the machine description, referred [rad/s].
-    pub(super) fn speed_of(&self, i: usize) -> f64 {
+    pub(crate) fn speed_of(&self, i: usize) -> f64 {
         self.state.speed[2 * i]
     }
 
     /// Torque in the mesh of shaft `i` of the machine description, referred [N m].
-    pub(super) fn torque_of(&self, i: usize) -> f64 {
+    pub(crate) fn torque_of(&self, i: usize) -> f64 {
         self.torque(2 * i + 1, &self.state, self.mesh(&self.state))
     }
 
     /// Torque of the machine that holds the speed, referred [N m].
-    pub(super) fn drive(&self) -> f64 {
+    pub(crate) fn drive(&self) -> f64 {
         self.state.drive
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use loadtwin_machine::Machine;
 use loadtwin_recording::{BLOCK_ROWS, Block, OutputColumn, RecordingError, Writer};
 
-use super::error::SimulateError;
+use crate::error::SimulateError;
 
 /// Longest recording [s]: a day.
 const LONGEST_S: f64 = 86_400.0;
@@ -21,7 +21,7 @@ pub trait Sampled {
 
 /// A recording in the making: an iterator over its blocks.
 pub struct Recorder<S> {
-    pub(super) sampled: S,
+    pub(crate) sampled: S,
     columns: Vec<OutputColumn>,
     /// What a file says about itself.
     metadata: Vec<(&'static str, String)>,
@@ -31,7 +31,7 @@ pub struct Recorder<S> {
 }
 
 /// Checks the length of a recording [s].
-pub(super) fn check_duration(duration_s: f64) -> Result<(), SimulateError> {
+pub(crate) fn check_duration(duration_s: f64) -> Result<(), SimulateError> {
     if duration_s > 0.0 && duration_s <= LONGEST_S {
         Ok(())
     } else {
@@ -44,7 +44,7 @@ pub(super) fn check_duration(duration_s: f64) -> Result<(), SimulateError> {
 
 impl<S: Sampled> Recorder<S> {
     /// The recording of `duration_s` that `seed` draws.
-    pub(super) fn start(
+    pub(crate) fn start(
         sampled: S,
         columns: Vec<OutputColumn>,
         machine: &Machine,

@@ -2,7 +2,7 @@
 //!
 //! Nothing here is shared with the estimator but the machine description: twice
 //! as many elements, integrated numerically from the shape functions, in their modes
-//! ([`super::rotor_plant`]); Runge-Kutta steps with the speed as it is at each moment.
+//! ([`crate::rotor_plant`]); Runge-Kutta steps with the speed as it is at each moment.
 
 use std::f64::consts::TAU;
 
@@ -10,11 +10,11 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use super::draw::Draw;
-use super::error::SimulateError;
-use super::recorder::{Recorder, Sampled, check_duration};
-use super::rotor_effect::{Placed, RotorEffect};
-use super::rotor_plant::{Moment, Plant};
+use crate::error::SimulateError;
+use crate::recorder::{Recorder, Sampled, check_duration};
+use crate::rng::Draw;
+use crate::rotor_effect::{Placed, RotorEffect};
+use crate::rotor_plant::{Moment, Plant};
 use loadtwin_machine::{Machine, Rotor, Senses};
 use loadtwin_recording::{OutputColumn, Unit};
 

@@ -5,9 +5,9 @@ use std::str::FromStr;
 
 use rand::RngExt;
 
-use super::draw::Draw;
-use super::error::SimulateError;
-use super::rotor_plant::Pull;
+use crate::error::SimulateError;
+use crate::rng::Draw;
+use crate::rotor_plant::Pull;
 use loadtwin_machine::{Channel, Machine, Rotor, RotorBearing, Senses};
 
 /// Name of each effect, and what a strength of 1 means.
@@ -110,7 +110,7 @@ impl FromStr for RotorEffect {
 
 /// An effect where it acts.
 #[derive(Clone, Debug)]
-pub(super) enum Placed {
+pub(crate) enum Placed {
     /// Channel, offset in the end [m].
     Bias(usize, f64),
     /// Node, runout [m], angles of its waves [rad].
@@ -127,7 +127,7 @@ pub(super) enum Placed {
 
 impl RotorEffect {
     /// Where it acts on `machine`, individual number `individual`.
-    pub(super) fn placed(
+    pub(crate) fn placed(
         &self,
         machine: &Machine,
         rotor: &Rotor,

@@ -23,7 +23,7 @@ const GAUSS: [(f64, f64); 4] = [
 ];
 
 /// The finer rotor in its modes.
-pub(super) struct Plant {
+pub(crate) struct Plant {
     squares: Vec<f64>,
     /// Damping and gyroscopic coupling of the modes, column by column.
     damping: Vec<f64>,
@@ -44,7 +44,7 @@ pub(super) struct Plant {
 }
 
 /// How the shaft turns at one moment, and what acts on it.
-pub(super) struct Moment {
+pub(crate) struct Moment {
     /// [rad/s]
     pub speed: f64,
     /// [rad/s^2]
@@ -55,7 +55,7 @@ pub(super) struct Moment {
 
 /// A force beside the loads, by its components along x and y.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Pull {
+pub(crate) enum Pull {
     /// At a node of the description [N].
     Node(usize),
     /// What a shaft that is bent pulls itself back with, half a wave between its outermost

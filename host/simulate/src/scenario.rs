@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use rand::RngExt;
 
-use super::SimulateError;
-use super::draw::Draw;
+use crate::SimulateError;
+use crate::rng::Draw;
 
 /// A scenario: what the first load and the speed do, relative to nominal.
 #[derive(Clone, Debug, PartialEq)]
@@ -105,7 +105,7 @@ impl Scenario {
     }
 
     /// Carrier angle at which it starts [rad]; any where there is none.
-    pub(super) fn angle(&self) -> Option<f64> {
+    pub(crate) fn angle(&self) -> Option<f64> {
         match &self.kind {
             Kind::Recorded(course) => Some(course.angle),
             _ => None,
@@ -165,7 +165,7 @@ impl Demand {
     }
 
     /// Change a second on the way to `next`, `dt_s` later.
-    pub(super) fn rate_to(&self, next: &Self, dt_s: f64) -> Self {
+    pub(crate) fn rate_to(&self, next: &Self, dt_s: f64) -> Self {
         let rate = |from: f64, to: f64| (to - from) / dt_s;
         Self {
             torque: rate(self.torque, next.torque),
@@ -176,7 +176,7 @@ impl Demand {
 }
 
 /// A scenario with its random numbers drawn.
-pub(super) struct Profile {
+pub(crate) struct Profile {
     kind: Kind,
     duration: f64,
     torque: Waves,
@@ -185,7 +185,7 @@ pub(super) struct Profile {
 }
 
 impl Profile {
-    pub(super) fn new(scenario: &Scenario, draw: &mut Draw) -> Self {
+    pub(crate) fn new(scenario: &Scenario, draw: &mut Draw) -> Self {
         let rng = &mut draw.recording;
         Self {
             kind: scenario.kind.clone(),
@@ -199,7 +199,7 @@ impl Profile {
     }
 
     /// The demand at time `t` [s].
-    pub(super) fn at(&self, t: f64) -> Demand {
+    pub(crate) fn at(&self, t: f64) -> Demand {
         match &self.kind {
             Kind::Recorded(recorded) => recorded.at(t),
             Kind::StartStop => start_stop(90.0 * t / self.duration),
@@ -251,12 +251,12 @@ fn triangle(phase: f64) -> f64 {
 
 /// A sum of waves with variance 1: the spectrum falls with f^(-5/3) as that of
 /// turbulent wind and ends at the highest frequency.
-pub(super) struct Waves(Vec<[f64; 3]>);
+pub(crate) struct Waves(Vec<[f64; 3]>);
 
 impl Waves {
     const COUNT: usize = 48;
 
-    pub(super) fn new(lowest_hz: f64, highest_hz: f64, rng: &mut impl rand::Rng) -> Self {
+    pub(crate) fn new(lowest_hz: f64, highest_hz: f64, rng: &mut impl rand::Rng) -> Self {
         let ratio = highest_hz / lowest_hz;
         let mut waves: Vec<[f64; 3]> = (0..Self::COUNT)
             .map(|i| {
@@ -275,7 +275,7 @@ impl Waves {
         Self(waves)
     }
 
-    pub(super) fn at(&self, t: f64) -> f64 {
+    pub(crate) fn at(&self, t: f64) -> f64 {
         self.0
             .iter()
             .map(|[a, w, phase]| a * (w * t + phase).sin())

@@ -2,7 +2,7 @@
 
 /// First order, heated by the power that is transmitted.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Housing {
+pub(crate) struct Housing {
     start: f64,
     /// Temperature [K].
     pub temperature: f64,
@@ -19,7 +19,7 @@ const TIME_CONSTANT: f64 = 1200.0;
 
 impl Housing {
     /// `above`: how much warmer than the surroundings it is at first [K].
-    pub(super) fn new(above: f64) -> Self {
+    pub(crate) fn new(above: f64) -> Self {
         Self {
             start: AMBIENT + above,
             temperature: AMBIENT + above,
@@ -27,13 +27,13 @@ impl Housing {
     }
 
     /// `power` is the magnitude of the transmitted power as part of nominal.
-    pub(super) fn step(&mut self, dt: f64, power: f64) {
+    pub(crate) fn step(&mut self, dt: f64, power: f64) {
         let target = AMBIENT + RISE * power;
         self.temperature += dt / TIME_CONSTANT * (target - self.temperature);
     }
 
     /// Since the start [K].
-    pub(super) fn warming(&self) -> f64 {
+    pub(crate) fn warming(&self) -> f64 {
         self.temperature - self.start
     }
 }

@@ -14,7 +14,7 @@ use crate::atomic_file::AtomicFile;
 use crate::build::{self, Filter, Sensors};
 use crate::key::SigningKey;
 use crate::machine::{Kind, Machine, Rotor};
-use crate::rotor::RotorPlan;
+use crate::rotor::RotorFilterDesign;
 use crate::seal::seal;
 
 /// Part of a start's motion that a reduction may lose without a word.
@@ -69,11 +69,13 @@ impl Build {
         });
         written.with_context(|| self.output.display().to_string())?;
         let plan = match machine.kind() {
-            Some(Kind::Rotor(rotor)) => Some(RotorPlan::new(&machine, rotor, &sensors.channels)?),
+            Some(Kind::Rotor(rotor)) => {
+                Some(RotorFilterDesign::new(&machine, rotor, &sensors.channels)?)
+            }
             _ => None,
         };
-        let reduction = plan.as_ref().map(RotorPlan::reduction_error);
-        let instability = plan.as_ref().and_then(RotorPlan::instability);
+        let reduction = plan.as_ref().map(RotorFilterDesign::reduction_error);
+        let instability = plan.as_ref().and_then(RotorFilterDesign::instability);
         let stability_note = instability.map(|found| found.note());
         let reduction_note = (reduction.as_ref())
             .filter(|r| r.error_m > MUCH_LOST * r.peak_m)

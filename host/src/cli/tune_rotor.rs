@@ -11,7 +11,7 @@ use super::tune::{Choice as Asked, Tune};
 use crate::build::Sensors;
 use crate::calibrate::Description;
 use crate::machine::{Machine, Rotor, RotorLoad, six_digits};
-use crate::rotor_tune::{Choice, Judged, Method, judge, page, tune};
+use crate::rotor_tune::{Choice, Evaluation, Method, judge, page, tune};
 
 impl Tune {
     /// Both methods on the recordings of a rotor, judged on one that took no part.
@@ -76,7 +76,7 @@ impl Tune {
     }
 }
 
-fn report(choice: &Choice, judged: &Judged) -> Value {
+fn report(choice: &Choice, judged: &Evaluation) -> Value {
     let machine = &choice.machine;
     let loads: Map<String, Value> = (machine.rotor.iter())
         .flat_map(|rotor| {
@@ -102,7 +102,7 @@ fn report(choice: &Choice, judged: &Judged) -> Value {
     })
 }
 
-fn print(choices: &[(Choice, Judged)], recording: &Path, is_tuned_on: bool) {
+fn print(choices: &[(Choice, Evaluation)], recording: &Path, is_tuned_on: bool) {
     say!(
         "{:<12}{:>10}{:>11}{:>11}{:>8}  error of a displacement at any node",
         "method",

@@ -3,7 +3,7 @@
 
 use loadtwin::build::Sensors;
 use loadtwin::machine::{Coefficients, LoadKind, Machine};
-use loadtwin::rotor::RotorPlan;
+use loadtwin::rotor::RotorFilterDesign;
 
 use super::{Case, machine};
 
@@ -55,7 +55,7 @@ fn what_bearings_damp_too_much_to_swing_is_not_lost() {
         let machine = with(name, stiffness, damping);
         let sensors = Sensors::choose(&machine, None).unwrap();
         let rotor = machine.rotor.as_ref().unwrap();
-        let plan = RotorPlan::new(&machine, rotor, &sensors.channels).unwrap();
+        let plan = RotorFilterDesign::new(&machine, rotor, &sensors.channels).unwrap();
         let reduction = plan.reduction_error();
         let lost = reduction.error_m / reduction.peak_m;
         println!("{name}: {:.2} % of a start lost", 100.0 * lost);

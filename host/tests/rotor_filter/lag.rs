@@ -4,7 +4,7 @@ use faer::{Mat, Side};
 use loadtwin::build::{self, Sensors};
 use loadtwin::machine::{LoadKind, Machine};
 use loadtwin::replay::run_line;
-use loadtwin::rotor::RotorPlan;
+use loadtwin::rotor::RotorFilterDesign;
 use loadtwin_common::fault::Fault;
 use loadtwin_common::image::{Image, Model};
 use loadtwin_common::line::Line;
@@ -72,7 +72,8 @@ fn an_estimate_is_of_the_sample_that_it_says() {
             }
         }
         let sensors = Sensors::choose(&machine, None).unwrap();
-        let plan = RotorPlan::new(&machine, machine.rotor.as_ref().unwrap(), &sensors.channels);
+        let plan =
+            RotorFilterDesign::new(&machine, machine.rotor.as_ref().unwrap(), &sensors.channels);
         let plan = plan.unwrap();
         let payload = build::image(&machine, &sensors).unwrap();
         let mut line = Line::try_build(Image::from_bytes(&payload).unwrap()).unwrap();
@@ -122,7 +123,7 @@ fn the_deviation_that_is_told_is_that_of_the_error() {
         let machine = lagging(machine(), lag);
         let rotor = machine.rotor.as_ref().unwrap();
         let sensors = Sensors::choose(&machine, None).unwrap();
-        let plan = RotorPlan::new(&machine, rotor, &sensors.channels).unwrap();
+        let plan = RotorFilterDesign::new(&machine, rotor, &sensors.channels).unwrap();
         let f = &plan.transitions().unwrap()[0].1;
         let payload = build::image(&machine, &sensors).unwrap();
         let image = Image::from_bytes(&payload).unwrap();

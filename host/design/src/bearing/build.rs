@@ -7,10 +7,12 @@ use loadtwin_common::bearing::{BearingModel, GAUGES, GaugeModel, LOADS, Tuning};
 use loadtwin_common::image::{LoadSignal, Model};
 use loadtwin_common::measurement::Converter;
 
-use super::calibration::Calibration;
-use super::physical::geometry;
-use crate::build::encoder;
-use crate::build::{self, BuildError, Sensors};
+use crate::bearing::calibration::Calibration;
+use crate::bearing::physical_parameters::geometry;
+use crate::encoder;
+use crate::error::BuildError;
+use crate::payload::packed;
+use crate::sensors::Sensors;
 use loadtwin_machine::{Bearing, Channel, Machine, MachineError, Senses, Violation};
 
 /// Load at the end of the scale on the bus, in ranges.
@@ -57,7 +59,7 @@ pub fn image(
 ) -> Result<Vec<u8>, BuildError> {
     let calibration = calibration(machine, bearing)?;
     let model = model(machine, bearing, sensors, &calibration)?;
-    build::packed(machine, Model::Bearing(model))
+    packed(machine, Model::Bearing(model))
 }
 
 /// The model of the bearing with `calibration`.

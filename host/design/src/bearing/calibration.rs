@@ -6,9 +6,9 @@ use std::path::Path;
 use loadtwin_common::bearing::{FEATURES, HARMONICS, LOADS, ROWS};
 use serde::{Deserialize, Serialize};
 
-use super::baseline::Baseline;
-use super::linear::{COEFFICIENTS, DRIFT};
-use super::physical::Physical;
+use crate::bearing::baseline::Baseline;
+use crate::bearing::design_matrix::{COEFFICIENTS, DRIFT_TERMS};
+use crate::bearing::physical_parameters::PhysicalParameters;
 use loadtwin_machine::MachineError;
 
 /// Coefficients of a gauge's local strain by row, harmonic and feature: real and imaginary part.
@@ -23,11 +23,11 @@ pub struct Calibration {
     /// Their covariance.
     pub load_covariance: [[f64; LOADS]; LOADS],
     /// The bearing against its description.
-    pub physical: Physical,
+    pub physical: PhysicalParameters,
     /// Its standard deviation.
-    pub physical_std: Physical,
+    pub physical_std: PhysicalParameters,
     /// Each gauge, in the order of the description.
-    pub gauge: Vec<Answer>,
+    pub gauge: Vec<GaugeResponse>,
     /// What the algorithms need that the filter is compared with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub baseline: Option<Baseline>,
@@ -36,7 +36,7 @@ pub struct Calibration {
 /// How one gauge answers [um/m / kN], moments over the groove's radius.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Answer {
+pub struct GaugeResponse {
     /// Name of the gauge.
     pub name: String,
     /// Standard deviation of a sample [um/m].
@@ -63,14 +63,14 @@ pub struct Answer {
     pub local_std: Local,
 }
 
-impl Answer {
-    /// Its coefficients in the order of [`super::linear::rows`], without drift.
-    pub(super) fn coefficients(&self) -> [f64; COEFFICIENTS] {
+impl GaugeResponse {
+    /// Its coefficients in the order of [`crate::bearing::design_matrix::rows`], without drift.
+    pub(crate) fn coefficients(&self) -> [f64; COEFFICIENTS] {
         let mut all = [0.0; COEFFICIENTS];
         all[0] = self.offset;
         let bulk = (self.bulk_load.iter()).chain(self.bulk_feature.iter().flatten());
         let local = self.local.iter().flatten().flatten().flatten();
-        for (slot, value) in all[DRIFT..].iter_mut().zip(bulk.chain(local)) {
+        for (slot, value) in all[DRIFT_TERMS..].iter_mut().zip(bulk.chain(local)) {
             *slot = *value;
         }
         all
@@ -88,13 +88,13 @@ impl Calibration {
         Self {
             load_mean: [0.0; LOADS],
             load_covariance: [[0.0; LOADS]; LOADS],
-            physical: Physical::default(),
-            physical_std: Physical::default(),
+            physical: PhysicalParameters::default(),
+            physical_std: PhysicalParameters::default(),
             gauge: vec![
-                Answer {
+                GaugeResponse {
                     noise_std: 5.0,
                     local,
-                    ..Answer::default()
+                    ..GaugeResponse::default()
                 };
                 gauges
             ],

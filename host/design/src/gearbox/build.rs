@@ -10,12 +10,14 @@ use loadtwin_common::line::STATES;
 use loadtwin_common::measurement::Converter;
 use loadtwin_common::table::PeriodicTable;
 
-use super::channel_tables::Tables;
-use super::process_noise::process_noise;
-use super::steady::{SteadyTable, steady_gains};
-use super::torsion::Torsion;
-use crate::build::encoder;
-use crate::build::{self, BuildError, Filter, Sensors};
+use crate::encoder;
+use crate::error::BuildError;
+use crate::gearbox::channel_tables::Tables;
+use crate::gearbox::process_noise::process_noise;
+use crate::gearbox::steady::{SteadyTable, steady_gains};
+use crate::gearbox::torsion::Torsion;
+use crate::payload::packed;
+use crate::sensors::{Filter, Sensors};
 use loadtwin_machine::{Auxiliary, CREEP, Drift, Drivetrain, Machine, Senses};
 
 /// Load at the end of the scale on the bus, in nominal loads.
@@ -66,7 +68,7 @@ pub fn image(
         steady: table.as_ref().map(SteadyTable::gains),
         ..full
     };
-    build::packed(machine, Model::Gearbox(model))
+    packed(machine, Model::Gearbox(model))
 }
 
 /// Where each state stands and how large it is.

@@ -1,10 +1,10 @@
 //! Sensitivity and noise of a channel over the carrier angle, as the image holds them.
 
-use crate::build::BuildError;
+use crate::error::BuildError;
 use loadtwin_machine::{Drivetrain, MAP_ENTRIES, Machine, resampled};
 
 /// The tables of one channel, as they lie in the image.
-pub(super) struct Tables {
+pub(crate) struct Tables {
     pub unit: f64,
     pub sensed: f64,
     pub mean: f64,

@@ -7,8 +7,8 @@ mod process_noise;
 mod steady;
 mod torsion;
 
-pub use build::image;
-pub use operating_point::OperatingPoint;
-pub use process_noise::{operating_points, process_noise};
-pub use steady::{SteadyTable, steady_gains};
-pub use torsion::Torsion;
+pub use crate::gearbox::build::image;
+pub use crate::gearbox::operating_point::OperatingPoint;
+pub use crate::gearbox::process_noise::{operating_points, process_noise};
+pub use crate::gearbox::steady::{SteadyTable, steady_gains};
+pub use crate::gearbox::torsion::Torsion;

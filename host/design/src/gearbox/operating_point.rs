@@ -4,7 +4,7 @@ use faer::Mat;
 use loadtwin_common::gearbox::{GearboxModel, LOADS, Role};
 use loadtwin_common::phase::Phase;
 
-use super::torsion::Torsion;
+use crate::gearbox::torsion::Torsion;
 use loadtwin_machine::Drivetrain;
 
 /// `x+ = F x + w`, `y = H x + v` at one carrier angle under nominal loads, in the

@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use super::torsion::Torsion;
+use crate::gearbox::torsion::Torsion;
 use loadtwin_machine::Drivetrain;
 
 /// Standard deviation of each state's step that is left when all parameters

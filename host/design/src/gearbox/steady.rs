@@ -323,8 +323,9 @@ impl<'a> Recursion<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::build::{Sensors, image};
+    use crate::build::image;
     use crate::gearbox::OperatingPoint;
+    use crate::sensors::Sensors;
     use loadtwin_common::image::{Image, Model};
     use loadtwin_machine::Machine;
     use loadtwin_math::riccati::steady_covariance;

@@ -41,14 +41,14 @@ pub enum ReduceError {
 }
 
 impl ReduceError {
-    pub(super) fn read(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+    pub(crate) fn read(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         |source| Self::Read {
             path: path.to_owned(),
             source,
         }
     }
 
-    pub(super) fn line(path: &Path, line: u64, message: impl Into<String>) -> Self {
+    pub(crate) fn line(path: &Path, line: u64, message: impl Into<String>) -> Self {
         Self::Line {
             path: path.to_owned(),
             line,
@@ -56,7 +56,7 @@ impl ReduceError {
         }
     }
 
-    pub(super) fn misfit(path: &Path, message: impl Into<String>) -> Self {
+    pub(crate) fn misfit(path: &Path, message: impl Into<String>) -> Self {
         Self::Misfit {
             path: path.to_owned(),
             message: message.into(),

@@ -5,8 +5,8 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
-use super::table::complete;
-use super::{Node, ReduceError};
+use crate::reduce::table::complete;
+use crate::reduce::{Node, ReduceError};
 use loadtwin_recording::Unit;
 
 /// Width of a node's number and of a value, from column 4 on.

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use super::ReduceError;
-use super::table::Table;
+use crate::reduce::ReduceError;
+use crate::reduce::table::Table;
 
 /// Direction of a unit force.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

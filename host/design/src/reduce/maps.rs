@@ -5,8 +5,8 @@ use std::path::Path;
 
 use faer::Mat;
 
-use super::equilibrium::{Force, HousingForces};
-use super::{Axis, LoadCase, Node, ReduceError, distance};
+use crate::reduce::equilibrium::{Force, HousingForces};
+use crate::reduce::{Axis, LoadCase, Node, ReduceError, distance};
 use loadtwin_machine::{Channel, Machine, Senses};
 
 /// Size of each load case over the carrier angle, per N m of carrier torque.

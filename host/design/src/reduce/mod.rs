@@ -13,10 +13,10 @@ mod table;
 
 use std::path::Path;
 
-pub use equilibrium::{Contact, Force, HousingForces, axes};
-pub use error::ReduceError;
-pub use load::{Axis, LoadCase, read_cases};
-pub use maps::{GaugeMaps, Reduction};
+pub use crate::reduce::equilibrium::{Contact, Force, HousingForces, axes};
+pub use crate::reduce::error::ReduceError;
+pub use crate::reduce::load::{Axis, LoadCase, read_cases};
+pub use crate::reduce::maps::{GaugeMaps, Reduction};
 
 use loadtwin_machine::Machine;
 use loadtwin_recording::Unit;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use csv::StringRecord;
 
-use super::{Node, ReduceError};
+use crate::reduce::{Node, ReduceError};
 use loadtwin_recording::Unit;
 
 /// Names of the strains' columns, in the order of [`Node::strains`].

@@ -3,15 +3,15 @@
 use faer::linalg::solvers::{PartialPivLu, Solve};
 use faer::{Mat, c64};
 
-use super::RotorError;
-use super::model::RotorModel;
-use super::reduction::Reduced;
+use crate::rotor::RotorError;
+use crate::rotor::guyan_reduction::Reduced;
+use crate::rotor::model::RotorModel;
 
 /// Time after which free motion counts less: undamped motion has no end [s].
 const COUNTS_S: f64 = 10.0;
 
 /// Eigenpairs of `x' = A x`, `x = (z, z')`, `A u = s u`, at one speed.
-pub(super) struct Eigenpairs {
+pub(crate) struct Eigenpairs {
     a: Mat<f64>,
     values: Vec<c64>,
     vectors: Mat<c64>,

@@ -28,7 +28,7 @@ pub struct ShaftElement {
 
 /// Mass, stiffness and gyroscopic matrix of a part.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PartMatrices {
+pub struct ElementMatrices {
     /// `M` [kg, kg m, kg m^2].
     pub mass: ElementMatrix,
     /// `K` [N/m, N/rad, N m/rad].
@@ -66,7 +66,7 @@ impl ShaftElement {
     ///
     /// Source: Friswell, Penny, Garvey, Lees, Dynamics of Rotating Machines
     /// (2010), section 5.4; Rezende et al. 2023, eq. (1).
-    pub fn matrices(&self) -> PartMatrices {
+    pub fn matrices(&self) -> ElementMatrices {
         let (l, area, inertia) = (self.length_m, self.area_m2(), self.second_moment_m4());
         let shear_pa = self.young_pa / (2.0 * (1.0 + self.poisson));
         let phi =
@@ -101,7 +101,7 @@ impl ShaftElement {
             far_turn: (-1.0 - 5.0 * phi + 5.0 * phi * phi) * l * l,
         };
 
-        let mut parts = PartMatrices {
+        let mut parts = ElementMatrices {
             mass: [[0.0; SIZE]; SIZE],
             stiffness: stiffness.in_both_planes(bending),
             // The polar moment of a slice is twice the diametral one.

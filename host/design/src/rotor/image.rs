@@ -9,10 +9,12 @@ use loadtwin_common::rotor::{
     Noise, Numbers, RotorChannel, RotorModel as ImageModel, ShaftEncoder, Speeds,
 };
 
-use super::convergence::{Recursion, changes, triangle};
-use super::plan::{RotorPlan, UNIT_M};
-use crate::build::encoder;
-use crate::build::{self, BuildError, Sensors};
+use crate::encoder;
+use crate::error::BuildError;
+use crate::payload::packed;
+use crate::rotor::filter_design::{RotorFilterDesign, UNIT_M};
+use crate::rotor::gain_convergence::{CovarianceRecursion, changes, triangle};
+use crate::sensors::Sensors;
 use loadtwin_machine::{Channel, Encoder, Machine, QUANTISATION, Rotor};
 use loadtwin_math::riccati::{gain, gains_before, innovation_covariance, steady_covariance};
 
@@ -28,7 +30,7 @@ const TRACKING: f64 = 0.01;
 const TRACKING_HZ: f64 = 20.0;
 const TRACKED_TURNS: f64 = QUANTISATION / 4096.0;
 
-impl RotorPlan {
+impl RotorFilterDesign {
     /// The image's payload, as postcard bytes.
     ///
     /// # Errors
@@ -54,7 +56,7 @@ impl RotorPlan {
         let angle = self.nominal_speed * self.dt_s;
         let noise = |rotor: &Rotor| -> Result<PackedNoise, BuildError> {
             let (q, _) = self.covariances(rotor, &nominal);
-            let recursion = Recursion {
+            let recursion = CovarianceRecursion {
                 f: &f,
                 rows: &rows,
                 biases: &biases,
@@ -112,7 +114,7 @@ impl RotorPlan {
             encoder,
             index: index.map(|index| encoder::pulse(index, 0, sensors.encoders.first())),
         };
-        build::packed(machine, Model::Rotor(model))
+        packed(machine, Model::Rotor(model))
     }
 
     /// For each speed of the schedule: the part of `F` that varies.
@@ -257,7 +259,7 @@ fn posterior(
 }
 
 /// Numbers as they lie in an image.
-pub(super) fn bytes(values: Vec<f64>) -> Vec<u8> {
+pub(crate) fn bytes(values: Vec<f64>) -> Vec<u8> {
     (values.into_iter())
         .flat_map(|value| (value as f32).to_le_bytes())
         .collect()

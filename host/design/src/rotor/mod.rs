@@ -1,35 +1,35 @@
 //! The rotor at design time: finite elements, modes, responses, reduction.
 
-mod convergence;
-mod discrete;
-mod driven;
+mod discretisation;
 mod eigenpairs;
 mod element;
+mod filter_design;
+mod forced_simulation;
+mod gain_convergence;
+mod guyan_reduction;
 mod image;
-mod inversion;
+mod modal_truncation;
 mod model;
 mod modes;
-mod plan;
-mod reduction;
+mod phasor_inversion;
 mod response;
 mod stability;
-mod truncation;
 mod unbalance;
 
 use thiserror::Error;
 
-pub use discrete::{Discrete, discrete, moved, turned};
-pub use driven::{DrivenRotor, Turning, TurningForce};
-pub use element::{ElementMatrix, NODE, PartMatrices, ShaftElement};
+pub use crate::rotor::discretisation::{DiscreteModel, discrete, force_rotation, force_transition};
+pub use crate::rotor::element::{ElementMatrices, ElementMatrix, NODE, ShaftElement};
+pub use crate::rotor::forced_simulation::{ForcedRotor, ShaftRotation, SynchronousForce};
 
-pub use inversion::PhasorInversion;
-pub use model::RotorModel;
-pub use modes::{Mode, UndampedModes, campbell, modes, undamped_modes};
-pub use plan::RotorPlan;
-pub use reduction::{Reduced, ReductionError};
-pub use response::TimeResponse;
-pub use stability::Instability;
-pub use unbalance::{Unbalance, unbalance_response};
+pub use crate::rotor::filter_design::RotorFilterDesign;
+pub use crate::rotor::guyan_reduction::{Reduced, ReductionError};
+pub use crate::rotor::model::RotorModel;
+pub use crate::rotor::modes::{Mode, UndampedModes, campbell, modes, undamped_modes};
+pub use crate::rotor::phasor_inversion::PhasorInversion;
+pub use crate::rotor::response::TimeResponse;
+pub use crate::rotor::stability::Instability;
+pub use crate::rotor::unbalance::{Unbalance, unbalance_response};
 
 /// Why a rotor cannot be computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]

@@ -3,12 +3,12 @@
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Mat, c64};
 
-use super::RotorError;
-use super::element::{ElementMatrix, NODE, ShaftElement};
+use crate::rotor::RotorError;
+use crate::rotor::element::{ElementMatrix, NODE, ShaftElement};
 use loadtwin_machine::{Rotor, RotorBearing};
 
 /// Degrees of freedom beyond the diagonal that a row reaches: an element's 8.
-pub(super) const BAND: usize = 2 * NODE - 1;
+pub(crate) const BAND: usize = 2 * NODE - 1;
 
 /// `M q'' + (C + speed G) q' + (K + speed' K_st) q = f` over `4 x` nodes degrees of freedom:
 /// node by node `x`, `y`, `alpha`, `beta`.
@@ -146,7 +146,7 @@ impl RotorModel {
     }
 
     /// Nodes that bearings hold.
-    pub(super) fn held_nodes(&self) -> impl Iterator<Item = usize> + '_ {
+    pub(crate) fn held_nodes(&self) -> impl Iterator<Item = usize> + '_ {
         self.bearings.iter().map(|bearing| bearing.node)
     }
 
@@ -160,7 +160,7 @@ impl RotorModel {
     }
 
     /// `s^2 M + s (C + speed G) + K`, sparse.
-    pub(super) fn dynamic_stiffness(
+    pub(crate) fn dynamic_stiffness(
         &self,
         s: c64,
         damping: &Mat<f64>,

@@ -4,9 +4,9 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale, Side, c64};
 use rayon::prelude::*;
 
-use super::RotorError;
-use super::model::{BAND, RotorModel};
-use super::reduction::project;
+use crate::rotor::RotorError;
+use crate::rotor::guyan_reduction::project;
+use crate::rotor::model::{BAND, RotorModel};
 
 /// Modes beyond those asked for that the first guess is made of.
 const SPARE: usize = 14;

@@ -2,8 +2,8 @@
 
 use faer::Mat;
 
-use super::model::RotorModel;
-use super::reduction::Reduced;
+use crate::rotor::guyan_reduction::Reduced;
+use crate::rotor::model::RotorModel;
 use loadtwin_math::exponential::exponential;
 
 /// A reduced rotor under given forces, exact for forces that run straight from

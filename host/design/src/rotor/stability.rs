@@ -22,7 +22,7 @@ pub struct Instability {
 
 impl Instability {
     /// Of the least damped eigenvalue `s` at each speed [rad/s], in any order; none where all decay.
-    pub(super) fn among(mut least: Vec<(f64, c64)>) -> Option<Self> {
+    pub(crate) fn among(mut least: Vec<(f64, c64)>) -> Option<Self> {
         least.sort_by(|a, b| a.0.total_cmp(&b.0));
         let grows = |s: c64| s.re > GROWS * s.re.hypot(s.im);
         let first = least.iter().position(|(_, s)| grows(*s))?;

@@ -3,9 +3,9 @@
 use faer::linalg::solvers::Solve;
 use faer::{Mat, c64};
 
-use super::RotorError;
-use super::element::NODE;
-use super::model::RotorModel;
+use crate::rotor::RotorError;
+use crate::rotor::element::NODE;
+use crate::rotor::model::RotorModel;
 
 /// A mass off the axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,7 +47,7 @@ pub fn unbalance_response(
 ///
 /// # Errors
 /// [`RotorError::Resonance`] for an undamped rotor at its critical speed.
-pub(super) fn forced_response(
+pub(crate) fn forced_response(
     model: &RotorModel,
     speed_rad_s: f64,
     frequency_rad_s: f64,

@@ -9,7 +9,7 @@ use crate::bearing::{Kind, STREAMS};
 use crate::diagnosis::DiagnoseError;
 use crate::regression::projection::NuisanceProjection;
 use crate::residual_model::SignalSet;
-use loadtwin_design::bearing::{Calibration, DRIFT, Predicted, Rig, predicted};
+use loadtwin_design::bearing::{Calibration, DRIFT_TERMS, Prediction, Rig, predict_readings};
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{Bearing, Machine};
 
@@ -21,7 +21,7 @@ pub(crate) struct BearingContext {
     pub calibration: Calibration,
     pub recorded: BearingRecording,
     /// What the calibration says of each block that was followed.
-    pub predicted: Vec<Predicted>,
+    pub predicted: Vec<Prediction>,
     /// Of each block of the recording, its place among those that were followed.
     place: Vec<Option<usize>>,
     /// What an offset that warms up does.
@@ -44,7 +44,7 @@ impl BearingContext {
             bearing: rig.bearing.clone(),
             sensors: rig.sensors.clone(),
             calibration: calibration.clone(),
-            predicted: predicted(rig, &recorded.known, calibration)?,
+            predicted: predict_readings(rig, &recorded.known, calibration)?,
             taken: NuisanceProjection::new(Vec::new(), &[], Vec::new()),
             recorded,
             place,
@@ -54,13 +54,13 @@ impl BearingContext {
     }
 
     /// What the same bearing with another calibration would have read.
-    pub fn predicted_with(&self, calibration: &Calibration) -> Option<Vec<Predicted>> {
+    pub fn predicted_with(&self, calibration: &Calibration) -> Option<Vec<Prediction>> {
         let rig = Rig {
             machine: &self.machine,
             bearing: &self.bearing,
             sensors: &self.sensors,
         };
-        predicted(&rig, &self.recorded.known, calibration).ok()
+        predict_readings(&rig, &self.recorded.known, calibration).ok()
     }
 
     /// Blocks of the recording.
@@ -159,7 +159,7 @@ impl BearingContext {
             })
             .collect();
         let columns: Vec<SignalSet> = (0..GAUGES)
-            .flat_map(|g| (0..DRIFT).map(move |power| (g, power)))
+            .flat_map(|g| (0..DRIFT_TERMS).map(move |power| (g, power)))
             .map(|(g, power)| {
                 let mut column = vec![vec![0.0; n]; STREAMS];
                 for (i, value) in column[g].iter_mut().enumerate() {

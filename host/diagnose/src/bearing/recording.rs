@@ -6,7 +6,7 @@ use loadtwin_common::bearing::{BLOCK_HZ, LOADS};
 
 use crate::diagnosis::DiagnoseError;
 use loadtwin_design::bearing::Calibration;
-use loadtwin_design::bearing::{Known, Rig, RigSample, block_samples, follow};
+use loadtwin_design::bearing::{CalibrationBlock, Rig, RigSample, block_samples, track_phases};
 use loadtwin_simulate::BearingCourse;
 
 /// Shortest stretch that is tested [s].
@@ -23,7 +23,7 @@ const SPAN: usize = 10;
 /// What was recorded.
 pub struct BearingRecording {
     /// Blocks whose phases were followed.
-    pub known: Vec<Known>,
+    pub known: Vec<CalibrationBlock>,
     /// Rate of ball passing by which they were gathered, over the described one.
     pub rate: f64,
     /// Speed and loads of every block.
@@ -43,7 +43,7 @@ impl BearingRecording {
         rate: f64,
         path: &Path,
     ) -> Result<Self, DiagnoseError> {
-        let known = follow(rig, samples, calibration, |model| {
+        let known = track_phases(rig, samples, calibration, |model| {
             model.passes_per_turn *= rate as f32;
             model.tuning.slip_std = SLIP;
             for gauge in &mut model.gauges {

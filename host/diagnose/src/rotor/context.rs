@@ -7,7 +7,7 @@ use crate::regression::projection::NuisanceProjection;
 use crate::residual_model::SignalSet;
 use crate::rotor::recording::RotorRecording;
 use crate::rotor::uncertain_parameters::UncertainParameter;
-use loadtwin_design::rotor::{DrivenRotor, Turning, TurningForce};
+use loadtwin_design::rotor::{ForcedRotor, ShaftRotation, SynchronousForce};
 use loadtwin_machine::{Channel, Rotor};
 
 /// Times that what is known roughly is taken about what the recording says of it.
@@ -23,7 +23,7 @@ pub(crate) struct RotorContext {
     pub channels: Vec<Channel>,
     recorded: Arc<RotorRecording>,
     /// Forces that are tried: the unbalances first.
-    forces: Vec<TurningForce>,
+    forces: Vec<SynchronousForce>,
     /// What each sensor reads under each force of unit size, a quarter turn apart.
     pub columns: Vec<SignalSet>,
     /// Sizes of all columns of the model: what explains the readings best.
@@ -34,16 +34,16 @@ pub(crate) struct RotorContext {
 }
 
 /// Unbalances at the loads, constant forces there, and forces at both ends twice a turn.
-fn forces(rotor: &Rotor) -> Vec<TurningForce> {
+fn forces(rotor: &Rotor) -> Vec<SynchronousForce> {
     let at_loads = |grows: bool| {
-        (rotor.loads.iter()).map(move |load| TurningForce {
+        (rotor.loads.iter()).map(move |load| SynchronousForce {
             node: load.node,
             order: 1.0,
             grows,
         })
     };
     let at_ends = [0, rotor.nodes() - 1].into_iter().flat_map(|node| {
-        [2.0, -2.0].map(|order| TurningForce {
+        [2.0, -2.0].map(|order| SynchronousForce {
             node,
             order,
             grows: false,
@@ -57,7 +57,7 @@ fn forces(rotor: &Rotor) -> Vec<TurningForce> {
 
 impl RotorContext {
     /// How the shaft turned.
-    pub fn turning(&self) -> &Turning {
+    pub fn turning(&self) -> &ShaftRotation {
         &self.recorded.turning
     }
 
@@ -92,7 +92,7 @@ impl RotorContext {
         described: &Rotor,
         channels: &[Channel],
         recorded: &Arc<RotorRecording>,
-        forces: &[TurningForce],
+        forces: &[SynchronousForce],
         rough: &[UncertainParameter],
         off: &[f64],
     ) -> Result<Self, DiagnoseError> {
@@ -101,7 +101,7 @@ impl RotorContext {
             rough.scale(&mut rotor, (rough.part() * off).exp());
         }
         let turning = &recorded.turning;
-        let driven = DrivenRotor::new(&rotor, channels, forces, turning)?;
+        let driven = ForcedRotor::new(&rotor, channels, forces, turning)?;
         let mut columns = driven.columns(turning);
         let begun = columns.split_off(2 * forces.len());
         let weights: SignalSet = (channels.iter().zip(&recorded.readings))
@@ -145,7 +145,7 @@ impl RotorContext {
     /// one; nothing where it is not held.
     fn change_to(&self, other: &Rotor) -> SignalSet {
         let turning = self.turning();
-        let Ok(driven) = DrivenRotor::new(other, &self.channels, &self.forces, turning) else {
+        let Ok(driven) = ForcedRotor::new(other, &self.channels, &self.forces, turning) else {
             return vec![Vec::new(); self.channels.len()];
         };
         let mut change = driven.reading(turning, &self.sizes);
@@ -198,7 +198,7 @@ impl RotorContext {
 }
 
 /// What the recording tells better than the description.
-fn nuisances(rotor: &Rotor, turning: &Turning) -> Vec<UncertainParameter> {
+fn nuisances(rotor: &Rotor, turning: &ShaftRotation) -> Vec<UncertainParameter> {
     let all = UncertainParameter::all(rotor).into_iter();
     all.filter(|rough| rough.is_nuisance())
         .filter(|rough| *rough != UncertainParameter::Acceleration || turning.accelerates())

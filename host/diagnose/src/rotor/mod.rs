@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 use crate::rotor::context::RotorContext;
 use crate::rotor::recording::RotorRecording;
-use loadtwin_design::rotor::Turning;
+use loadtwin_design::rotor::ShaftRotation;
 use loadtwin_machine::{Channel, Machine, Rotor, Senses};
 
 use crate::diagnosis::DiagnoseError;
@@ -139,7 +139,7 @@ impl RotorResiduals {
     }
 
     /// How the shaft turned.
-    fn turning(&self) -> &Turning {
+    fn turning(&self) -> &ShaftRotation {
         self.context.turning()
     }
 

@@ -8,7 +8,7 @@ use faer::Mat;
 use crate::diagnosis::DiagnoseError;
 use crate::regression::normal_equations::solve_ridge;
 use loadtwin_design::build::Sensors;
-use loadtwin_design::rotor::Turning;
+use loadtwin_design::rotor::ShaftRotation;
 use loadtwin_machine::{Machine, Rotor};
 use loadtwin_replay::Samples;
 
@@ -26,7 +26,7 @@ pub struct RotorRecording {
     /// Of each channel; NaN where missing.
     pub readings: Vec<Vec<f64>>,
     /// How the shaft turned.
-    pub turning: Turning,
+    pub turning: ShaftRotation,
 }
 
 impl RotorRecording {
@@ -68,7 +68,7 @@ impl RotorRecording {
         let dt_s = 1.0 / machine.rate_hz;
         let n = counts.len();
         let turning = match sensors.encoders.first() {
-            None => Turning {
+            None => ShaftRotation {
                 dt_s,
                 angle: (0..n)
                     .map(|i| rotor.speed_rad_s * i as f64 * dt_s)
@@ -126,7 +126,7 @@ fn wrapped(moved: f64, modulus: f64) -> f64 {
 }
 
 /// A parabola through the samples about each one.
-fn smoothed(angle: &[f64], dt_s: f64) -> Turning {
+fn smoothed(angle: &[f64], dt_s: f64) -> ShaftRotation {
     let n = angle.len();
     let half = ((SPAN_S / dt_s) as usize).clamp(2, n.max(5) / 2);
     let fits: Vec<[f64; 3]> = (0..n)
@@ -148,7 +148,7 @@ fn smoothed(angle: &[f64], dt_s: f64) -> Turning {
             [angle[i] + fit[(0, 0)], fit[(1, 0)], 2.0 * fit[(2, 0)]]
         })
         .collect();
-    Turning {
+    ShaftRotation {
         dt_s,
         angle: fits.iter().map(|f| f[0]).collect(),
         speed: fits.iter().map(|f| f[1]).collect(),

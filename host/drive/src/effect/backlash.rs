@@ -1,13 +1,13 @@
 //! Friction behind a gap.
 
-use super::{Effect, Motion, Scale, geometric};
+use crate::effect::{Effect, Motion, Scale, geometric};
 use loadtwin_machine::Regime;
 
 /// `F r`, where `r` turns from -1 to 1 once the position has come back by the
 /// gap `b`, and the other way: what drags behind a play is felt late.
 ///
 /// Shape: `[b]` [rad, m].
-pub(super) struct Backlash;
+pub(crate) struct Backlash;
 
 impl Effect for Backlash {
     fn name(&self) -> &'static str {

@@ -1,12 +1,12 @@
 //! Dry friction.
 
-use super::{Effect, Motion, Scale, friction_state};
+use crate::effect::{Effect, Motion, Scale, friction_state};
 
 /// `F_c sgn(v)`, with a short distance `s` of sliding to build up; or, below a
 /// speed `v_r > 0`, fading to nothing at rest.
 ///
 /// Shape: `[s, v_r]`.
-pub(super) struct Coulomb;
+pub(crate) struct Coulomb;
 
 impl Effect for Coulomb {
     fn name(&self) -> &'static str {

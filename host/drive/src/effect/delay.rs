@@ -1,11 +1,11 @@
 //! Drive and motion that are not sampled at the same time.
 
-use super::{Effect, Motion, Scale};
+use crate::effect::{Effect, Motion, Scale};
 use loadtwin_machine::Regime;
 
 /// `-T J da/dt - T_j dL_j/dt`: a drive recorded late by `T` against the motion,
 /// and against each load.
-pub(super) struct Delay;
+pub(crate) struct Delay;
 
 impl Effect for Delay {
     fn name(&self) -> &'static str {

@@ -1,9 +1,9 @@
 //! Viscous friction that is not the same in both directions.
 
-use super::{Effect, Motion, Scale, each};
+use crate::effect::{Effect, Motion, Scale, each};
 
 /// `c |v|`: half the difference of the drags forward and backward.
-pub(super) struct Directional;
+pub(crate) struct Directional;
 
 impl Effect for Directional {
     fn name(&self) -> &'static str {

@@ -1,11 +1,11 @@
 //! The weight of an arm or of what is out of balance.
 
-use super::{Effect, Motion, Scale, each};
+use crate::effect::{Effect, Motion, Scale, each};
 use loadtwin_machine::Regime;
 
 /// `a cos(x) + b sin(x)`, `x` the angle [rad]: over less than a turn a polynomial
 /// fits it as well, but not beyond what was fitted.
-pub(super) struct Gravity;
+pub(crate) struct Gravity;
 
 impl Effect for Gravity {
     fn name(&self) -> &'static str {

@@ -1,13 +1,13 @@
 //! Friction that grows with the load.
 
-use super::{Effect, Motion, Scale, each, geometric, sliding_state, times};
+use crate::effect::{Effect, Motion, Scale, each, geometric, sliding_state, times};
 use loadtwin_machine::Regime;
 
 /// `mu |L| z`, with `z` the state of sliding over a distance `s`.
 ///
 /// `L` is each measured load; where none is, the acceleration, to which the
 /// transmitted force of inertia is proportional. Shape: `[s]`.
-pub(super) struct LoadFriction;
+pub(crate) struct LoadFriction;
 
 impl Effect for LoadFriction {
     fn name(&self) -> &'static str {

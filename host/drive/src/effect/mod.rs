@@ -6,21 +6,21 @@ mod backlash;
 mod coulomb;
 mod delay;
 mod directional;
-mod drift;
 mod gravity;
+mod held_at_rest;
 mod load_friction;
-mod load_shape;
+mod load_nonlinearity;
+mod nonlinear_drag;
 mod position_friction;
+mod position_ripple;
 mod position_torque;
 mod presliding;
-mod ripple;
-mod shear;
-mod standstill;
 mod stribeck;
-mod thermal;
-mod wave;
+mod temperature_dependence;
+mod torque_ripple;
+mod warm_up;
 
-use super::motion::Motion;
+use crate::motion::Motion;
 use loadtwin_machine::Regime;
 
 /// A physical effect: `sum_k coefficient_k column_k(motion; shape)` [the drive's unit].
@@ -60,19 +60,19 @@ pub static EFFECTS: &[&dyn Effect] = &[
     &stribeck::Stribeck,
     &presliding::Presliding,
     &directional::Directional,
-    &shear::Shear,
+    &nonlinear_drag::Shear,
     &load_friction::LoadFriction,
-    &load_shape::LoadShape,
+    &load_nonlinearity::LoadShape,
     &gravity::Gravity,
-    &standstill::Standstill,
+    &held_at_rest::Standstill,
     &position_torque::PositionTorque,
     &position_friction::PositionFriction,
-    &ripple::Ripple,
-    &wave::Wave,
+    &torque_ripple::Ripple,
+    &position_ripple::Wave,
     &backlash::Backlash,
     &delay::Delay,
-    &thermal::Thermal,
-    &drift::Drift,
+    &temperature_dependence::Thermal,
+    &warm_up::Drift,
 ];
 
 /// Size of what the recordings show: where to look for an effect's shape.

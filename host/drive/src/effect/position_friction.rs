@@ -1,13 +1,13 @@
 //! Friction that changes over the travel.
 
-use super::{Effect, Motion, Scale, each, geometric, sliding_state, times};
+use crate::effect::{Effect, Motion, Scale, each, geometric, sliding_state, times};
 use loadtwin_machine::Regime;
 
 /// `sum_n c_n u^n z`, `u = (x - x_0) / h`, `n = 1..degree`, `z` the state of
 /// sliding over a distance `s`: tight spots, cables that press at an end.
 ///
 /// Shape: `[s, degree, x_0, h]`.
-pub(super) struct PositionFriction;
+pub(crate) struct PositionFriction;
 
 impl Effect for PositionFriction {
     fn name(&self) -> &'static str {

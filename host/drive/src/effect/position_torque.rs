@@ -1,13 +1,13 @@
 //! A torque that changes smoothly over the travel.
 
-use super::{Effect, Motion, Scale, each};
+use crate::effect::{Effect, Motion, Scale, each};
 use loadtwin_machine::Regime;
 
 /// `sum_n c_n u^n`, `u = (x - x_0) / h`, `n = 1..degree`: springs, cables that
 /// wind, imbalance.
 ///
 /// Shape: `[degree, x_0, h]`.
-pub(super) struct PositionTorque;
+pub(crate) struct PositionTorque;
 
 impl Effect for PositionTorque {
     fn name(&self) -> &'static str {

@@ -1,6 +1,6 @@
 //! Friction that builds up over a distance after a reversal.
 
-use super::{Effect, Motion, Scale, geometric, sliding_state};
+use crate::effect::{Effect, Motion, Scale, geometric, sliding_state};
 use loadtwin_machine::Regime;
 
 /// `F z`, `dz = (sgn(dx) - z) |dx| / s`: hysteresis over the position.
@@ -9,7 +9,7 @@ use loadtwin_machine::Regime;
 /// Maxwell-slip model.
 ///
 /// Source: Dahl 1968; Al-Bender, Lampaert, Swevers 2005 (Maxwell slip).
-pub(super) struct Presliding;
+pub(crate) struct Presliding;
 
 impl Effect for Presliding {
     fn name(&self) -> &'static str {

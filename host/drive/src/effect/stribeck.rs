@@ -1,6 +1,6 @@
 //! Friction that falls with speed.
 
-use super::{Effect, Motion, Scale, each, friction_state, geometric, times};
+use crate::effect::{Effect, Motion, Scale, each, friction_state, geometric, times};
 
 /// `F_s exp(-(|v| / v_s)^d) sgn(v)`.
 ///
@@ -8,7 +8,7 @@ use super::{Effect, Motion, Scale, each, friction_state, geometric, times};
 /// and the speed below which it fades to nothing at rest, or 0.
 ///
 /// Source: Armstrong-Helouvry, Dupont, Canudas de Wit 1994, eq. (2).
-pub(super) struct Stribeck;
+pub(crate) struct Stribeck;
 
 impl Effect for Stribeck {
     fn name(&self) -> &'static str {

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::moments::{Moments, Sums};
+use crate::calibrate::moments::{Moments, Sums};
 use loadtwin_machine::resampled;
 
 /// Bins in which readings are compared with the maps of other gauges.

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use super::description::{Description, map_file};
-use super::{CalibrateError, Gauge, MapSource};
-use crate::tune::{MeasurementNoise, NOISE_BINS, rms, step_function};
+use crate::calibrate::description::{Description, map_file};
+use crate::calibrate::measurement_noise::{MeasurementNoise, NOISE_BINS, rms, step_function};
+use crate::calibrate::{CalibrateError, Gauge, MapSource};
 use loadtwin_machine::{Channel, Creep, Hysteresis, MAP_ENTRIES, Machine, Thermal, resampled};
 
 /// The machine with offset, sensitivity and noise of its gauges as fitted; its

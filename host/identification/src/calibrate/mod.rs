@@ -6,6 +6,7 @@
 mod description;
 mod fault;
 mod gauge_model;
+mod measurement_noise;
 mod moments;
 mod motion;
 mod page;
@@ -19,17 +20,17 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use thiserror::Error;
 
-pub use description::{Description, DescriptionError, map_file};
-pub use fault::GaugeFault;
-pub use gauge_model::{calibrated, with_noise};
-pub use moments::{BINS, Moments, Sums};
-pub use motion::Motion;
-pub use page::{Proposal, page};
-pub use placement::{Placement, fine};
-pub use selection::{Candidate, fronts, select};
-pub use surface::Surface;
+pub use crate::calibrate::description::{Description, DescriptionError, map_file};
+pub use crate::calibrate::fault::GaugeFault;
+pub use crate::calibrate::gauge_model::{calibrated, with_noise};
+pub use crate::calibrate::moments::{BINS, Moments, Sums};
+pub use crate::calibrate::motion::Motion;
+pub use crate::calibrate::page::{Proposal, page};
+pub use crate::calibrate::placement::{Placement, fine};
+pub use crate::calibrate::selection::{Candidate, fronts, select};
+pub use crate::calibrate::surface::Surface;
+pub use measurement_noise::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
 
-use crate::tune::MeasurementNoise;
 use loadtwin_machine::{Channel, Machine, MachineError, Senses, earlier};
 use loadtwin_recording::{Quantity, Reader, RecordingError, Unit, Wanted};
 use loadtwin_replay::ReplayError;

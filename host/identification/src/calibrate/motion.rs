@@ -7,7 +7,7 @@ use std::path::Path;
 use loadtwin_common::image::Image;
 use loadtwin_common::measurement::Unwrap;
 
-use super::CalibrateError;
+use crate::calibrate::CalibrateError;
 use loadtwin_design::build::{self, Filter, Sensors};
 use loadtwin_design::gearbox::Torsion;
 use loadtwin_machine::{CREEP, Direction, Drivetrain, Inertia, Machine, Senses};

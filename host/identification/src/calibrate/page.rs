@@ -1,6 +1,6 @@
 //! The page on a calibration: ranking, surfaces, simulated against measured, Pareto fronts.
 
-use super::{BINS, Candidate, Gauge, MapSource, Observations, fine, fronts};
+use crate::calibrate::{BINS, Candidate, Gauge, MapSource, Observations, fine, fronts};
 use loadtwin_machine::{Channel, Machine};
 use loadtwin_report::{
     Axis, Data, KeyFigure, Mark, Plot, PlotSize, Report, Role, Section, Series, Table,

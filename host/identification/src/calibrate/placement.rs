@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::moments::{BINS, Moments};
+use crate::calibrate::moments::{BINS, Moments};
 use loadtwin_machine::{MAP_ENTRIES, resampled};
 
 /// Bins over which simulated and measured readings are compared.

@@ -3,7 +3,7 @@
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 
-use super::moments::{BINS, Moments, Sums};
+use crate::calibrate::moments::{BINS, Moments, Sums};
 
 /// Nodes over the turn that are tried.
 const LEVELS: [usize; 8] = [1, 8, 16, 32, 64, 128, 256, 512];

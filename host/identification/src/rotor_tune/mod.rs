@@ -1,15 +1,15 @@
 //! The noise of a rotor's filter: by the differential evolution of the paper, and by
 //! the likelihood of the innovations.
 
-mod judged;
+mod evaluation;
 mod page;
 mod trial;
 
 use std::path::PathBuf;
 
-pub use judged::{Judged, judge};
-pub use page::page;
-pub use trial::{Outcome, Trial};
+pub use crate::rotor_tune::evaluation::{Evaluation, judge};
+pub use crate::rotor_tune::page::page;
+pub use crate::rotor_tune::trial::{Outcome, Trial};
 
 use crate::tune::{Evolution, TuneError, pattern_search};
 use loadtwin_design::build::Sensors;

@@ -1,11 +1,11 @@
 //! The page on the tuning of a rotor: the methods side by side.
 
-use super::{Choice, Judged};
+use crate::rotor_tune::{Choice, Evaluation};
 use loadtwin_machine::Machine;
 use loadtwin_report::{Report, Table};
 
 /// The report on what each method chose, and on what it comes to on `recording`.
-pub fn page(machine: &Machine, choices: &[(Choice, Judged)], recording: &str) -> Report {
+pub fn page(machine: &Machine, choices: &[(Choice, Evaluation)], recording: &str) -> Report {
     Report {
         title: format!("Tuning of {}", machine.name),
         facts: vec![["Judged on".into(), recording.into()]],
@@ -14,7 +14,7 @@ pub fn page(machine: &Machine, choices: &[(Choice, Judged)], recording: &str) ->
     }
 }
 
-fn noise(machine: &Machine, choices: &[(Choice, Judged)]) -> Table {
+fn noise(machine: &Machine, choices: &[(Choice, Evaluation)]) -> Table {
     let loads = machine.rotor.iter().flat_map(|rotor| &rotor.loads);
     let mut head = vec!["Method".to_owned()];
     head.extend(loads.map(|load| format!("Walk {} [N/√s]", load.names.join(", "))));
@@ -48,7 +48,7 @@ fn noise(machine: &Machine, choices: &[(Choice, Judged)]) -> Table {
     }
 }
 
-fn judged(choices: &[(Choice, Judged)]) -> Table {
+fn judged(choices: &[(Choice, Evaluation)]) -> Table {
     let first = choices.first().map(|(_, judged)| judged);
     let segments: Vec<&String> = first
         .iter()

@@ -13,7 +13,7 @@ use loadtwin_common::rotor::{Numbers, RotorModel as ImageModel};
 
 use crate::tune::{TuneError, starts};
 use loadtwin_design::build::{BuildError, Sensors};
-use loadtwin_design::rotor::RotorPlan;
+use loadtwin_design::rotor::RotorFilterDesign;
 use loadtwin_machine::{Machine, Rotor};
 use loadtwin_replay::ReplayError;
 
@@ -25,7 +25,7 @@ pub struct Trial<'a> {
     machine: &'a Machine,
     rotor: &'a Rotor,
     sensors: &'a Sensors,
-    plan: RotorPlan,
+    plan: RotorFilterDesign,
     image: Image<'a>,
     /// Transition of the whole state at each speed of the tables, in the filter's scale.
     transitions: Vec<(f64, Mat<f64>)>,
@@ -61,7 +61,7 @@ impl<'a> Trial<'a> {
         payload: &'a [u8],
         recordings: &[PathBuf],
     ) -> Result<Self, TuneError> {
-        let plan = RotorPlan::new(machine, rotor, &sensors.channels)?;
+        let plan = RotorFilterDesign::new(machine, rotor, &sensors.channels)?;
         Ok(Self {
             machine,
             rotor,

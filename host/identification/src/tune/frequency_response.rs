@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, c64};
 
-use super::pattern_search::pattern_search;
+use crate::tune::pattern_search::pattern_search;
 use loadtwin_design::gearbox::OperatingPoint;
 use loadtwin_math::riccati::{gain, steady_covariance};
 

@@ -6,10 +6,10 @@ use std::path::PathBuf;
 use loadtwin_common::image::{Image, Model};
 use rayon::prelude::*;
 
-use super::TuneError;
-use super::frequency_response::{FrequencyResponse, Weighting};
-use super::pattern_search::pattern_search;
-use super::trial::{Outcome, Trial};
+use crate::tune::TuneError;
+use crate::tune::frequency_response::{FrequencyResponse, Weighting};
+use crate::tune::pattern_search::pattern_search;
+use crate::tune::trial::{Outcome, Trial};
 use loadtwin_design::build::{self, Sensors};
 use loadtwin_design::gearbox::OperatingPoint;
 use loadtwin_machine::Machine;

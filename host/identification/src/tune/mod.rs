@@ -3,7 +3,6 @@
 mod differential_evolution;
 mod frequency_response;
 mod load_noise;
-mod measurement_noise;
 mod page;
 mod parameter_noise;
 mod pattern_search;
@@ -11,15 +10,15 @@ mod trial;
 
 use thiserror::Error;
 
-pub use differential_evolution::Evolution;
-pub use frequency_response::{FrequencyResponse, Weighting};
-pub use load_noise::{LoadNoise, Method, Tuned, common_walk, tune_loads};
-pub use measurement_noise::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
-pub use page::page;
-pub use parameter_noise::sampled_process_noise;
-pub use pattern_search::pattern_search;
-pub(crate) use trial::starts;
-pub use trial::{Outcome, Trial};
+pub use crate::calibrate::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
+pub use crate::tune::differential_evolution::Evolution;
+pub use crate::tune::frequency_response::{FrequencyResponse, Weighting};
+pub use crate::tune::load_noise::{LoadNoise, Method, Tuned, common_walk, tune_loads};
+pub use crate::tune::page::page;
+pub use crate::tune::parameter_noise::sampled_process_noise;
+pub use crate::tune::pattern_search::pattern_search;
+pub(crate) use crate::tune::trial::starts;
+pub use crate::tune::trial::{Outcome, Trial};
 
 use crate::calibrate::CalibrateError;
 use loadtwin_design::build::BuildError;

@@ -1,6 +1,6 @@
 //! The page on a tuning: what the filter will pass, and the noise it assumes.
 
-use super::{MeasurementNoise, NOISE_BINS, Tuned};
+use crate::tune::{MeasurementNoise, NOISE_BINS, Tuned};
 use loadtwin_machine::Machine;
 use loadtwin_report::{Axis, Data, Limit, Plot, PlotSize, Report, Role, Section, Series, Table};
 

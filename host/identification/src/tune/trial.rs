@@ -7,7 +7,7 @@ use loadtwin_common::image::{Image, Model};
 use loadtwin_common::line::Line;
 use loadtwin_common::raw::RawSample;
 
-use super::TuneError;
+use crate::tune::TuneError;
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_replay::{ReplayError, Samples};

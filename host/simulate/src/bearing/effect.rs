@@ -2,8 +2,8 @@
 
 use std::str::FromStr;
 
-use super::super::SimulateError;
-use super::plant::Individual;
+use crate::SimulateError;
+use crate::bearing::plant::Individual;
 
 /// An effect at a strength.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -102,7 +102,7 @@ impl FromStr for BearingEffect {
 }
 
 impl BearingEffect {
-    pub(super) fn apply(&self, individual: &mut Individual) {
+    pub(crate) fn apply(&self, individual: &mut Individual) {
         if let Self::Preload(factor) = self {
             // Force goes with the approach to the power of 3/2.
             individual.preload *= factor.powf(2.0 / 3.0);
@@ -110,7 +110,7 @@ impl BearingEffect {
     }
 
     /// Factor on the preload's approach after `t` seconds.
-    pub(super) fn warming(&self, t: f64) -> f64 {
+    pub(crate) fn warming(&self, t: f64) -> f64 {
         match self {
             Self::WarmPreload(factor) => {
                 (1.0 + (factor - 1.0) * (1.0 - (-t / WARMING_S).exp())).powf(2.0 / 3.0)
@@ -119,7 +119,7 @@ impl BearingEffect {
         }
     }
 
-    pub(super) fn read(&self, gauge: usize, t: f64, speed: f64, strain: f64) -> f64 {
+    pub(crate) fn read(&self, gauge: usize, t: f64, speed: f64, strain: f64) -> f64 {
         match *self {
             Self::DeadGauge(i, from) if i == gauge && t >= from => 0.0,
             Self::LooseGauge(i, factor) if i == gauge => factor * strain,
@@ -128,7 +128,7 @@ impl BearingEffect {
         }
     }
 
-    pub(super) fn slip(&self) -> f64 {
+    pub(crate) fn slip(&self) -> f64 {
         match *self {
             Self::CageSlip(percent) => 0.01 * percent,
             _ => 0.0,

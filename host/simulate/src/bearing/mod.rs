@@ -1,7 +1,7 @@
 //! Recordings of a wheel bearing that is not there.
 
-mod course;
 mod effect;
+mod load_profile;
 mod plant;
 mod scenario;
 
@@ -9,18 +9,18 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use super::draw::Draw;
-use super::error::SimulateError;
-use super::recorder::{Recorder, Sampled, check_duration};
+use crate::bearing::plant::{Individual, Plant};
+use crate::bearing::scenario::Course;
+use crate::error::SimulateError;
+use crate::recorder::{Recorder, Sampled, check_duration};
+use crate::rng::Draw;
 use loadtwin_machine::{BEARING_LOADS, Bearing, Channel, Encoder, Machine, Reference, Senses};
 use loadtwin_recording::{OutputColumn, Unit};
-use plant::{Individual, Plant};
-use scenario::Course;
 
-pub use course::BearingCourse;
-use course::Driven;
-pub use effect::{BEARING_EFFECTS, BearingEffect};
-pub use scenario::BearingScenario;
+pub use crate::bearing::effect::{BEARING_EFFECTS, BearingEffect};
+pub use crate::bearing::load_profile::BearingCourse;
+use crate::bearing::load_profile::Driven;
+pub use crate::bearing::scenario::BearingScenario;
 
 /// Noise of a gauge [um/m] and of a reference, as part of its range.
 const STRAIN_NOISE: f64 = 0.8;

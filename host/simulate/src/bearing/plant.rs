@@ -21,7 +21,7 @@ const MOST_STEPS: usize = 20;
 
 /// An individual bearing in its seat.
 #[derive(Clone, Debug)]
-pub(super) struct Individual {
+pub(crate) struct Individual {
     balls: usize,
     ball_over_pitch: f64,
     /// Radius of the inner groove's centre [mm].
@@ -30,22 +30,22 @@ pub(super) struct Individual {
     groove: f64,
     angle: f64,
     /// [kN/um^1.5].
-    pub(super) stiffness: f64,
+    pub(crate) stiffness: f64,
     /// [um].
-    pub(super) preload: f64,
+    pub(crate) preload: f64,
     /// [um/kN], over both rows.
     compliance: Mat<f64>,
     /// Where each ball is off its place in the cage [rad], and its excess diameter [um].
     scatter: [Vec<(f64, f64)>; 2],
-    pub(super) gauges: Vec<Gauge>,
+    pub(crate) gauges: Vec<Gauge>,
 }
 
 /// How one gauge answers.
 #[derive(Clone, Debug)]
-pub(super) struct Gauge {
+pub(crate) struct Gauge {
     azimuth: f64,
     /// Peak of the strain by a ball under the gauge, for each row [um/m / kN].
-    pub(super) gain: [f64; 2],
+    pub(crate) gain: [f64; 2],
     width: f64,
     skew: f64,
     angle_slope: f64,
@@ -53,13 +53,13 @@ pub(super) struct Gauge {
     /// Bending strain by a shape [um/m / um / (k^2 - 1)].
     bending: f64,
     /// Bulk strain by the loads [um/m / kN] and by the square of the moment.
-    pub(super) bulk: [f64; 5],
+    pub(crate) bulk: [f64; 5],
     square: f64,
 }
 
 impl Individual {
     /// `road`: seated in a vehicle instead of the rig.
-    pub(super) fn draw(bearing: &Bearing, rng: &mut ChaCha8Rng, road: bool) -> Self {
+    pub(crate) fn draw(bearing: &Bearing, rng: &mut ChaCha8Rng, road: bool) -> Self {
         let mut normal = move || rng.sample::<f64, _>(StandardNormal).clamp(-2.5, 2.5);
         let balls = usize::from(bearing.balls);
         let angle = (bearing.contact_angle_deg + 0.5 * normal()).to_radians();
@@ -167,7 +167,7 @@ struct Place {
 }
 
 /// A bearing that turns under load, always in equilibrium.
-pub(super) struct Plant {
+pub(crate) struct Plant {
     individual: Individual,
     /// Preload's approach of the cold bearing [um].
     preload_cold: f64,
@@ -192,7 +192,7 @@ fn shapes(psi: f64) -> [f64; SHAPES] {
 }
 
 impl Plant {
-    pub(super) fn new(individual: Individual, cage: [f64; 2], loads: [f64; 5]) -> Self {
+    pub(crate) fn new(individual: Individual, cage: [f64; 2], loads: [f64; 5]) -> Self {
         let n = 2 * SHAPES;
         let stiffness = match individual.compliance.llt(Side::Lower) {
             Ok(factor) => factor.solve(Mat::<f64>::identity(n, n)),
@@ -329,7 +329,7 @@ impl Plant {
 
     /// One sample further: the wheel has turned by `turned` [rad], the cages have slipped
     /// by `slip`, relative.
-    pub(super) fn advance(&mut self, turned: f64, slip: [f64; 2], loads: [f64; 5]) {
+    pub(crate) fn advance(&mut self, turned: f64, slip: [f64; 2], loads: [f64; 5]) {
         for row in 0..2 {
             let (mut sum, mut weight) = (0.0, 1e-9);
             for ball in self.balls.iter().filter(|ball| ball.row == row) {
@@ -343,12 +343,12 @@ impl Plant {
     }
 
     /// Sets the factor on the preload's approach.
-    pub(super) fn warm(&mut self, factor: f64) {
+    pub(crate) fn warm(&mut self, factor: f64) {
         self.individual.preload = self.preload_cold * factor;
     }
 
     /// Strain at each gauge [um/m].
-    pub(super) fn strains(&self) -> Vec<f64> {
+    pub(crate) fn strains(&self) -> Vec<f64> {
         let ind = &self.individual;
         (ind.gauges.iter())
             .map(|gauge| {

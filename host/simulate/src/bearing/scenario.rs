@@ -5,9 +5,9 @@ use std::f64::consts::{PI, TAU};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::super::SimulateError;
-use super::super::scenario::Waves;
-use super::course::Driven;
+use crate::SimulateError;
+use crate::bearing::load_profile::Driven;
+use crate::scenario::Waves;
 
 /// A load case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -92,7 +92,7 @@ impl BearingScenario {
 }
 
 /// A scenario with its random numbers drawn.
-pub(super) struct Course {
+pub(crate) struct Course {
     scenario: BearingScenario,
     duration: f64,
     waves: [Waves; 5],
@@ -101,7 +101,7 @@ pub(super) struct Course {
 }
 
 impl Course {
-    pub(super) fn new(scenario: BearingScenario, duration: f64, rng: &mut ChaCha8Rng) -> Self {
+    pub(crate) fn new(scenario: BearingScenario, duration: f64, rng: &mut ChaCha8Rng) -> Self {
         let (lowest, highest) = match scenario {
             BearingScenario::Calibration => (0.02, 1.0),
             _ => (0.3, 8.0),

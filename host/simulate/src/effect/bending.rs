@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use rand::RngExt;
 
-use super::{Apply, Effect, Scope};
+use crate::effect::{Apply, Effect, Scope};
 use crate::gauge::{Disturbance, Moment};
 use crate::scenario::Waves;
 
@@ -12,7 +12,7 @@ use crate::scenario::Waves;
 /// and what varies below 0.5 Hz.
 ///
 /// Its signs are not those of torque: it is symmetric where torque is not.
-pub(super) const BENDING: Effect = Effect {
+pub(crate) const BENDING: Effect = Effect {
     name: "bending-load",
     typical: "a load below 0.5 Hz that each channel reads as 5 % of nominal (standard deviation)",
     apply: Apply::Gauges(Scope::Every, |gauges, dose| {

@@ -1,10 +1,10 @@
 //! A channel that lags behind the others.
 
-use super::{Apply, Effect, Scope};
+use crate::effect::{Apply, Effect, Scope};
 use crate::gauge::Delay;
 
 /// `y(t) = reading(t - 20 ms s)`.
-pub(super) const DELAY: Effect = Effect {
+pub(crate) const DELAY: Effect = Effect {
     name: "channel-delay",
     typical: "one channel comes 20 ms late",
     apply: Apply::Gauges(Scope::One, |gauges, dose| {

@@ -3,7 +3,7 @@
 use rand::RngExt;
 use rand_distr::StandardNormal;
 
-use super::{Apply, Dose, Effect, Scope};
+use crate::effect::{Apply, Dose, Effect, Scope};
 use crate::gauge::{Creep, Disturbance, Gauge, Moment};
 
 /// `dz/dt = (amplitude level - z) / 30 s`, added to each channel of the group
@@ -13,7 +13,7 @@ use crate::gauge::{Creep, Disturbance, Gauge, Moment};
 /// 40 micrometre/m at nominal load: 5 micrometre/m in the end.
 ///
 /// Source: Bosmans et al. 2023, section 6.2.3.
-pub(super) const CREEP: Effect = Effect {
+pub(crate) const CREEP: Effect = Effect {
     name: "gauge-creep",
     typical: "12 % of the group's mean reading at nominal load in the end, 30 s time constant",
     apply: Apply::Gauges(Scope::WeakestGroup, |gauges, dose| {
@@ -32,7 +32,7 @@ pub(super) const CREEP: Effect = Effect {
 };
 
 /// `coefficient (T - T0)` on each channel.
-pub(super) const THERMAL: Effect = Effect {
+pub(crate) const THERMAL: Effect = Effect {
     name: "thermal-drift",
     typical: "2 % of the mean reading at nominal load per kelvin",
     apply: Apply::Gauges(Scope::Every, thermal),

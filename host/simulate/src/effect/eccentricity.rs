@@ -4,10 +4,10 @@ use std::f64::consts::TAU;
 
 use rand::RngExt;
 
-use super::{Apply, Effect};
+use crate::effect::{Apply, Effect};
 
 /// `0.002 rad s cos(angle - phase)` on the angle that one encoder counts.
-pub(super) const ECCENTRICITY: Effect = Effect {
+pub(crate) const ECCENTRICITY: Effect = Effect {
     name: "encoder-eccentricity",
     typical: "the first encoder errs by 2 mrad once per turn",
     apply: Apply::Encoder(|encoder, dose| {

@@ -1,10 +1,10 @@
 //! Friction on the carrier's bearings and in the meshes.
 
-use super::{Apply, Effect};
 use crate::chain::Presliding;
+use crate::effect::{Apply, Effect};
 
 /// `torque sign(w)` on the first inertia.
-pub(super) const COULOMB: Effect = Effect {
+pub(crate) const COULOMB: Effect = Effect {
     name: "coulomb-friction",
     typical: "2 % of nominal torque on the first inertia",
     apply: Apply::Drivetrain(|chain, dose| {
@@ -14,7 +14,7 @@ pub(super) const COULOMB: Effect = Effect {
 };
 
 /// `torque exp(-(w/ws)^2) sign(w)`, `ws` 5 % of nominal speed.
-pub(super) const STRIBECK: Effect = Effect {
+pub(crate) const STRIBECK: Effect = Effect {
     name: "stribeck-friction",
     typical: "4 % of nominal torque at standstill, fading over 5 % of nominal speed",
     apply: Apply::Drivetrain(|chain, dose| {
@@ -24,7 +24,7 @@ pub(super) const STRIBECK: Effect = Effect {
 };
 
 /// `c w` on the first inertia.
-pub(super) const VISCOUS: Effect = Effect {
+pub(crate) const VISCOUS: Effect = Effect {
     name: "viscous-friction",
     typical: "2 % of nominal torque at nominal speed on the first inertia",
     apply: Apply::Drivetrain(|chain, dose| {
@@ -35,7 +35,7 @@ pub(super) const VISCOUS: Effect = Effect {
 };
 
 /// Each mesh loses a part of the torque that it carries.
-pub(super) const LOAD_DEPENDENT: Effect = Effect {
+pub(crate) const LOAD_DEPENDENT: Effect = Effect {
     name: "load-friction",
     typical: "each mesh loses 2 % of its torque",
     apply: Apply::Drivetrain(|chain, dose| {
@@ -47,7 +47,7 @@ pub(super) const LOAD_DEPENDENT: Effect = Effect {
 };
 
 /// Dahl's model on the first inertia: friction that builds up over an angle.
-pub(super) const PRESLIDING: Effect = Effect {
+pub(crate) const PRESLIDING: Effect = Effect {
     name: "presliding-hysteresis",
     typical: "Dahl friction of 2 % of nominal torque on the first inertia",
     apply: Apply::Drivetrain(|chain, dose| {

@@ -3,11 +3,11 @@
 use rand::RngExt;
 use rand_distr::StandardNormal;
 
-use super::{Apply, Dose, Effect, Scope};
+use crate::effect::{Apply, Dose, Effect, Scope};
 use crate::gauge::{Disturbance, Moment};
 
 /// A zero that is not the one described.
-pub(super) const OFFSET: Effect = Effect {
+pub(crate) const OFFSET: Effect = Effect {
     name: "gauge-offset",
     typical: "standard deviation of 0.5 % of the reading at nominal load",
     apply: Apply::Gauges(Scope::Every, |gauges, dose| {
@@ -19,7 +19,7 @@ pub(super) const OFFSET: Effect = Effect {
 };
 
 /// A gain that is not the one described: gauge factor, lead resistance.
-pub(super) const GAIN: Effect = Effect {
+pub(crate) const GAIN: Effect = Effect {
     name: "gain-error",
     typical: "one channel reads 5 % too much or too little",
     apply: Apply::Gauges(Scope::One, |gauges, dose| {
@@ -30,7 +30,7 @@ pub(super) const GAIN: Effect = Effect {
 };
 
 /// A gain that changes with temperature.
-pub(super) const THERMAL: Effect = Effect {
+pub(crate) const THERMAL: Effect = Effect {
     name: "thermal-gain",
     typical: "the reading of each channel changes by 2 % per kelvin",
     apply: Apply::Gauges(Scope::Every, |gauges, dose| {

@@ -1,30 +1,30 @@
 //! What the plant has and the estimator's model lacks, one effect a file.
 
 mod bending;
+mod data_faults;
 mod delay;
 mod drift;
 mod eccentricity;
 mod friction;
 mod gain;
-mod mains;
+mod mains_interference;
 mod order;
 mod parameters;
 mod peak;
 mod position;
 mod shape;
-mod step;
+mod sudden_change;
 mod torsion;
-mod word;
 
 use std::str::FromStr;
 
 use rand::RngExt;
 
-use super::SimulateError;
-use super::chain::Chain;
-use super::draw::Draw;
-use super::encoder::Encoder;
-use super::gauge::Gauge;
+use crate::SimulateError;
+use crate::chain::Chain;
+use crate::encoder::Encoder;
+use crate::gauge::Gauge;
+use crate::rng::Draw;
 use loadtwin_machine::Machine;
 
 /// An effect of the plant that a recording does not declare.
@@ -89,13 +89,13 @@ pub static EFFECTS: &[Effect] = &[
     bending::BENDING,
     shape::NONLINEARITY,
     delay::DELAY,
-    step::STEP,
-    step::DEBONDING,
-    step::BURSTS,
-    mains::PICK_UP,
-    word::DROPPED_BITS,
-    word::STUCK,
-    word::MISSING,
+    sudden_change::STEP,
+    sudden_change::DEBONDING,
+    sudden_change::BURSTS,
+    mains_interference::PICK_UP,
+    data_faults::DROPPED_BITS,
+    data_faults::STUCK,
+    data_faults::MISSING,
     eccentricity::ECCENTRICITY,
 ];
 
@@ -194,7 +194,7 @@ impl FromStr for Applied {
 }
 
 /// The machine that is simulated, as far as effects change it.
-pub(super) struct Individual {
+pub(crate) struct Individual {
     pub chain: Chain,
     pub gauges: Vec<Gauge>,
     pub encoders: Vec<Encoder>,
@@ -202,7 +202,7 @@ pub(super) struct Individual {
 
 impl Applied {
     /// Changes `individual`; one of strength 0 changes nothing at all.
-    pub(super) fn apply(
+    pub(crate) fn apply(
         &self,
         individual: &mut Individual,
         machine: &Machine,
@@ -258,7 +258,7 @@ impl Applied {
     }
 
     /// Names the random numbers of this effect.
-    pub(super) fn purpose(&self) -> String {
+    pub(crate) fn purpose(&self) -> String {
         format!(
             "effect {}@{}",
             self.effect.name,

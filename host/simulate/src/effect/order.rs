@@ -4,11 +4,11 @@ use std::f64::consts::TAU;
 
 use rand::RngExt;
 
-use super::{Apply, Effect, Scope};
+use crate::effect::{Apply, Effect, Scope};
 use crate::gauge::{Disturbance, Moment};
 
 /// `0.03 s span level cos(order angle + phase)` on each channel.
-pub(super) const CARRIER_ORDER: Effect = Effect {
+pub(crate) const CARRIER_ORDER: Effect = Effect {
     name: "carrier-order",
     typical: "3 % of the reading at nominal load over the carrier angle, order 1 to 6",
     apply: Apply::Gauges(Scope::Every, |gauges, dose| {
@@ -26,7 +26,7 @@ pub(super) const CARRIER_ORDER: Effect = Effect {
 /// Planets that carry unequal parts: peaks differ from planet to planet,
 ///
 /// `reading (1 + 0.05 s cos(angle - peak - planet 2 pi / 3))`.
-pub(super) const PLANET_SHARING: Effect = Effect {
+pub(crate) const PLANET_SHARING: Effect = Effect {
     name: "planet-sharing",
     typical: "one planet carries 5 % more than the mean, the others in proportion less",
     apply: Apply::Gauges(Scope::Intermittent, |gauges, dose| {

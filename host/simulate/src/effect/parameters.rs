@@ -3,13 +3,13 @@
 use rand::RngExt;
 use rand_distr::StandardNormal;
 
-use super::{Acted, Apply, Dose, Effect};
 use crate::chain::Chain;
+use crate::effect::{Acted, Apply, Dose, Effect};
 
 /// Each inertia, stiffness, damping and drag times `1 + 0.1 s n`, `n` normal.
 ///
 /// Source: Bosmans et al. 2023, section 5.3.2.
-pub(super) const SPREAD: Effect = Effect {
+pub(crate) const SPREAD: Effect = Effect {
     name: "parameter-spread",
     typical: "standard deviation of 10 % on each inertia, stiffness, damping and drag",
     apply: Apply::Drivetrain(apply),

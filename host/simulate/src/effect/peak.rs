@@ -1,11 +1,11 @@
 //! Peaks that a model with point loads overestimates.
 
-use super::{Apply, Effect, Scope};
+use crate::effect::{Apply, Effect, Scope};
 
 /// The peaks of the map are lower and wider, with the same mean.
 ///
 /// Source: Bosmans et al. 2023, section 4.2 (distributed contact).
-pub(super) const OVERESTIMATED: Effect = Effect {
+pub(crate) const OVERESTIMATED: Effect = Effect {
     name: "peak-overestimated",
     typical: "peaks over the carrier angle are 10 % lower and in proportion wider",
     apply: Apply::Gauges(Scope::Intermittent, |gauges, dose| {

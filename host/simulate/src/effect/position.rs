@@ -3,14 +3,14 @@
 use rand::RngExt;
 use rand_distr::StandardNormal;
 
-use super::{Apply, Dose, Effect, Scope};
+use crate::effect::{Apply, Dose, Effect, Scope};
 use crate::gauge::Gauge;
 
 /// The map is turned by `0.5 degrees s n` (6 mm on a ring gear of 1.4 m) and
 /// scaled by `1 + 0.02 s n'`, `n` and `n'` normal.
 ///
 /// Source: Bosmans et al. 2023, section 4.2 (patch of candidate positions).
-pub(super) const POSITION: Effect = Effect {
+pub(crate) const POSITION: Effect = Effect {
     name: "gauge-position",
     typical: "standard deviation of 0.5 degrees around the carrier, and of 2 % on the response",
     apply: Apply::Gauges(Scope::Every, apply),

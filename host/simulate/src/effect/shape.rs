@@ -2,10 +2,10 @@
 
 use rand::RngExt;
 
-use super::{Apply, Effect, Scope};
+use crate::effect::{Apply, Effect, Scope};
 
 /// `map s (1 + 0.05 strength s / nominal)` on each channel, of one sign.
-pub(super) const NONLINEARITY: Effect = Effect {
+pub(crate) const NONLINEARITY: Effect = Effect {
     name: "strain-nonlinearity",
     typical: "the response of each channel changes by 5 % from no load to nominal load",
     apply: Apply::Gauges(Scope::Every, |gauges, dose| {

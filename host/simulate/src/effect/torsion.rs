@@ -4,11 +4,11 @@ use std::f64::consts::TAU;
 
 use rand::RngExt;
 
-use super::{Acted, Apply, Dose, Effect};
 use crate::chain::{Chain, Ripple};
+use crate::effect::{Acted, Apply, Dose, Effect};
 
 /// A dead zone in the mesh of every shaft, 20 % of its twist at nominal torque.
-pub(super) const BACKLASH: Effect = Effect {
+pub(crate) const BACKLASH: Effect = Effect {
     name: "backlash",
     typical: "play of 20 % of the twist at nominal torque in each mesh",
     apply: Apply::Drivetrain(|chain, dose| {
@@ -21,7 +21,7 @@ pub(super) const BACKLASH: Effect = Effect {
 };
 
 /// Stiffness of each mesh times `1 + 0.02 s cos(99 angle)`.
-pub(super) const MESH_STIFFNESS: Effect = Effect {
+pub(crate) const MESH_STIFFNESS: Effect = Effect {
     name: "mesh-stiffness",
     typical: "stiffness of each mesh varies by 2 % with every tooth",
     apply: Apply::Drivetrain(|chain, dose| {
@@ -33,14 +33,14 @@ pub(super) const MESH_STIFFNESS: Effect = Effect {
 };
 
 /// `0.01 s nominal cos(order angle + phase)` on the last inertia (cogging).
-pub(super) const RIPPLE: Effect = Effect {
+pub(crate) const RIPPLE: Effect = Effect {
     name: "torque-ripple",
     typical: "torque of 1 % of nominal over the shaft angle, order 6 to 24",
     apply: Apply::Drivetrain(ripple),
 };
 
 /// The gear between shaft and mesh carries 20 % of its smaller neighbour's inertia.
-pub(super) const RESONANCE: Effect = Effect {
+pub(crate) const RESONANCE: Effect = Effect {
     name: "torsional-resonance",
     typical: "a gear with 20 % of its smaller neighbour's inertia in the first shaft",
     apply: Apply::Drivetrain(|chain, dose| {

@@ -1,7 +1,7 @@
 //! The plant against what follows by hand.
 
-use super::super::chain::Shaft;
-use super::*;
+use crate::chain::Shaft;
+use crate::plant::*;
 
 fn two(gear: f64, backlash: f64) -> Plant {
     let body = |inertia| Body {

@@ -17,10 +17,10 @@ use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
 use loadtwin_common::unscented::Unscented;
 use nalgebra::{Matrix6, RowVector6, SVector, Vector6};
 
-use super::load_model::{Contact, Displacement, LoadModel, Ring, shapes};
-use super::strain_model::{CUTOFF, StrainModel};
-use super::{ESTIMATED, Loads};
-use crate::build::BuildError;
+use crate::bearing::baseline::load_model::{Contact, Displacement, LoadModel, Ring, shapes};
+use crate::bearing::baseline::strain_model::{CUTOFF, StrainModel};
+use crate::bearing::baseline::{ESTIMATED, Loads};
+use crate::error::BuildError;
 use loadtwin_machine::{Bearing, Machine};
 
 /// Random walk of the frequency of ball passing [rad/s/sqrt(s)] and of a contact's load [kN/sqrt(s)].
@@ -49,7 +49,7 @@ const STEADY: f64 = 0.01;
 const STATES: usize = 3 * ROWS;
 
 /// The cascade, sample by sample.
-pub(super) struct Cascade {
+pub(crate) struct Cascade {
     strain: Vec<StrainModel>,
     load: LoadModel,
     dt_s: f64,
@@ -100,7 +100,7 @@ impl Wheel {
 }
 
 impl Cascade {
-    pub(super) fn try_new(
+    pub(crate) fn try_new(
         machine: &Machine,
         bearing: &Bearing,
         strain: &[StrainModel],
@@ -134,7 +134,7 @@ impl Cascade {
 
     /// Loads [ranges] by the strains [um/m] and the wheel's angle [rad], while the wheel turns fast
     /// enough; `known`: loads that it is told at a start [N, N m], as it cannot tell the rows apart.
-    pub(super) fn step(
+    pub(crate) fn step(
         &mut self,
         strain: &[f64; GAUGES],
         angle: f64,

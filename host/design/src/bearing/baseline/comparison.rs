@@ -5,11 +5,11 @@ use loadtwin_common::butterworth::{Butterworth, ButterworthState};
 use loadtwin_common::estimate::Estimate;
 use serde::Serialize;
 
-use super::cascade::Cascade;
-use super::regression::RegressionRun;
-use super::{ESTIMATED, Loads, OUT};
 use crate::bearing::Calibration;
-use crate::build::BuildError;
+use crate::bearing::baseline::cascade::Cascade;
+use crate::bearing::baseline::regression::RegressionRun;
+use crate::bearing::baseline::{ESTIMATED, Loads, OUT};
+use crate::error::BuildError;
 use loadtwin_machine::{Bearing, Machine};
 
 /// What is compared.

@@ -6,8 +6,8 @@ use loadtwin_common::bearing::contact::Geometry;
 use loadtwin_common::bearing::{LOADS, ROWS};
 use nalgebra::{SMatrix, SVector};
 
-use super::super::physical::{Physical, geometry};
-use crate::build::BuildError;
+use crate::bearing::physical_parameters::{PhysicalParameters, geometry};
+use crate::error::BuildError;
 use loadtwin_machine::{Bearing, SHAPES};
 
 /// Displacement of the inner ring `(dx, dy, dz, R gx, R gz)` [um].
@@ -39,7 +39,7 @@ impl LoadModel {
     pub fn try_new(bearing: &Bearing) -> Result<Self, BuildError> {
         let compliance = &bearing.compliance_um_per_kn;
         Ok(Self {
-            geometry: geometry(bearing, &Physical::default())?,
+            geometry: geometry(bearing, &PhysicalParameters::default())?,
             compliance: SMatrix::from_fn(|i, j| compliance[i][j]),
             coupling: bearing.row_coupling,
         })

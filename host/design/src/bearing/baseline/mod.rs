@@ -10,13 +10,13 @@ mod strain_model;
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 
-pub use comparison::{Comparison, METHODS, PUBLISHED, Rmse};
-pub use regression::Regression;
-pub use strain_model::StrainModel;
+pub use crate::bearing::baseline::comparison::{Comparison, METHODS, PUBLISHED, Rmse};
+pub use crate::bearing::baseline::regression::Regression;
+pub use crate::bearing::baseline::strain_model::StrainModel;
 
-use super::fit::{Rig, RigSample};
-use super::follow::Known;
-use crate::build::BuildError;
+use crate::bearing::phase_tracking::CalibrationBlock;
+use crate::bearing::rig_fit::{Rig, RigSample};
+use crate::error::BuildError;
 
 /// Loads that the paper's algorithms estimate, as places among all five: the axial force is
 /// not among them.
@@ -41,10 +41,10 @@ impl Baseline {
     ///
     /// # Errors
     /// When the description makes no geometry.
-    pub(super) fn fit(
+    pub(crate) fn fit(
         rig: &Rig<'_>,
         samples: &[RigSample],
-        known: &[Known],
+        known: &[CalibrationBlock],
     ) -> Result<Self, BuildError> {
         Ok(Self {
             regression: Regression::fit(rig, samples)?,

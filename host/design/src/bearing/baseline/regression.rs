@@ -5,9 +5,9 @@ use loadtwin_common::butterworth::{Butterworth, ButterworthState};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
-use super::super::fit::{Rig, RigSample};
-use super::{ESTIMATED, Loads, OUT};
-use crate::build::BuildError;
+use crate::bearing::baseline::{ESTIMATED, Loads, OUT};
+use crate::bearing::rig_fit::{Rig, RigSample};
+use crate::error::BuildError;
 
 /// Cut-off of the low-pass that leaves the bulk strain [Hz].
 const CUTOFF_HZ: f32 = 10.0;
@@ -49,7 +49,7 @@ impl Regression {
     ///
     /// Without an intercept the offset has to supply it, so that it is fitted along: `beta` is
     /// linear for each offset, which descends by Gauss and Newton on what that leaves.
-    pub(super) fn fit(rig: &Rig<'_>, samples: &[RigSample]) -> Result<Self, BuildError> {
+    pub(crate) fn fit(rig: &Rig<'_>, samples: &[RigSample]) -> Result<Self, BuildError> {
         Ok(Self::descend(&rows(rig, samples)?))
     }
 
@@ -219,7 +219,7 @@ impl BulkFilter {
 }
 
 /// The regression, sample by sample.
-pub(super) struct RegressionRun {
+pub(crate) struct RegressionRun {
     model: Regression,
     filter: BulkFilter,
     offset: Option<Strain>,
@@ -231,7 +231,7 @@ pub(super) struct RegressionRun {
 }
 
 impl RegressionRun {
-    pub(super) fn try_new(model: &Regression, rate_hz: f64) -> Result<Self, BuildError> {
+    pub(crate) fn try_new(model: &Regression, rate_hz: f64) -> Result<Self, BuildError> {
         Ok(Self {
             model: model.clone(),
             filter: BulkFilter::try_new(rate_hz)?,
@@ -245,7 +245,7 @@ impl RegressionRun {
 
     /// Loads [ranges] by the strains [um/m], once the thermal offset is set: by the first half
     /// second's loads, as the paper sets it where loads are known to be none.
-    pub(super) fn step(&mut self, strain: &[f64; GAUGES], reference: &Loads) -> Option<Loads> {
+    pub(crate) fn step(&mut self, strain: &[f64; GAUGES], reference: &Loads) -> Option<Loads> {
         let bulk = self.filter.step(&Strain::from(*strain));
         if self.offset.is_none() {
             self.strain += bulk;

@@ -8,11 +8,11 @@ use loadtwin_common::bearing::{BASIS, GAUGES, ROWS};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
-use super::super::fit::Rig;
-use super::super::follow::Known;
-use super::super::linear::features;
-use super::super::physical::Physical;
-use crate::build::BuildError;
+use crate::bearing::design_matrix::features;
+use crate::bearing::phase_tracking::CalibrationBlock;
+use crate::bearing::physical_parameters::PhysicalParameters;
+use crate::bearing::rig_fit::Rig;
+use crate::error::BuildError;
 
 /// Coefficients of the sensitivity, `N_p + 1`.
 const POWERS: usize = 4;
@@ -61,14 +61,19 @@ impl StrainModel {
 ///
 /// The bearing is taken as described, as the paper takes it; its gauges have 6 parameters each,
 /// where the paper lets front and rear share theirs.
-pub fn fit(rig: &Rig<'_>, known: &[Known]) -> Result<Vec<StrainModel>, BuildError> {
-    let features = features(rig, known.iter(), &Physical::default())?;
+pub fn fit(rig: &Rig<'_>, known: &[CalibrationBlock]) -> Result<Vec<StrainModel>, BuildError> {
+    let features = features(rig, known.iter(), &PhysicalParameters::default())?;
     Ok((0..GAUGES)
         .map(|g| fit_gauge(rig, known, &features, g))
         .collect())
 }
 
-fn fit_gauge(rig: &Rig<'_>, known: &[Known], features: &[Features], g: usize) -> StrainModel {
+fn fit_gauge(
+    rig: &Rig<'_>,
+    known: &[CalibrationBlock],
+    features: &[Features],
+    g: usize,
+) -> StrainModel {
     let mut sensitivity = SVector::<f64, POWERS>::zeros();
     let mut harmonics = SVector::<f64, { 2 * HARMONICS }>::from([1.0, 0.0, 0.35, 0.0]);
     for _ in 0..TURNS {
@@ -102,7 +107,7 @@ fn fit_gauge(rig: &Rig<'_>, known: &[Known], features: &[Features], g: usize) ->
 /// Shows each reading of local strain, and by what products of harmonics and powers it is made.
 fn each_reading(
     rig: &Rig<'_>,
-    known: &[Known],
+    known: &[CalibrationBlock],
     features: &[Features],
     g: usize,
     mut each: impl FnMut(&SMatrix<f64, { 2 * HARMONICS }, POWERS>, f64),

@@ -1,0 +1,18 @@
+//! The image's payload.
+
+use loadtwin_common::image::{Image, Model, VERSION};
+
+use crate::error::BuildError;
+use loadtwin_machine::Machine;
+
+/// The image's payload for `machine` with its `model`.
+pub(crate) fn packed(machine: &Machine, model: Model<'_>) -> Result<Vec<u8>, BuildError> {
+    let image = Image {
+        version: VERSION,
+        machine: &machine.name,
+        rate_hz: machine.rate_hz as f32,
+        can_base: machine.can_base,
+        model,
+    };
+    postcard::to_stdvec(&image).map_err(|_| BuildError::TooLarge("the image"))
+}
