@@ -183,8 +183,8 @@ fn every_fault_gets_one_line_with_its_place() {
         ),
         (
             "t [ms],ta1 [µm/m]\n0,1\n2,2\n4,2\n8,2\n10,2\n",
-            "row 4 (line 5): gap of 0.004000 s after t = 0.004 s; allowed: 0.003000 s at the \
-             sample period of 0.002000 s (`largest_gap` under [recording] allows more)",
+            "row 4 (line 5): gap of 0.004000 s after t = 0.004 s: 1 samples are missing; allowed: 0 \
+             at the sample period of 0.002000 s (`largest_gap` under [recording] allows more)",
         ),
         (
             "t [s],ta1 [µm/m]\n0,1,7\n1,2\n",
@@ -456,7 +456,7 @@ fn measured_axis_and_slow_turn() {
         assert_eq!((columns[0][0], columns[1][0]), (7.45e-6, 2.538_628_1));
     }
     if let Some(folder) = measured("direct-drive-motor") {
-        let layout = "skip_lines = 1\nlargest_gap = 5\n\
+        let layout = "skip_lines = 1\nlargest_gap = 5\ntiming = 'free'\n\
                       columns = ['t [s]', 'position [counts]', 'i [A]']";
         let want = [wanted("position", "counts"), wanted("i", "A")];
         let (period, t, _) = read_measured(&folder.join("slow-turn-0.csv"), layout, &want);

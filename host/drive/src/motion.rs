@@ -6,7 +6,7 @@ use crate::BalanceError;
 use crate::outliers;
 use crate::savitzky_golay::Smoother;
 use loadtwin_machine::{Balance, Machine, Regime, Signal};
-use loadtwin_recording::{Reader, Wanted};
+use loadtwin_recording::{Reader, Timing, Wanted};
 
 /// Motion is smoothed this many times less than what is explained by it, so that
 /// friction at a reversal is not smoothed twice.
@@ -68,7 +68,10 @@ impl Motion {
                 required: true,
             })
             .collect();
-        let reader = Reader::open(path, &machine.recording, &wanted)?;
+        let mut reader = Reader::open(path, &machine.recording, &wanted)?;
+        if machine.recording.timing == Timing::Resample {
+            reader = reader.expect_period(1.0 / machine.rate_hz)?;
+        }
         let period_s = reader.period_s();
         let mut t = Vec::new();
         let mut columns = vec![Vec::new(); signals.len()];

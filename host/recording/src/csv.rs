@@ -59,7 +59,7 @@ impl Csv {
             row_period_s: None,
         };
         if let Some(period) = layout.row_period_ms {
-            csv.row_period_s = Some(f64::from(period.get()) * 1e-3);
+            csv.row_period_s = Some(period * 1e-3);
             csv.columns.push(Column::from_header("t [s]"));
         }
         Ok(csv)

@@ -176,8 +176,9 @@ pub enum Problem {
     },
     /// Samples are missing.
     #[error(
-        "{row}: gap of {gap_s:.6} s after t = {before} s; allowed: {allowed_s:.6} s at the sample \
-         period of {period_s:.6} s (`largest_gap` under [recording] allows more)"
+        "{row}: gap of {gap_s:.6} s after t = {before} s: {missing} samples are missing; allowed: \
+         {allowed} at the sample period of {period_s:.6} s (`largest_gap` under [recording] allows \
+         more)"
     )]
     Gap {
         /// Row after the gap.
@@ -186,8 +187,43 @@ pub enum Problem {
         before: f64,
         /// From one row to the next, s.
         gap_s: f64,
-        /// Longest step allowed, s.
-        allowed_s: f64,
+        /// Samples that the clock of the recording took in between.
+        missing: u64,
+        /// Most samples that may be missing in a row.
+        allowed: u32,
+        /// Nominal step, s.
+        period_s: f64,
+    },
+    /// Two rows of one sample.
+    #[error(
+        "{row} at t = {t} s is not on the clock of the recording: {other} at t = {other_t} s falls \
+         on the same tick; allowed: one row every {period_s:.6} s, each less than half of that \
+         off ({RESAMPLE})"
+    )]
+    SameTick {
+        /// The row further from the tick.
+        row: Row,
+        /// Its time, s.
+        t: f64,
+        /// The other.
+        other: Row,
+        /// Its time, s.
+        other_t: f64,
+        /// Nominal step, s.
+        period_s: f64,
+    },
+    /// The clock's rate is not the same all along.
+    #[error(
+        "{row}: from t = {t} s on rows come every {found_s:.6} s, before every {period_s:.6} s; \
+         allowed: one sample period within 2 % ({RESAMPLE})"
+    )]
+    Rate {
+        /// First row where that shows.
+        row: Row,
+        /// Its time, s.
+        t: f64,
+        /// Step from there on, s.
+        found_s: f64,
         /// Nominal step, s.
         period_s: f64,
     },
@@ -229,6 +265,10 @@ pub enum Problem {
         found: String,
     },
 }
+
+/// How rows off the clock can be read.
+const RESAMPLE: &str = "`timing = \"resample\"` under [recording] brings rows onto the clock where \
+     their times are exact";
 
 /// What the time may be.
 pub(super) const FINITE_TIME: &str = "a finite number of the time unit";

@@ -2,6 +2,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::error::Problem;
 use super::unit::Unit;
 
 /// Layout of a recording, the table `[recording]` of a machine description.
@@ -9,7 +10,7 @@ use super::unit::Unit;
 /// The defaults read what `loadtwin` writes: comma-separated, `#` comments, a
 /// header `t [s],ta1 [µm/m],...`. Only the text format needs the first five
 /// fields; the other two hold for Parquet and MDF4 as well.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CsvLayout {
     /// Separator of the columns: one ASCII character, `,` unless given.
@@ -31,9 +32,29 @@ pub struct CsvLayout {
     /// are put in as rows without values, and the estimator flags them; a
     /// longer gap is an error.
     pub largest_gap: u32,
-    /// Time from row to row [ms], > 0, for text files without a time column; `columns`
-    /// then names none. Absent unless given.
-    pub row_period_ms: Option<std::num::NonZeroU32>,
+    /// Time from row to row [ms], above 0 up to 3.6e6, for text files without a time
+    /// column, such as 0.5 at 2 kHz; `columns` then names none. Absent unless given.
+    pub row_period_ms: Option<f64>,
+    /// What the times of the rows are: `clocked` unless given.
+    pub timing: Timing,
+}
+
+/// What the times of a recording's rows are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Timing {
+    /// Time stamps of samples that a clock took. A row belongs to the tick that
+    /// is nearest to its time; each tick has one row at most, less than half a
+    /// period off; ticks without a row are missing samples (`largest_gap`).
+    #[default]
+    Clocked,
+    /// Exact times of values that no common clock took, or another than the
+    /// estimator's: values are brought onto the ticks of the estimator, gauges
+    /// by a filter with its band, counts by interpolation, an index pulse as it is.
+    Resample,
+    /// Times of a loop without a clock, for a `[balance]`: each period counts from
+    /// the row before, and values stand at their times.
+    Free,
 }
 
 impl Default for CsvLayout {
@@ -47,6 +68,21 @@ impl Default for CsvLayout {
             written_nan: WrittenNan::Refuse,
             largest_gap: 0,
             row_period_ms: None,
+            timing: Timing::Clocked,
+        }
+    }
+}
+
+impl CsvLayout {
+    /// Refuses a row period that is no time.
+    pub(super) fn check(&self) -> Result<(), Problem> {
+        match self.row_period_ms {
+            Some(ms) if !(ms > 0.0 && ms <= 3.6e6) => Err(Problem::Layout {
+                field: "row_period_ms",
+                found: ms.to_string(),
+                allowed: "above 0, up to 3600000",
+            }),
+            _ => Ok(()),
         }
     }
 }
@@ -71,6 +107,22 @@ pub struct Wanted<'a> {
     pub unit: Unit,
     /// Whether a recording without it is refused.
     pub required: bool,
+}
+
+/// What a column is, where rows are brought onto other ticks.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Role {
+    /// A quantity with a value at any time, whose band a filter limits.
+    #[default]
+    Continuous,
+    /// A count or an angle: interpolated, never filtered.
+    Counts {
+        /// Values after which it begins anew; none where it does not.
+        modulus: Option<f64>,
+    },
+    /// An index pulse, handed out as written, whatever its unit: what matters is
+    /// the row in which it comes.
+    Pulse,
 }
 
 /// A column as the recording has it.

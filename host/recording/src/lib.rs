@@ -14,10 +14,12 @@
 
 mod csv;
 mod error;
+mod grid;
 mod layout;
 mod mdf;
 mod parquet;
 mod reader;
+mod resample;
 mod selection;
 mod source;
 mod unit;
@@ -25,7 +27,7 @@ mod writer;
 
 use error::clipped;
 pub use error::{Problem, RecordingError, Row};
-pub use layout::{Column, CsvLayout, Wanted, WrittenNan};
+pub use layout::{Column, CsvLayout, Role, Timing, Wanted, WrittenNan};
 pub use reader::{Block, Reader};
 pub use unit::{Conversion, Quantity, Unit, UnknownUnit};
 pub use writer::{OutputColumn, Writer};

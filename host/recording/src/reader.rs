@@ -1,13 +1,17 @@
 //! Reading a recording block by block.
 use std::path::{Path, PathBuf};
 
-use super::error::{Problem, RecordingError};
-use super::layout::{Column, CsvLayout, Wanted};
+use super::TIME;
+use super::error::{Problem, RecordingError, Row};
+use super::grid::{Gap, Grid, Misplaced};
+use super::layout::{Column, CsvLayout, Role, Timing, Wanted};
+use super::resample::Resampler;
 use super::selection::Selection;
 use super::source::{Format, Rows, Source};
 
-/// A step longer than this many sample periods is a gap.
-const GAP: f64 = 1.5;
+/// Time that no clock shows, 30 000 years [s]: nanoseconds since 1970 read as
+/// seconds are later.
+const LATEST_S: f64 = 1e12;
 
 /// Consecutive samples of a recording.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,15 +63,26 @@ pub struct Reader {
     columns: Vec<Column>,
     source: Source,
     selection: Selection,
-    period_s: f64,
+    timing: Timing,
+    /// Period by the description [s], where the caller has one.
+    expected_s: Option<f64>,
+    /// Ticks of the rows.
+    grid: Grid,
     largest_gap: u32,
     /// Rows read before `ahead`.
     rows_before: u64,
-    /// Rows put into gaps so far.
+    /// Rows put into gaps so far; of resampled rows all ticks.
     bridged: u64,
+    /// The row handed out last and its time.
+    last: Option<(Row, f64)>,
+    /// Time of the row read last.
     last_t: Option<f64>,
     /// The first rows, read to find the sample period.
     ahead: Option<Rows>,
+    /// Where rows are brought onto ticks, once they are.
+    resampler: Option<Resampler>,
+    /// Whether it has all rows.
+    all_read: bool,
     ended: bool,
 }
 
@@ -83,62 +98,103 @@ impl Reader {
         layout: &CsvLayout,
         wanted: &[Wanted<'_>],
     ) -> Result<Self, RecordingError> {
-        Self::try_open(path, layout, wanted).map_err(|problem| RecordingError {
+        Self::open_as(path, layout, wanted, &[])
+    }
+
+    /// As [`Reader::open`]; `roles`: what the wanted columns are, in their order.
+    ///
+    /// # Errors
+    /// As [`Reader::open`].
+    pub fn open_as(
+        path: &Path,
+        layout: &CsvLayout,
+        wanted: &[Wanted<'_>],
+        roles: &[Role],
+    ) -> Result<Self, RecordingError> {
+        Self::try_open(path, layout, wanted, roles).map_err(|problem| RecordingError {
             file: path.to_path_buf(),
             problem,
         })
     }
 
-    fn try_open(path: &Path, layout: &CsvLayout, wanted: &[Wanted<'_>]) -> Result<Self, Problem> {
+    fn try_open(
+        path: &Path,
+        layout: &CsvLayout,
+        wanted: &[Wanted<'_>],
+        roles: &[Role],
+    ) -> Result<Self, Problem> {
+        layout.check()?;
         let format = Format::open(path, layout, wanted)?;
-        let selection = Selection::try_new(format.columns(), wanted)?;
+        let selection = Selection::try_new(format.columns(), wanted, roles)?;
         let columns = format.columns().to_vec();
         let source = Source::start(format, selection.picks.clone())?;
-        let mut reader = Self {
+        let mut last_t = None;
+        let first = read_rows(&source, &selection, 0, &mut last_t)?;
+        let grid = match layout.timing {
+            Timing::Free => Grid::free(first.t()),
+            Timing::Clocked | Timing::Resample => Grid::of(first.t(), None)?,
+        };
+        let grid = grid.ok_or(Problem::TooShort {
+            found: first.t().len() as u64,
+        })?;
+        Ok(Self {
             file: path.to_path_buf(),
             columns,
             source,
             selection,
-            period_s: f64::NAN,
+            timing: layout.timing,
+            expected_s: None,
+            grid,
             largest_gap: layout.largest_gap,
             rows_before: 0,
             bridged: 0,
-            last_t: None,
-            ahead: None,
+            last: None,
+            last_t,
+            ahead: Some(first),
+            resampler: None,
+            all_read: false,
             ended: false,
-        };
-        let first = reader.read_rows()?;
-        let steps: Vec<f64> = first.t().windows(2).map(|t| t[1] - t[0]).collect();
-        reader.period_s = median(steps).ok_or(Problem::TooShort {
-            found: first.t().len() as u64,
-        })?;
-        reader.ahead = Some(first);
-        Ok(reader)
+        })
     }
 
-    /// Sets the nominal sample period, which is otherwise the median step of
-    /// the first block, s.
+    /// Sets the sample period that the description has, s; the first rows alone
+    /// say it otherwise. To be called before the first block.
     ///
     /// # Errors
-    /// [`Problem::Period`] when the median differs from it by more than 2 %.
+    /// [`Problem::Period`] when the rows come at another period, by more than
+    /// 2 %; [`Problem::Layout`] for rows without a clock.
     pub fn expect_period(mut self, period_s: f64) -> Result<Self, RecordingError> {
-        if ((self.period_s / period_s) - 1.0).abs() <= 0.02 {
-            self.period_s = period_s;
-            Ok(self)
-        } else {
-            Err(RecordingError {
-                problem: Problem::Period {
-                    found_s: self.period_s,
-                    allowed_s: period_s,
-                },
-                file: self.file,
-            })
+        self.set_period(period_s)
+            .map_err(|problem| RecordingError {
+                problem,
+                file: self.file.clone(),
+            })?;
+        Ok(self)
+    }
+
+    fn set_period(&mut self, period_s: f64) -> Result<(), Problem> {
+        self.expected_s = Some(period_s);
+        match (self.timing, &self.ahead) {
+            (Timing::Free, _) => Err(Problem::Layout {
+                field: "timing",
+                found: "\"free\"".into(),
+                allowed: "`clocked` or `resample` where samples follow at `rate_hz`; rows without \
+                    a clock only in a [balance]",
+            }),
+            (Timing::Clocked, Some(first)) => {
+                if let Some(grid) = Grid::of(first.t(), Some(period_s))? {
+                    self.grid = grid;
+                }
+                Ok(())
+            }
+            _ => Ok(()),
         }
     }
 
     /// Nominal time from one sample to the next, s.
     pub fn period_s(&self) -> f64 {
-        self.period_s
+        self.expected_s
+            .unwrap_or_else(|| self.grid.recording_period_s())
     }
 
     /// All columns of the recording, wanted or not, the time among them.
@@ -151,40 +207,84 @@ impl Reader {
         self.source.progress()
     }
 
-    /// Reads rows, converts them, and refuses time that runs backwards.
-    fn read_rows(&mut self) -> Result<Rows, Problem> {
-        let mut rows = self.source.next()?;
-        self.selection.time.apply_to(&mut rows.columns[Rows::TIME]);
-        let mut before = self.last_t.unwrap_or(f64::NEG_INFINITY);
-        for (i, &found) in rows.t().iter().enumerate() {
-            if found <= before {
-                return Err(Problem::Backwards {
-                    row: rows.place(self.rows_before, i),
-                    before,
-                    found,
-                });
-            }
-            before = found;
+    fn next_rows(&mut self) -> Result<Rows, Problem> {
+        match self.ahead.take() {
+            Some(rows) => Ok(rows),
+            None => read_rows(
+                &self.source,
+                &self.selection,
+                self.rows_before,
+                &mut self.last_t,
+            ),
         }
-        Ok(rows)
+    }
+
+    /// The next ticks of rows that are brought onto them.
+    fn next_resampled(&mut self) -> Result<Option<Block>, Problem> {
+        loop {
+            if let Some(resampler) = &mut self.resampler {
+                let ticks = resampler.take(self.all_read)?;
+                if !ticks.t.is_empty() {
+                    let first_row = self.bridged;
+                    self.bridged += ticks.t.len() as u64;
+                    return Ok(Some(Block {
+                        first_row,
+                        columns: self.ordered(ticks.columns),
+                        t: ticks.t,
+                        bridged: ticks.bridged,
+                    }));
+                }
+            }
+            if self.all_read {
+                return Ok(None);
+            }
+            let rows = self.next_rows()?;
+            self.all_read = rows.t().is_empty();
+            self.rows_before += rows.t().len() as u64;
+            if let Some(resampler) = &mut self.resampler {
+                resampler.push(rows);
+            } else {
+                let roles = self.selection.roles.clone();
+                let first = Resampler::new(rows, roles, self.period_s(), self.largest_gap);
+                self.resampler = Some(first);
+            }
+        }
     }
 
     fn next_block(&mut self) -> Result<Option<Block>, Problem> {
-        let rows = match self.ahead.take() {
-            Some(rows) => rows,
-            None => self.read_rows()?,
-        };
-        if rows.t().is_empty() {
-            return Ok(None);
+        if self.timing == Timing::Resample {
+            return self.next_resampled();
         }
-        let count = rows.t().len() as u64;
-        let gaps = self.gaps(&rows)?;
+        let rows = self.next_rows()?;
+        let Some(&end) = rows.t().last() else {
+            return Ok(None);
+        };
+        let count = rows.t().len();
+        let gaps = self
+            .grid
+            .place(rows.t(), self.largest_gap)
+            .map_err(|misplaced| self.misplaced(misplaced, &rows))?;
         let first_row = self.rows_before + self.bridged;
-        self.rows_before += count;
-        self.last_t = rows.t().last().copied();
-        let (t, bridged) = bridge_time(rows.t(), &gaps);
+        let (t, bridged) = bridge_time(rows.t(), &gaps, self.last.map_or(end, |(_, t)| t));
+        self.last = Some((rows.place(self.rows_before, count - 1), end));
+        self.rows_before += count as u64;
         self.bridged += bridged.len() as u64;
-        let mut columns: Vec<_> = rows.columns.into_iter().map(Some).collect();
+        let columns = self
+            .ordered(rows.columns)
+            .into_iter()
+            .map(|column| column.map(|values| bridge_values(values, &gaps)))
+            .collect();
+        Ok(Some(Block {
+            first_row,
+            t,
+            columns,
+            bridged,
+        }))
+    }
+
+    /// The columns wanted, in the order and the units wanted.
+    fn ordered(&self, columns: Vec<Vec<f64>>) -> Vec<Option<Vec<f64>>> {
+        let mut columns: Vec<_> = columns.into_iter().map(Some).collect();
         let order = &self.selection.order;
         let mut ordered = Vec::with_capacity(order.len());
         for (position, &wanted) in order.iter().enumerate() {
@@ -198,48 +298,86 @@ impl Reader {
                 };
                 values.map(|mut values| {
                     conversion.apply_to(&mut values);
-                    bridge_values(values, &gaps)
+                    values
                 })
             }));
         }
-        Ok(Some(Block {
-            first_row,
-            t,
-            columns: ordered,
-            bridged,
-        }))
+        ordered
     }
 
-    /// Gaps that may be bridged.
-    fn gaps(&self, rows: &Rows) -> Result<Vec<Gap>, Problem> {
-        let allowed_s = (f64::from(self.largest_gap) + GAP) * self.period_s;
-        let mut gaps = Vec::new();
-        let mut before = self.last_t;
-        for (row, &t) in rows.t().iter().enumerate() {
-            if let Some(before) = before {
-                let gap_s = t - before;
-                if gap_s > allowed_s {
-                    return Err(Problem::Gap {
-                        row: rows.place(self.rows_before, row),
-                        before,
-                        gap_s,
-                        allowed_s,
-                        period_s: self.period_s,
-                    });
+    /// What is wrong with a row that the grid does not hold, by its place.
+    fn misplaced(&self, misplaced: Misplaced, rows: &Rows) -> Problem {
+        let at = |row: usize| (rows.place(self.rows_before, row), rows.t()[row]);
+        let before = |row: usize| match row.checked_sub(1) {
+            Some(row) => at(row),
+            None => self.last.unwrap_or_else(|| at(0)),
+        };
+        let clock_s = self.grid.recording_period_s();
+        match misplaced {
+            Misplaced::SameTick {
+                row,
+                before_is_further,
+            } => {
+                let (mut far, mut near) = (at(row), before(row));
+                if before_is_further {
+                    std::mem::swap(&mut far, &mut near);
                 }
-                if gap_s > GAP * self.period_s {
-                    let missing = (gap_s / self.period_s).round() as usize - 1;
-                    gaps.push(Gap {
-                        row,
-                        missing,
-                        before,
-                    });
+                Problem::SameTick {
+                    row: far.0,
+                    t: far.1,
+                    other: near.0,
+                    other_t: near.1,
+                    period_s: clock_s,
                 }
             }
-            before = Some(t);
+            Misplaced::Gap { row, missing } => Problem::Gap {
+                row: at(row).0,
+                before: before(row).1,
+                gap_s: at(row).1 - before(row).1,
+                missing,
+                allowed: self.largest_gap,
+                period_s: clock_s,
+            },
+            Misplaced::Rate { row, period_s } => Problem::Rate {
+                row: at(row).0,
+                t: at(row).1,
+                found_s: period_s,
+                period_s: clock_s,
+            },
         }
-        Ok(gaps)
     }
+}
+
+/// Reads rows, converts their time, and refuses one that runs backwards.
+fn read_rows(
+    source: &Source,
+    selection: &Selection,
+    rows_before: u64,
+    last_t: &mut Option<f64>,
+) -> Result<Rows, Problem> {
+    let mut rows = source.next()?;
+    selection.time.apply_to(&mut rows.columns[Rows::TIME]);
+    let mut before = last_t.unwrap_or(f64::NEG_INFINITY);
+    for (i, &found) in rows.t().iter().enumerate() {
+        if found.abs() > LATEST_S {
+            return Err(Problem::Cell {
+                row: rows.place(rows_before, i),
+                column: TIME.into(),
+                found: format!("{found} s"),
+                allowed: "at most 1e12 s; is its unit another (ns, µs, ms)?",
+            });
+        }
+        if found <= before {
+            return Err(Problem::Backwards {
+                row: rows.place(rows_before, i),
+                before,
+                found,
+            });
+        }
+        before = found;
+    }
+    *last_t = rows.t().last().copied().or(*last_t);
+    Ok(rows)
 }
 
 impl Iterator for Reader {
@@ -260,27 +398,20 @@ impl Iterator for Reader {
     }
 }
 
-/// Samples absent from the file before a row.
-struct Gap {
-    row: usize,
-    missing: usize,
-    /// Time of the row before the gap, s.
-    before: f64,
-}
-
 /// Times with those of the missing samples, evenly spaced in their gap, and
-/// where they are.
-fn bridge_time(t: &[f64], gaps: &[Gap]) -> (Vec<f64>, Vec<usize>) {
+/// where they are; `before`: the time of the row before the first.
+fn bridge_time(t: &[f64], gaps: &[Gap], before: f64) -> (Vec<f64>, Vec<usize>) {
     let mut bridged = Vec::new();
     let mut all = Vec::with_capacity(t.len());
     let mut done = 0;
     for gap in gaps {
         all.extend_from_slice(&t[done..gap.row]);
         done = gap.row;
-        let step = (t[gap.row] - gap.before) / (gap.missing + 1) as f64;
+        let before = if gap.row > 0 { t[gap.row - 1] } else { before };
+        let step = (t[gap.row] - before) / (gap.missing + 1) as f64;
         for i in 1..=gap.missing {
             bridged.push(all.len());
-            all.push(gap.before + i as f64 * step);
+            all.push(before + i as f64 * step);
         }
     }
     all.extend_from_slice(&t[done..]);
@@ -295,14 +426,9 @@ fn bridge_values(values: Vec<f64>, gaps: &[Gap]) -> Vec<f64> {
     let mut done = 0;
     for gap in gaps {
         all.extend_from_slice(&values[done..gap.row]);
-        all.extend(std::iter::repeat_n(f64::NAN, gap.missing));
+        all.extend(std::iter::repeat_n(f64::NAN, gap.missing as usize));
         done = gap.row;
     }
     all.extend_from_slice(&values[done..]);
     all
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    let middle = values.len().checked_sub(1)? / 2;
-    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }

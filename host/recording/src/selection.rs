@@ -2,7 +2,7 @@
 use std::collections::HashMap;
 
 use super::error::Problem;
-use super::layout::{Column, Wanted};
+use super::layout::{Column, Role, Wanted};
 use super::unit::{Conversion, Unit};
 use super::{TIME, shown};
 
@@ -14,10 +14,18 @@ pub(super) struct Selection {
     pub(super) time: Conversion,
     /// For each wanted column, its index among the picks.
     pub(super) order: Vec<Option<(usize, Conversion)>>,
+    /// What each pick is.
+    pub(super) roles: Vec<Role>,
 }
 
 impl Selection {
-    pub(super) fn try_new(columns: &[Column], wanted: &[Wanted<'_>]) -> Result<Self, Problem> {
+    /// `roles`: those of the wanted columns, in their order; continuous where
+    /// there are fewer.
+    pub(super) fn try_new(
+        columns: &[Column],
+        wanted: &[Wanted<'_>],
+        roles: &[Role],
+    ) -> Result<Self, Problem> {
         let mut index = HashMap::new();
         for (i, column) in columns.iter().enumerate() {
             if !column.name.is_empty() && index.insert(column.name.as_str(), i).is_some() {
@@ -35,10 +43,13 @@ impl Selection {
             picks: vec![time],
             time: conversion(&columns[time], Unit::SECOND)?,
             order: Vec::with_capacity(wanted.len()),
+            roles: vec![Role::Continuous],
         };
-        for w in wanted {
+        for (k, w) in wanted.iter().enumerate() {
+            let role = roles.get(k).copied().unwrap_or_default();
             let place = match find(w.name) {
-                Ok(i) => Some((selection.pick(i), conversion(&columns[i], w.unit)?)),
+                Ok(i) if role == Role::Pulse => Some((selection.pick(i, role), Conversion::Same)),
+                Ok(i) => Some((selection.pick(i, role), conversion(&columns[i], w.unit)?)),
                 Err(_) if !w.required => None,
                 Err(problem) => return Err(problem),
             };
@@ -48,10 +59,11 @@ impl Selection {
     }
 
     /// Index of the column among the picks.
-    fn pick(&mut self, column: usize) -> usize {
+    fn pick(&mut self, column: usize, role: Role) -> usize {
         let known = self.picks.iter().position(|&p| p == column);
         known.unwrap_or_else(|| {
             self.picks.push(column);
+            self.roles.push(role);
             self.picks.len() - 1
         })
     }

@@ -264,7 +264,9 @@ fn warming(machine: &Machine, recording: &Path) -> Result<Option<Vec<f64>>, Cali
         required: false,
     };
     let mut temperatures = Vec::new();
-    for block in Reader::open(recording, &machine.recording, &[wanted])? {
+    let reader = Reader::open(recording, &machine.recording, &[wanted])?
+        .expect_period(1.0 / machine.rate_hz)?;
+    for block in reader {
         let mut block = block?;
         let Some(column) = block.columns.pop().flatten() else {
             return Ok(None);

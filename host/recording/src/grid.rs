@@ -1,0 +1,467 @@
+//! The grid of a recording's clock: which tick each row belongs to.
+//!
+//! A row at `t` belongs to the tick `round((t - t0) / T)`. `t0` and `T` are
+//! those of a straight line through the rows, times over ticks, with a memory
+//! of [`MEMORY`] rows, so that a clock that drifts is followed and jitter is
+//! averaged out. The first line is fitted to the stretch of the first block
+//! that is the most regular, and continued from there to both sides.
+use super::error::Problem;
+
+/// Rows that the line rests on. 2048 rows with jitter of half a period leave
+/// 0.01 periods of it in the line; a clock that changes by 100 ppm at once is
+/// 0.05 periods off until it is followed.
+const MEMORY: f64 = 2048.0;
+
+/// How much further than half a period from its tick the row of the next tick
+/// may be [periods]: what the line may be off. Where rows may be missing, a row
+/// that far off is more likely that of the tick after.
+const GRACE: f64 = 0.03;
+const GRACE_WITHOUT_GAPS: f64 = 0.1;
+
+/// Relative deviation of a period that is another period.
+pub(super) const RATE: f64 = 0.02;
+
+/// Standard deviation of jitter that is uniform over a period [periods].
+const UNIFORM: f64 = 0.29;
+
+/// A regular stretch has residuals below this [periods]: one lost row alone
+/// makes two neighbours differ by a whole period, and so one of them by half.
+const REGULAR: f64 = 0.25;
+
+/// Rows that a line counts for which rests on no regular stretch.
+const COARSE: f64 = 16.0;
+
+/// Lengths of the stretches in which the line is looked for [rows].
+const STRETCHES: [usize; 4] = [1024, 256, 64, 16];
+
+/// Rows over which a changed rate is looked for, and rows in a row without a
+/// single step of one period that are of another rate.
+const CHANGES: [f64; 2] = [256.0, 8192.0];
+const NEVER_ONE: u32 = 32;
+
+/// How far back a gap is counted again when the rows after it show that it is a
+/// tick longer or shorter [rows].
+const RECOUNTED: usize = 16;
+
+/// Samples absent from the file before a row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Gap {
+    /// Index of the row.
+    pub(super) row: usize,
+    pub(super) missing: u64,
+}
+
+/// A row that the grid does not hold.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Misplaced {
+    /// It falls on the tick of the row before, which is further from it or not.
+    SameTick { row: usize, before_is_further: bool },
+    /// More rows are missing before it than allowed.
+    Gap { row: usize, missing: u64 },
+    /// Rows come at another period from this one on [s].
+    Rate { row: usize, period_s: f64 },
+}
+
+/// Times over ticks: a straight line, continued row by row.
+#[derive(Clone, Debug)]
+pub(super) struct Grid {
+    /// Period of the clock at present [s].
+    period_s: f64,
+    /// Period of the recording or its description [s].
+    nominal_s: f64,
+    /// Time of the present tick on the line [s].
+    tick_s: f64,
+    /// Rows that the line rests on; none where each row is its own tick.
+    memory: Option<f64>,
+    /// See [`GRACE`].
+    grace: f64,
+    started: bool,
+    changes: [Change; 2],
+    never_one: u32,
+    last_t: f64,
+}
+
+/// Sum of the steps of one tick beyond the period [periods], their number, and
+/// the runs that they make up.
+#[derive(Clone, Copy, Debug, Default)]
+struct Change {
+    sum: f64,
+    steps: f64,
+    runs: f64,
+}
+
+impl Change {
+    /// Adds a step; the relative change of the rate where there is one.
+    ///
+    /// Within a run without lost rows the sum is that of its last row's jitter
+    /// less its first's; of a changed rate it grows with each step.
+    fn push(&mut self, over: f64, ticks: i64, rows: f64) -> Option<f64> {
+        if ticks == 1 {
+            self.sum += over;
+            self.steps += 1.0;
+        } else {
+            self.runs += 1.0;
+        }
+        if self.steps < rows {
+            return None;
+        }
+        let Self { sum, steps, runs } = std::mem::take(self);
+        let by_chance = 6.0 * UNIFORM * (2.0 * (runs + 1.0)).sqrt();
+        let changed = runs > 0.0 && sum.abs() > by_chance && sum.abs() > 1e-3 * steps;
+        changed.then_some(sum / steps)
+    }
+}
+
+impl Grid {
+    /// The grid of a block's rows, at its first; `expected_s`: the described
+    /// period. None of fewer than two rows.
+    ///
+    /// # Errors
+    /// [`Problem::Period`] when the rows are regular at another period.
+    pub(super) fn of(t: &[f64], expected_s: Option<f64>) -> Result<Option<Self>, Problem> {
+        let Some(step) = median(t.windows(2).map(|t| t[1] - t[0]).collect()) else {
+            return Ok(None);
+        };
+        let mut stretch = regular_stretch(t, expected_s);
+        if let (None, Some(allowed_s)) = (&stretch, expected_s) {
+            let (found_s, by_jitter) = match regular_stretch(t, None) {
+                Some((rows, line)) => (line.period_s, line.slope_error(rows.len())),
+                None => (step, 8.0 * UNIFORM / (t.len() as f64).sqrt()),
+            };
+            if (found_s / allowed_s - 1.0).abs() > RATE + by_jitter {
+                return Err(Problem::Period { found_s, allowed_s });
+            }
+        }
+        let (rows, line) = stretch
+            .take()
+            .unwrap_or_else(|| (0..1, coarse(t, expected_s.unwrap_or(step))));
+        let memory = (rows.len() as f64).clamp(COARSE, MEMORY);
+        let mut grid = Self::starting(line, Some(memory), t[0]);
+        for &t in &t[rows.end..] {
+            grid.follow(t, grid.ticks_to(t));
+        }
+        // Back to the first row, in time that runs the other way.
+        grid.tick_s = -grid.tick_s;
+        for &t in t[..t.len() - 1].iter().rev() {
+            grid.follow(-t, grid.ticks_to(-t));
+        }
+        grid.tick_s = -grid.tick_s;
+        grid.nominal_s = expected_s.unwrap_or(grid.period_s);
+        Ok(Some(grid))
+    }
+
+    /// The grid of a recording without a clock: it starts anew at each row. None
+    /// of fewer than two rows.
+    pub(super) fn free(t: &[f64]) -> Option<Self> {
+        let step = median(t.windows(2).map(|t| t[1] - t[0]).collect())?;
+        Some(Self::starting(coarse(t, step), None, t[0]))
+    }
+
+    fn starting(line: Line, memory: Option<f64>, last_t: f64) -> Self {
+        Self {
+            period_s: line.period_s,
+            nominal_s: line.period_s,
+            tick_s: line.end_s,
+            memory,
+            grace: GRACE,
+            started: false,
+            changes: [Change::default(); 2],
+            never_one: 0,
+            last_t,
+        }
+    }
+
+    /// Period of the recording, as described or as its first rows have it [s].
+    pub(super) fn recording_period_s(&self) -> f64 {
+        self.nominal_s
+    }
+
+    /// Ticks from the present one to that of `t`.
+    fn ticks_to(&self, t: f64) -> i64 {
+        let x = (t - self.tick_s) / self.period_s;
+        let reach = if self.memory.is_some() {
+            0.5 + self.grace
+        } else {
+            0.0
+        };
+        if (x - 1.0).abs() <= reach {
+            1
+        } else {
+            x.round() as i64
+        }
+    }
+
+    /// Goes on by `ticks` to a row at `t`: the line of least squares with a
+    /// memory of `n` rows, `gain 2 (2 n - 1) / (n (n + 1))` for the time of the
+    /// tick and `6 / (n (n + 1))` for the period.
+    ///
+    /// Source: Morrison 1969, Introduction to sequential smoothing and
+    /// prediction, section 9 (expanding memory of first degree).
+    fn follow(&mut self, t: f64, ticks: i64) {
+        let Some(memory) = &mut self.memory else {
+            self.tick_s = t;
+            return;
+        };
+        *memory = (*memory + 1.0).min(MEMORY);
+        let n = *memory;
+        self.tick_s += ticks as f64 * self.period_s;
+        let error = t - self.tick_s;
+        self.tick_s += 2.0 * (2.0 * n - 1.0) / (n * (n + 1.0)) * error;
+        self.period_s += 6.0 / (n * (n + 1.0)) * error;
+    }
+
+    /// Distance of `t` from the present tick [periods].
+    fn error(&self, t: f64) -> f64 {
+        (t - self.tick_s) / self.period_s
+    }
+
+    /// Puts rows on their ticks: the gaps before them.
+    ///
+    /// # Errors
+    /// The first row that the grid does not hold.
+    pub(super) fn place(&mut self, t: &[f64], largest_gap: u32) -> Result<Vec<Gap>, Misplaced> {
+        self.grace = if largest_gap == 0 {
+            GRACE_WITHOUT_GAPS
+        } else {
+            GRACE
+        };
+        let mut gaps: Vec<Gap> = Vec::new();
+        // Distances from their ticks of the rows since the last gap.
+        let mut since: Vec<f64> = Vec::new();
+        for (row, &t_row) in t.iter().enumerate() {
+            let mut ticks = self.ticks_to(t_row);
+            if !self.started {
+                self.started = true;
+                ticks = 0;
+            } else if self.memory.is_none() {
+                ticks = ticks.max(1);
+            } else {
+                ticks = self.recount(t_row, ticks, &mut gaps, &mut since, largest_gap);
+                if ticks <= 0 {
+                    return Err(self.changed_rate(t, row).unwrap_or(Misplaced::SameTick {
+                        row,
+                        before_is_further: self.error(self.last_t).abs() > self.error(t_row).abs(),
+                    }));
+                }
+            }
+            if ticks > 1 {
+                let missing = ticks as u64 - 1;
+                if missing > u64::from(largest_gap) {
+                    return Err(self
+                        .changed_rate(t, row)
+                        .unwrap_or(Misplaced::Gap { row, missing }));
+                }
+                gaps.push(Gap { row, missing });
+                since.clear();
+            }
+            self.watch_rate(row, t_row, ticks)?;
+            self.follow(t_row, ticks);
+            if since.len() < RECOUNTED {
+                since.push(self.error(t_row));
+            }
+            self.last_t = t_row;
+        }
+        Ok(gaps)
+    }
+
+    /// Counts the last gap again where the row at `t` shows that it is one tick
+    /// longer or shorter: heavy jitter leaves that open in its first rows.
+    fn recount(
+        &mut self,
+        t: f64,
+        ticks: i64,
+        gaps: &mut [Gap],
+        since: &mut [f64],
+        largest_gap: u32,
+    ) -> i64 {
+        let Some(gap) = gaps.last_mut() else {
+            return ticks;
+        };
+        let by = match ticks {
+            0 if gap.missing > 0 => -1,
+            2 if gap.missing < u64::from(largest_gap) => 1,
+            _ => return ticks,
+        };
+        let limit = 0.5 + self.grace;
+        if since.len() >= RECOUNTED || !since.iter().all(|e| (e - by as f64).abs() <= limit) {
+            return ticks;
+        }
+        gap.missing = gap.missing.saturating_add_signed(by);
+        for error in since.iter_mut() {
+            *error -= by as f64;
+        }
+        self.tick_s += by as f64 * self.period_s;
+        self.ticks_to(t)
+    }
+
+    /// Finds a rate that is not the recording's though each row has its tick.
+    fn watch_rate(&mut self, row: usize, t: f64, ticks: i64) -> Result<(), Misplaced> {
+        if self.memory.is_none() {
+            return Ok(());
+        }
+        let rate = |relative: f64, period_s: f64| Misplaced::Rate {
+            row,
+            period_s: period_s * (1.0 + relative),
+        };
+        let over = (t - self.last_t) / self.period_s - 1.0;
+        self.never_one = if ticks > 1 { self.never_one + 1 } else { 0 };
+        if self.never_one >= NEVER_ONE {
+            return Err(rate(over, self.period_s));
+        }
+        for (change, rows) in self.changes.iter_mut().zip(CHANGES) {
+            if ticks > 0
+                && let Some(relative) = change.push(over, ticks, rows)
+            {
+                return Err(rate(relative, self.period_s));
+            }
+        }
+        let drift = self.period_s / self.nominal_s - 1.0;
+        if drift.abs() > RATE {
+            return Err(rate(0.0, self.period_s));
+        }
+        Ok(())
+    }
+
+    /// Whether rows come regularly at another period about `row`.
+    fn changed_rate(&self, t: &[f64], row: usize) -> Option<Misplaced> {
+        const ROWS: usize = 17;
+        let from = row.saturating_sub(1);
+        let near = &t[from..t.len().min(from + ROWS)];
+        let steps: Vec<f64> = near.windows(2).map(|t| t[1] - t[0]).collect();
+        if steps.len() < 4 {
+            return None;
+        }
+        let period_s = median(steps.clone())?;
+        let like = |step: f64| (step / period_s - 1.0).abs() < 0.1;
+        let is_other = (period_s / self.period_s - 1.0).abs() > RATE;
+        if !is_other || !steps.into_iter().all(like) {
+            return None;
+        }
+        let mut first = row;
+        while first > 1 && like(t[first - 1] - t[first - 2]) {
+            first -= 1;
+        }
+        Some(Misplaced::Rate {
+            row: first,
+            period_s,
+        })
+    }
+}
+
+/// A straight line through consecutive rows.
+#[derive(Clone, Copy)]
+struct Line {
+    period_s: f64,
+    /// Time of its last row [s].
+    end_s: f64,
+    /// Largest distance of a row from it [periods].
+    residual: f64,
+}
+
+impl Line {
+    /// Least squares, one row a tick; a described period counts as much as
+    /// jitter of half a period and a clock that is 1 % off make it.
+    fn fit(t: &[f64], expected_s: Option<f64>) -> Self {
+        let n = t.len() as f64;
+        let middle = 0.5 * (n - 1.0);
+        // Differences from the first row keep the digits of a time since 1970.
+        let mean = t.iter().map(|x| x - t[0]).sum::<f64>() / n;
+        let (mut kt, mut kk) = (0.0, 0.0);
+        for (k, x) in t.iter().enumerate() {
+            let k = k as f64 - middle;
+            kt += k * (x - t[0] - mean);
+            kk += k * k;
+        }
+        if let Some(expected_s) = expected_s {
+            let weight = (UNIFORM / 0.01_f64).powi(2);
+            kt += weight * expected_s;
+            kk += weight;
+        }
+        let period_s = kt / kk;
+        let on = |k: usize| mean + (k as f64 - middle) * period_s;
+        let largest = t
+            .iter()
+            .enumerate()
+            .map(|(k, x)| (x - t[0] - on(k)).abs())
+            .fold(0.0, f64::max);
+        Self {
+            period_s,
+            end_s: t[0] + on(t.len() - 1),
+            residual: largest / period_s,
+        }
+    }
+
+    /// Bound of the relative error of the period of `rows` rows: four standard
+    /// deviations at jitter that is uniform up to the largest residual.
+    fn slope_error(&self, rows: usize) -> f64 {
+        4.0 * self.residual * 2.0 / (rows as f64).powf(1.5)
+    }
+}
+
+/// The most regular stretch without a lost row, of the longest that there are.
+fn regular_stretch(t: &[f64], expected_s: Option<f64>) -> Option<(std::ops::Range<usize>, Line)> {
+    let shortest = t.len().min(16);
+    let lengths = STRETCHES.into_iter().filter(|&n| n < t.len());
+    for length in std::iter::once(t.len().min(1024))
+        .chain(lengths)
+        .filter(|&n| n >= shortest && n > 2)
+    {
+        let last = t.len() - length;
+        let mut best: Option<(std::ops::Range<usize>, Line)> = None;
+        for start in (0..last).step_by((length / 2).max(1)).chain([last]) {
+            let rows = start..start + length;
+            let line = Line::fit(&t[rows.clone()], expected_s);
+            let is_expected = expected_s.is_none_or(|p| (line.period_s / p - 1.0).abs() <= RATE);
+            if is_expected
+                && line.residual < 0.5
+                && best
+                    .as_ref()
+                    .is_none_or(|(_, b)| line.residual < b.residual)
+                && (line.residual < REGULAR || is_evenly_irregular(&t[rows.clone()], &line))
+            {
+                best = Some((rows, line));
+            }
+        }
+        if best.is_some() {
+            return best;
+        }
+    }
+    // Of few rows with much jitter only the described period makes a line.
+    let all = Line::fit(t, expected_s);
+    (expected_s.is_some() && t.len() < 64 && all.residual < 0.5).then_some((0..t.len(), all))
+}
+
+/// Whether the quarters of a stretch are as irregular as the whole: it is
+/// jitter then, and no lost row.
+fn is_evenly_irregular(t: &[f64], line: &Line) -> bool {
+    if t.len() < 64 {
+        return false;
+    }
+    let least = t
+        .chunks_exact(t.len() / 4)
+        .map(|quarter| Line::fit(quarter, Some(line.period_s)).residual)
+        .fold(f64::INFINITY, f64::min);
+    line.residual <= 1.6 * least + 0.02
+}
+
+/// A line of the given period through the first row, moved by the mean phase of
+/// the first rows.
+fn coarse(t: &[f64], period_s: f64) -> Line {
+    let turn = std::f64::consts::TAU / period_s;
+    let (mut sine, mut cosine) = (0.0, 0.0);
+    for x in t.iter().take(64) {
+        let (s, c) = ((x - t[0]) * turn).sin_cos();
+        sine += s;
+        cosine += c;
+    }
+    Line {
+        period_s,
+        end_s: t[0] + sine.atan2(cosine) / turn,
+        residual: 0.5,
+    }
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len().checked_sub(1)? / 2;
+    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
