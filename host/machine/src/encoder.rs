@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::rule::{Checked, finite, nonzero, positive, within};
+use loadtwin_recording::Role;
 
 /// Standard deviation of a count that is rounded, `1 / sqrt 12` [counts].
 pub const QUANTISATION: f64 = 0.288_675_134_594_812_9;
@@ -45,6 +46,14 @@ impl Encoder {
     /// Standard deviation of the measured angle [counts].
     pub fn noise_std_counts(&self) -> f64 {
         self.noise_std_counts.unwrap_or(QUANTISATION)
+    }
+
+    /// What its column is where rows are brought onto other ticks; `is_angle`: it holds an angle
+    /// in place of counts.
+    pub fn role(&self, is_angle: bool) -> Role {
+        Role::Counts {
+            modulus: (!is_angle).then(|| f64::from(self.bits).exp2()),
+        }
     }
 
     /// Checks what is described but the inertia; `as_index`: whether the index latches it and turns
@@ -112,18 +121,31 @@ impl Eccentricity {
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Index {
-    /// Column of the recording: the latched count of `encoder` in the row
-    /// after the pulse, empty elsewhere.
+    /// Column of the recording: counts of `encoder` latched by the pulse, or the
+    /// pulse itself as a level (0 and 1, a Boolean, a voltage). A pulse comes with
+    /// a new count, or with a rising edge.
     pub name: String,
     /// The encoder whose count the pulse latches; absent on a machine without
-    /// counting encoders, whose column then holds 1 in the row after the pulse.
+    /// counting encoders, whose column then holds a level.
     #[serde(default)]
     pub encoder: String,
+    /// What the column holds; found from its values where absent.
+    pub signal: Option<IndexSignal>,
     /// Carrier angle at the pulse [rad].
     pub angle_rad: f64,
     /// Deviation from the expected angle that counts as a fault [rad], > 0.
     #[serde(default = "index_tolerance")]
     pub tolerance_rad: f64,
+}
+
+/// What the column of an index pulse holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum IndexSignal {
+    /// Latched counts: each new value is a pulse; empty, 0 or the same count elsewhere.
+    Latched,
+    /// A level of any width and height: its rising edge is the pulse.
+    Level,
 }
 
 fn thirty_two() -> u32 {

@@ -37,7 +37,7 @@ pub use channel::{
     Reference, SLOWEST_S, Senses, Thermal, earlier, followed, lag,
 };
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, MOST_INERTIAS, Shaft};
-pub use encoder::{Eccentricity, Encoder, Index, QUANTISATION};
+pub use encoder::{Eccentricity, Encoder, Index, IndexSignal, QUANTISATION};
 pub use error::{MachineError, Violation};
 pub use friction::{CREEP, Friction};
 pub use gears::{Gears, Helical, Planetary, ShaftBearing};

@@ -7,6 +7,7 @@ mod displacements;
 mod estimates;
 mod figures;
 mod held;
+mod index;
 mod orbits;
 mod page;
 mod phasor;
@@ -25,6 +26,7 @@ pub use bearing_rig::{RecordedError, recorded};
 pub use displacements::{Displacements, NodeFigures, displacement_columns};
 pub use estimates::EstimateWriter;
 pub use figures::{Figures, LoadFigures};
+pub use index::IndexError;
 pub use page::ReportPage;
 pub use phasor::{Phasor, PhasorFigures};
 pub use samples::{Sample, Samples};
@@ -44,6 +46,9 @@ pub enum ReplayError {
     /// The recording cannot be read.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    /// The index column holds no pulse.
+    #[error(transparent)]
+    Index(#[from] IndexError),
     /// The image is refused by the estimator.
     #[error("the model image is refused: {0}")]
     Image(loadtwin_common::Error),

@@ -6,9 +6,10 @@ use loadtwin_common::raw::RawSample;
 
 use super::ReplayError;
 use super::displacements::displacement_columns;
+use super::index::{Pulse, Pulses};
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{Channel, Encoder, Machine, Reference};
-use loadtwin_recording::{Block, Quantity, Reader, Unit, Wanted};
+use loadtwin_recording::{Block, Quantity, Reader, Role, Unit, Wanted};
 
 /// A recording, sample by sample.
 pub struct Samples {
@@ -35,10 +36,10 @@ enum Form {
     Reading,
 }
 
-/// What the index column holds.
+/// The index column.
 struct IndexColumn {
     encoder: usize,
-    latched: bool,
+    pulses: Pulses,
 }
 
 /// One row of a recording.
@@ -87,22 +88,7 @@ impl Samples {
             .iter()
             .map(|e| quantity(&e.name) == Some(Quantity::Angle))
             .collect();
-        let index = machine.index.as_ref().and_then(|index| {
-            let encoder = sensors
-                .encoders
-                .iter()
-                .position(|e| e.name == index.encoder);
-            (encoder.is_some() || sensors.encoders.is_empty()).then(|| {
-                let latched = quantity(&index.name) == Some(Quantity::Counts);
-                (
-                    index,
-                    IndexColumn {
-                        encoder: encoder.unwrap_or(0),
-                        latched,
-                    },
-                )
-            })
-        });
+        let index = index_column(machine, sensors, path)?;
 
         let mut wanted = Vec::new();
         for (channel, form) in sensors.channels.iter().zip(&forms) {
@@ -117,36 +103,30 @@ impl Samples {
                 required: true,
             });
         }
-        for (encoder, is_angle) in sensors.encoders.iter().zip(&angles) {
-            let unit = if *is_angle {
-                Unit::RADIAN
-            } else {
-                Unit::COUNTS
-            };
+        let mut roles = vec![Role::Continuous; wanted.len()];
+        for (encoder, &is_angle) in sensors.encoders.iter().zip(&angles) {
             wanted.push(Wanted {
                 name: &encoder.name,
-                unit,
+                unit: if is_angle { Unit::RADIAN } else { Unit::COUNTS },
                 required: true,
             });
+            roles.push(encoder.role(is_angle));
         }
-        if let Some((index, column)) = &index {
-            let unit = if column.latched {
-                Unit::COUNTS
-            } else {
-                Unit::ONE
-            };
+        if let Some((name, _)) = &index {
             wanted.push(Wanted {
-                name: &index.name,
-                unit,
+                name,
+                unit: Unit::ONE,
                 required: true,
             });
+            roles.push(Role::Pulse);
         }
         for reference in &machine.references {
             wanted.push(optional(&reference.name, reference.unit.si()));
         }
         let displacements = displacement_columns(machine);
         wanted.extend((displacements.iter()).map(|name| optional(name, Unit::METRE)));
-        let reader = Reader::open(path, layout, &wanted)?.expect_period(1.0 / machine.rate_hz)?;
+        let reader =
+            Reader::open_as(path, layout, &wanted, &roles)?.expect_period(1.0 / machine.rate_hz)?;
         Ok(Self {
             channels: sensors.channels.clone(),
             encoders: sensors.encoders.clone(),
@@ -175,8 +155,10 @@ impl Samples {
         };
         let mut references = vec![f64::NAN; self.references.len()];
         let mut displacements = vec![f64::NAN; self.displacements];
+        let mut bridged = block.bridged.iter().copied().peekable();
         for i in 0..block.len() {
-            let raw = self.raw(&block, i);
+            let absent = bridged.next_if_eq(&i).is_some();
+            let raw = self.raw(&block, i, absent);
             let true_ones = block.columns.len() - self.displacements;
             let first = true_ones - self.references.len();
             for (value, column) in displacements.iter_mut().zip(&block.columns[true_ones..]) {
@@ -200,7 +182,7 @@ impl Samples {
         Ok(true)
     }
 
-    fn raw(&mut self, block: &Block, i: usize) -> RawSample {
+    fn raw(&mut self, block: &Block, i: usize, absent: bool) -> RawSample {
         let mut raw = RawSample {
             tick: self.tick,
             ..RawSample::default()
@@ -221,34 +203,56 @@ impl Samples {
                 raw.set_word(k, word);
             }
         }
+        // The count of the index's encoder in this row.
+        let mut here = self.encoders.is_empty().then_some(0);
         for (k, (encoder, is_angle)) in self.encoders.iter().zip(&self.angles).enumerate() {
             let value = columns.next().unwrap_or(f64::NAN);
             if !value.is_nan() {
                 let turns = value / std::f64::consts::TAU;
-                raw.set_encoder(
-                    k,
-                    counter(
-                        encoder,
-                        if *is_angle {
-                            turns * encoder.counts_per_turn
-                        } else {
-                            value
-                        },
-                    ),
-                );
+                let counts = if *is_angle {
+                    turns * encoder.counts_per_turn
+                } else {
+                    value
+                };
+                let count = counter(encoder, counts);
+                raw.set_encoder(k, count);
+                if self.index.as_ref().is_some_and(|index| index.encoder == k) {
+                    here = Some(count);
+                }
             }
         }
-        if let Some(index) = &self.index {
-            let value = columns.next().unwrap_or(f64::NAN);
-            raw.index = match self.encoders.get(index.encoder) {
-                _ if value.is_nan() => None,
-                Some(encoder) if index.latched => Some(counter(encoder, value)),
-                _ if value == 0.0 => None,
-                _ => Some(raw.encoders[index.encoder]),
+        if let Some(index) = &mut self.index {
+            let pulse = index
+                .pulses
+                .next(columns.next().unwrap_or(f64::NAN), absent);
+            raw.index = match (pulse, self.encoders.get(index.encoder)) {
+                (Some(Pulse::Count(count)), Some(encoder)) => Some(counter(encoder, count)),
+                (Some(_), _) => here,
+                (None, _) => None,
             };
         }
         raw
     }
+}
+
+/// The index column of the recording in `path`, by name, where it homes one of the sensors.
+fn index_column<'a>(
+    machine: &'a Machine,
+    sensors: &Sensors,
+    path: &Path,
+) -> Result<Option<(&'a str, IndexColumn)>, ReplayError> {
+    let Some(index) = &machine.index else {
+        return Ok(None);
+    };
+    let encoder = (sensors.encoders.iter()).position(|e| e.name == index.encoder);
+    if encoder.is_none() && !sensors.encoders.is_empty() {
+        return Ok(None);
+    }
+    let column = IndexColumn {
+        encoder: encoder.unwrap_or(0),
+        pulses: Pulses::of(machine, index, path)?,
+    };
+    Ok(Some((&index.name, column)))
 }
 
 /// The hardware counter's value for a count.

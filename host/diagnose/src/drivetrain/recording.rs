@@ -7,7 +7,7 @@ use crate::diagnosis::DiagnoseError;
 use crate::smoothing::moving_mean;
 use loadtwin_identification::calibrate::Motion;
 use loadtwin_machine::{Encoder, Machine};
-use loadtwin_recording::{Quantity, Reader, Unit, Wanted};
+use loadtwin_recording::{Quantity, Reader, Role, Unit, Wanted};
 
 /// Everything that a recording holds of a machine.
 pub(crate) struct DrivetrainRecording {
@@ -74,6 +74,14 @@ impl DrivetrainRecording {
                     .any(|c| c.name == e.name && c.unit.is_some())
         };
         let angles: Vec<bool> = machine.encoders.iter().map(is_angle).collect();
+        let mut roles = vec![Role::Continuous; wanted.len()];
+        roles.extend(
+            machine
+                .encoders
+                .iter()
+                .zip(&angles)
+                .map(|(e, a)| e.role(*a)),
+        );
         for (encoder, is_angle) in machine.encoders.iter().zip(&angles) {
             wanted.push(Wanted {
                 name: &encoder.name,
@@ -97,7 +105,7 @@ impl DrivetrainRecording {
             .iter()
             .map(|w| w.unit == Unit::COUNTS)
             .collect();
-        let reader = Reader::open(path, &machine.recording, &wanted)?
+        let reader = Reader::open_as(path, &machine.recording, &wanted, &roles)?
             .expect_period(1.0 / machine.rate_hz)?;
         let mut columns: Vec<Vec<f64>> = vec![Vec::with_capacity(n); wanted.len()];
         let mut has_temperature = thermometer.is_some();
