@@ -131,7 +131,8 @@ pub struct SensorSet {
 pub struct Segment {
     /// Key of its figures in tables and in JSON.
     pub name: String,
-    /// Start [s], in the recording's time.
+    /// Start [s], in the recording's time; from its first row on where that lies beyond the last
+    /// bound of a segment by more than they all span (times since 1970).
     pub from_s: f64,
     /// End [s]; the end of the recording where absent.
     pub to_s: Option<f64>,

@@ -97,7 +97,7 @@ impl Displacements {
         plan.displacements(line.rotor_state(), speed, &mut self.estimate);
         orbits.push(sample.t, &self.estimate, sample.displacements);
         for (segment, errors) in self.segments.iter().zip(&mut self.errors) {
-            if !(segment.from_s..segment.to_s).contains(&sample.t) {
+            if !(segment.from_s..segment.to_s).contains(&sample.segment_t) {
                 continue;
             }
             for (k, (estimate, truth)) in

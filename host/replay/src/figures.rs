@@ -18,6 +18,8 @@ pub struct Figures {
     /// For each reference, the load that it measures.
     reference_of: Vec<usize>,
     samples: u64,
+    /// Time from which the segments count [s].
+    segments_from_s: f64,
     steady: u64,
     nis: (f64, u64),
     flags: BTreeMap<&'static str, u64>,
@@ -59,6 +61,7 @@ impl Figures {
             loads,
             reference_of,
             samples: 0,
+            segments_from_s: 0.0,
             steady: 0,
             nis: (0.0, 0),
             flags: BTreeMap::new(),
@@ -67,6 +70,9 @@ impl Figures {
 
     /// Adds one sample.
     pub fn push(&mut self, sample: &Sample<'_>, estimate: &Estimate) {
+        if self.samples == 0 {
+            self.segments_from_s = sample.t - sample.segment_t;
+        }
         self.samples += 1;
         self.steady += u64::from(estimate.steady);
         for (reference, j) in sample.references.iter().zip(&self.reference_of) {
@@ -75,7 +81,7 @@ impl Figures {
                 // An estimate that says it knows nothing is no number to be wrong by.
                 && load.std < f32::MAX
             {
-                error.push(sample.t, f64::from(load.value), *reference);
+                error.push(sample.segment_t, f64::from(load.value), *reference);
             }
         }
         for sensor in &estimate.sensors {
@@ -114,6 +120,14 @@ impl Figures {
         Some(format!(
             "NIS: found {nis:.0} on average, expected 1: the readings contradict the description; is a \
              sensor in another unit (mm for m), or its zero or sensitivity wrong?"
+        ))
+    }
+
+    /// Where the segments do not count in the recording's time, that in one line.
+    pub fn segment_note(&self) -> Option<String> {
+        let start = Some(self.segments_from_s).filter(|start| *start != 0.0)?;
+        Some(format!(
+            "segments: the recording begins at t = {start} s, beyond all of them; they count from there"
         ))
     }
 

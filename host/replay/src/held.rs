@@ -11,6 +11,7 @@ use super::Sample;
 /// A sample, and what was said of its sensors as it came.
 struct Held {
     t: f64,
+    segment_t: f64,
     raw: RawSample,
     references: Vec<f64>,
     displacements: Vec<f64>,
@@ -21,6 +22,7 @@ impl Held {
     fn new(sample: &Sample<'_>, estimate: Estimate) -> Self {
         Self {
             t: sample.t,
+            segment_t: sample.segment_t,
             raw: sample.raw,
             references: sample.references.to_vec(),
             displacements: sample.displacements.to_vec(),
@@ -31,6 +33,7 @@ impl Held {
     fn sample(&self) -> Sample<'_> {
         Sample {
             t: self.t,
+            segment_t: self.segment_t,
             raw: self.raw,
             references: &self.references,
             displacements: &self.displacements,

@@ -111,7 +111,7 @@ impl Phasor {
                 } else {
                     turned.im
                 };
-                error.push(sample.t, value, *reference);
+                error.push(sample.segment_t, value, *reference);
             }
         }
     }

@@ -8,7 +8,7 @@ use super::ReplayError;
 use super::displacements::displacement_columns;
 use super::index::{Pulse, Pulses};
 use loadtwin_design::build::Sensors;
-use loadtwin_machine::{Channel, Encoder, Machine, Reference};
+use loadtwin_machine::{Channel, Encoder, Machine, Reference, Segment};
 use loadtwin_recording::{Block, Quantity, Reader, Role, Unit, Wanted};
 
 /// A recording, sample by sample.
@@ -22,6 +22,9 @@ pub struct Samples {
     references: Vec<Reference>,
     /// Columns of true displacements.
     displacements: usize,
+    machine_segments: Vec<Segment>,
+    /// Time from which the segments count [s], once the first row is read.
+    segments_from_s: Option<f64>,
     tick: u32,
 }
 
@@ -46,6 +49,8 @@ struct IndexColumn {
 pub struct Sample<'a> {
     /// Time [s].
     pub t: f64,
+    /// Time in which the machine's segments are meant [s]; see [`segment_start_s`].
+    pub segment_t: f64,
     /// What the board would have latched.
     pub raw: RawSample,
     /// Each load's reference in the order of the machine's references, in the
@@ -132,6 +137,8 @@ impl Samples {
             encoders: sensors.encoders.clone(),
             references: machine.references.clone(),
             displacements: displacements.len(),
+            machine_segments: machine.segments.clone(),
+            segments_from_s: None,
             index: index.map(|(_, column)| column),
             reader,
             forms,
@@ -155,6 +162,8 @@ impl Samples {
         };
         let mut references = vec![f64::NAN; self.references.len()];
         let mut displacements = vec![f64::NAN; self.displacements];
+        let first = || segment_start_s(&self.machine_segments, block.t[0]);
+        let segments_from_s = *self.segments_from_s.get_or_insert_with(first);
         let mut bridged = block.bridged.iter().copied().peekable();
         for i in 0..block.len() {
             let absent = bridged.next_if_eq(&i).is_some();
@@ -174,6 +183,7 @@ impl Samples {
             }
             each(&Sample {
                 t: block.t[i],
+                segment_t: block.t[i] - segments_from_s,
                 raw,
                 references: &references,
                 displacements: &displacements,
@@ -232,6 +242,25 @@ impl Samples {
             };
         }
         raw
+    }
+}
+
+/// Time from which segments count in a recording that begins at `t0` [s]: 0, the time of the
+/// recording; its beginning where that lies beyond the last bound of a segment by more than they
+/// all span, as with times since 1970 or since midnight.
+pub(super) fn segment_start_s(segments: &[Segment], t0: f64) -> f64 {
+    let bounds = || {
+        segments
+            .iter()
+            .flat_map(|s| [Some(s.from_s), s.to_s])
+            .flatten()
+    };
+    let last = bounds().fold(f64::NEG_INFINITY, f64::max);
+    let first = bounds().fold(0.0, f64::min);
+    if last.is_finite() && t0 > last + (last - first) {
+        t0
+    } else {
+        0.0
     }
 }
 

@@ -105,6 +105,7 @@ impl Replay {
                 .note()
                 .into_iter()
                 .chain(outcome.figures.note())
+                .chain(outcome.figures.segment_note())
                 .chain(outcome.displacements.note())
                 .chain(outcome.displacements.doubt_note())
             {
@@ -267,6 +268,7 @@ pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> 
         "virtual": outcome.displacements.nodes(),
         "speed_note": outcome.speeds.note(),
         "consistency_note": outcome.figures.note(),
+        "segment_note": outcome.figures.segment_note(),
         "stability_note": outcome.displacements.note(),
         "doubted_samples": outcome.displacements.doubted_samples(),
         "doubt_note": outcome.displacements.doubt_note(),
