@@ -1,0 +1,6 @@
+//! One recording in many forms: each gives the estimates of the plain one, or is
+//! refused with a line that says why.
+mod clock;
+mod index;
+mod table;
+mod time;
