@@ -268,17 +268,47 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         }
     }
 
-    fn predict(&self, state: &mut GearboxState<NX>) {
-        let from = state.belief.state[0];
-        let mut next = self.transition.propagate(&state.belief.state);
-        for (friction, z) in self.model.frictions.iter().zip(&mut state.braking) {
-            let at = |i: u8| state.belief.state.get(usize::from(i)).copied();
-            let speed = at(friction.speed_state).unwrap_or(0.0);
-            let carried = at(friction.twist_state).unwrap_or(0.0);
-            let torque = friction.torque(speed, carried, z);
+    /// Takes from `next` what dry frictions brake.
+    ///
+    /// One sweep of projected Gauss-Seidel from the directions of the sample before: each is solved
+    /// beside the others as they are by then.
+    fn brake(&self, state: &mut GearboxState<NX>, next: &mut SVector<f32, NX>) {
+        let mut add = |friction: &Friction, torque: f32| {
             for (x, b) in next.iter_mut().zip(&friction.column) {
                 *x += b * torque;
             }
+            let speed = next.get(usize::from(friction.speed_state));
+            speed.copied().unwrap_or(0.0)
+        };
+        let of = |friction: &Friction| {
+            let at = |i: u8| state.belief.state.get(usize::from(i)).copied();
+            let [speed, carried] = [friction.speed_state, friction.twist_state].map(at);
+            friction.size(speed.unwrap_or(0.0), carried.unwrap_or(0.0))
+        };
+        let frictions = &self.model.frictions;
+        let mut torques = [0.0; MAX_FRICTIONS];
+        let others = frictions
+            .iter()
+            .zip(&mut torques)
+            .zip(&state.braking)
+            .skip(1);
+        for ((friction, torque), z) in others {
+            *torque = of(friction) * z;
+            add(friction, *torque);
+        }
+        for ((friction, torque), z) in frictions.iter().zip(torques).zip(&mut state.braking) {
+            let size = of(friction);
+            let free = add(friction, -torque);
+            *z = friction.direction(size, free, *z);
+            add(friction, size * *z);
+        }
+    }
+
+    fn predict(&self, state: &mut GearboxState<NX>) {
+        let from = state.belief.state[0];
+        let mut next = self.transition.propagate(&state.belief.state);
+        if !self.model.frictions.is_empty() {
+            self.brake(state, &mut next);
         }
         state.belief.state = next;
         state.turned = state.belief.state[0] - from;

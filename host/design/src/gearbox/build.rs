@@ -292,7 +292,6 @@ impl Plan {
             let Some(referred) = inertia.referred_friction() else {
                 continue;
             };
-            let moment = inertia.referred_moment();
             let part = |torque: f64| (torque / self.nominal_torque) as f32;
             let drive = self.mechanical + self.loads + k;
             let mut column = vec![0.0; self.states()];
@@ -300,11 +299,6 @@ impl Plan {
                 let braked = -transition[(i, drive)] / inertia.speed_ratio;
                 *slot = braked * self.nominal_torque / self.scale[i];
             }
-            // No steeper than what a sample's step follows.
-            let most = referred.coulomb_nm
-                + referred.load_part * self.nominal_torque
-                + referred.stribeck_nm;
-            let steepest = 2.0 * most * self.dt_s / (moment * self.nominal_speed);
             let per_angle = |angle: f64| self.nominal_speed * self.dt_s / angle;
             let positive = |value: f64| (value > 0.0).then_some(value);
             frictions
@@ -317,7 +311,7 @@ impl Plan {
                     sticking: part(referred.stribeck_nm),
                     fading: (referred.stribeck_rad_s)
                         .map_or(0.0, |speed| (self.nominal_speed / speed) as f32),
-                    creeping: CREEP.max(steepest) as f32,
+                    creeping: CREEP as f32,
                     building: positive(referred.presliding_rad).map_or(0.0, per_angle) as f32,
                 })
                 .map_err(|_| BuildError::TooLarge("inertias with friction"))?;
