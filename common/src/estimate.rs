@@ -31,6 +31,39 @@ pub struct Estimate {
     pub lost: u32,
 }
 
+impl Estimate {
+    /// Makes what is no number not valid: whatever the image, a receiver gets finite numbers, an
+    /// angle in [-pi, pi) and no negative variance.
+    pub(crate) fn contain(&mut self) {
+        if !self.angle_rad.is_finite() {
+            self.angle_rad = 0.0;
+        }
+        for load in &mut self.loads {
+            if !(load.value.is_finite() && load.std >= 0.0 && load.std <= f32::MAX) {
+                *load = LoadEstimate {
+                    value: 0.0,
+                    std: f32::MAX,
+                    age: load.age,
+                    fault: Fault::NotValid,
+                };
+            }
+        }
+        for sensor in &mut self.sensors {
+            let within = |x: f32| (0.0..=f32::MAX).contains(&x);
+            let numbers = sensor.measured.is_finite()
+                && sensor.innovation.is_finite()
+                && within(sensor.innovation_variance)
+                && within(sensor.nis);
+            if !numbers {
+                *sensor = SensorEstimate {
+                    fault: Fault::NotValid,
+                    ..SensorEstimate::default()
+                };
+            }
+        }
+    }
+}
+
 /// One load and how far to trust it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LoadEstimate {

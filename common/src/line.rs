@@ -127,6 +127,12 @@ impl<'a> Line<'a> {
 
     /// Takes one sample and gives the estimate.
     pub fn step(&mut self, raw: &RawSample) -> Estimate {
+        let mut estimate = self.estimate(raw);
+        estimate.contain();
+        estimate
+    }
+
+    fn estimate(&mut self, raw: &RawSample) -> Estimate {
         match &mut self.kind {
             Kind::Gearbox6(g, s) => g.step(s, raw),
             Kind::Gearbox8(g, s) => g.step(s, raw),

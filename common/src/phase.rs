@@ -86,10 +86,18 @@ impl PhaseStep {
 
 /// Wraps an angle into [-pi, pi).
 ///
-/// `a - 2 pi floor(a / 2 pi + 1/2)`; a non-finite angle stays non-finite.
+/// `a - 2 pi floor(a / 2 pi + 1/2)`; a non-finite angle stays non-finite. Where turns are so many
+/// that their rounding leaves that range, -pi.
 pub fn wrap_rad(a: f32) -> f32 {
-    let turns = libm::floorf(a * (0.5 * core::f32::consts::FRAC_1_PI) + 0.5);
-    a - turns * core::f32::consts::TAU
+    use core::f32::consts::{FRAC_1_PI, PI, TAU};
+    let turns = libm::floorf(a * (0.5 * FRAC_1_PI) + 0.5);
+    let wrapped = a - turns * TAU;
+    // Both ends are the same angle. Not so written that NaN becomes one of them.
+    if wrapped >= PI || wrapped < -PI {
+        -PI
+    } else {
+        wrapped
+    }
 }
 
 #[cfg(test)]
@@ -128,6 +136,26 @@ mod tests {
             phase = phase.advanced(five_turns, step);
         }
         assert!(phase.to_rad().abs() < 1e-4, "{}", phase.to_rad());
+    }
+
+    #[test]
+    fn a_wrapped_angle_is_within_half_a_turn() {
+        for a in [
+            1e3_f32,
+            -1e6,
+            1e8,
+            -3e9,
+            1e20,
+            f32::MAX,
+            core::f32::consts::PI,
+        ] {
+            let wrapped = wrap_rad(a);
+            assert!(
+                (-core::f32::consts::PI..core::f32::consts::PI).contains(&wrapped),
+                "{a}: {wrapped}"
+            );
+        }
+        assert!(wrap_rad(f32::INFINITY).is_nan());
     }
 
     #[test]

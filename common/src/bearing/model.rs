@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::contact::Geometry;
 use super::{FEATURES, GAUGES, HARMONICS, LOADS, ROWS};
 use crate::Error;
+use crate::error::finite;
 use crate::estimate::MAX_LOADS;
 use crate::image::LoadSignal;
 use crate::measurement::{Converter, Counter};
@@ -110,6 +111,14 @@ impl BearingModel {
                 return Err(Error::NotPositive("load_factor"));
             }
         }
+        let not_negative = [t.phase_walk, t.preload_walk];
+        let of_gauges = (self.gauges.iter()).flat_map(|g| [g.resting_error, g.model_error]);
+        let mut all = not_negative.into_iter().chain(of_gauges);
+        if !all.all(|value| value >= 0.0 && value.is_finite()) {
+            return Err(Error::OutOfRange("bearing noise"));
+        }
+        finite(&t.load_mean, LOADS, "load_mean")?;
+        self.gauges.iter().try_for_each(GaugeModel::check)?;
         if !(self.passes_per_turn != 0.0 && self.passes_per_turn.is_finite()) {
             return Err(Error::OutOfRange("passes_per_turn"));
         }
@@ -118,6 +127,22 @@ impl BearingModel {
 }
 
 impl GaugeModel {
+    fn check(&self) -> Result<(), Error> {
+        let gain = self.converter.gain;
+        finite(&[gain, self.passing, self.offset], 3, "gauge")?;
+        if gain == 0.0 {
+            return Err(Error::OutOfRange("channel gain"));
+        }
+        finite(&self.bulk_load, LOADS, "bulk_load")?;
+        finite(
+            self.bulk_feature.as_flattened(),
+            ROWS * FEATURES,
+            "bulk_feature",
+        )?;
+        let local = self.local.as_flattened().as_flattened().as_flattened();
+        finite(local, ROWS * HARMONICS * FEATURES * 2, "local strain")
+    }
+
     /// Variance of a reading about the model where there is no local strain [(um/m)^2].
     pub(super) fn resting_variance(&self) -> f32 {
         self.noise_std * self.noise_std + self.resting_error * self.resting_error
