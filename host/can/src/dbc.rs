@@ -1,7 +1,6 @@
 //! The description of the frames: `docs/loadtwin.dbc`, for one machine.
 
-use std::fmt::Write;
-
+use loadtwin_common::estimate::MAX_LOADS;
 use loadtwin_common::frame::{DEFAULT_BASE, LoadFrame};
 
 /// The description of all machines, loads in % of full scale, base 0x500.
@@ -18,54 +17,63 @@ pub struct LoadScale<'a> {
     pub full_scale: f32,
 }
 
-/// The description of one machine: its identifiers, its loads by name and in
-/// their unit.
-pub fn of_machine(base: u16, loads: &[LoadScale<'_>]) -> String {
-    let names = symbols(loads);
+/// The description of one machine: its identifiers, its loads by name and in their unit, its
+/// `sensors` by name, all by number where none is given.
+pub fn of_machine(base: u16, loads: &[LoadScale<'_>], sensors: &[&str]) -> String {
+    let load_names = symbols(loads.iter().map(|load| load.name), "Load", 24);
+    let sensor_names = symbols(sensors.iter().copied(), "Sensor", 19);
     let mut out = String::with_capacity(DBC.len() + 4096);
     let mut skipping = false;
     for line in DBC.lines() {
+        let load = load_of(line);
+        let sensor = number_in(line, "Sensor");
+        let is_absent = load.is_some_and(|i| i >= loads.len())
+            || sensor.is_some_and(|i| !sensors.is_empty() && i >= sensors.len());
         // A message of a load that this machine has not, with its signals.
         if line.starts_with("BO_ ") || line.is_empty() {
-            skipping = load_of(line).is_some_and(|i| i >= loads.len());
+            skipping = is_absent;
         }
-        if skipping || load_of(line).is_some_and(|i| i >= loads.len()) {
+        if skipping || is_absent {
             continue;
         }
         let line = shift(line, base);
-        match load_of(&line).and_then(|i| Some((i, loads.get(i)?, names.get(i)?))) {
-            Some((i, load, name)) => {
+        let load = load.and_then(|i| Some((i, loads.get(i)?, load_names.get(i)?)));
+        let sensor = sensor.and_then(|i| Some((i, sensor_names.get(i)?)));
+        match (load, sensor) {
+            (Some((i, load, name)), _) => {
                 let line = scale(&line, i, load);
                 out.push_str(&line.replace(&format!("Load{}", i + 1), name));
             }
-            None => out.push_str(&line),
+            (None, Some((i, name))) => out.push_str(&line.replace(&format!("Sensor{i}"), name)),
+            (None, None) => out.push_str(&line),
         }
         out.push('\n');
     }
     out
 }
 
-/// Names that a DBC takes: letters, digits, underscores, at most 24, none twice.
-fn symbols(loads: &[LoadScale<'_>]) -> Vec<String> {
-    let mut names: Vec<String> = Vec::new();
-    for (i, load) in loads.iter().enumerate() {
-        let mut name: String = load
-            .name
-            .chars()
-            .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' })
-            .take(24)
-            .collect();
-        if name.is_empty() || !name.starts_with(|c: char| c.is_ascii_alphabetic()) {
-            name.insert_str(0, "Load_");
+/// Names that a DBC takes: letters, digits, underscores, at most `longest` with a number where one
+/// is there already, none twice.
+fn symbols<'a>(names: impl Iterator<Item = &'a str>, kind: &str, longest: usize) -> Vec<String> {
+    let mut symbols: Vec<String> = Vec::new();
+    for (i, name) in names.enumerate() {
+        let legal = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
+        let mut symbol: String = name.chars().map(legal).take(longest).collect();
+        if !symbol.starts_with(|c: char| c.is_ascii_alphabetic()) {
+            symbol.insert_str(0, &format!("{kind}_"));
+            symbol.truncate(longest);
         }
         let taken =
-            |name: &str| names.iter().any(|n| n == name) || DBC.contains(&format!(" {name}:"));
-        if taken(&name) {
-            let _ = write!(name, "_{}", i + 1);
+            |symbol: &String| symbols.contains(symbol) || DBC.contains(&format!(" {symbol}:"));
+        let plain = symbol.clone();
+        let mut number = i + 1;
+        while taken(&symbol) {
+            symbol = format!("{plain}_{number}");
+            number += 1;
         }
-        names.push(name);
+        symbols.push(symbol);
     }
-    names
+    symbols
 }
 
 /// The identifier that a line is about.
@@ -83,14 +91,21 @@ fn id_of(line: &str) -> Option<(usize, u16)> {
     None
 }
 
-/// The load, from 0, that a line is about.
+/// The load, from 0, that a line is about: its signals, or the message by its identifier.
 fn load_of(line: &str) -> Option<usize> {
-    let rest = match line.find("Load").filter(|at| line[..*at].ends_with(' ')) {
-        Some(at) => &line[at + 4..],
-        None => return None,
-    };
-    let digit = rest.chars().next()?.to_digit(10)?;
-    (1..=6).contains(&digit).then(|| digit as usize - 1)
+    number_in(line, "Load").or_else(|| {
+        let number = id_of(line)?.1.checked_sub(DEFAULT_BASE)?;
+        let load = usize::from(number).checked_sub(1)?;
+        (load < MAX_LOADS).then_some(load)
+    })
+}
+
+/// The load or sensor, from 0, that a line names; of loads the description begins with 1.
+fn number_in(line: &str, kind: &str) -> Option<usize> {
+    let at = line.find(kind).filter(|at| line[..*at].ends_with(' '))?;
+    let digit = line[at + kind.len()..].chars().next()?.to_digit(10)?;
+    let first = u32::from(kind == "Load");
+    Some(digit.checked_sub(first)? as usize)
 }
 
 /// The line with its identifier moved to the machine's block.

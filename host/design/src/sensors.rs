@@ -110,6 +110,14 @@ impl Sensors {
         Ok(sensors)
     }
 
+    /// Their names in the order of the estimates: channels, then encoders.
+    pub fn names(&self) -> Vec<String> {
+        let encoders = self.encoders.iter().map(|encoder| encoder.name.clone());
+        (self.channels.iter().map(|channel| channel.name.clone()))
+            .chain(encoders)
+            .collect()
+    }
+
     /// The same sensors with `filter`.
     #[must_use]
     pub fn filtered_by(self, filter: Filter) -> Self {

@@ -38,11 +38,26 @@ struct ModelArgs {
 impl ModelArgs {
     /// The payload of the model image.
     fn load(&self) -> anyhow::Result<Vec<u8>> {
+        Ok(self.load_with_sensors()?.0)
+    }
+
+    /// The same with the names of the sensors in the order of the estimates, where it is a
+    /// description that has them.
+    fn load_with_sensors(&self) -> anyhow::Result<(Vec<u8>, Vec<String>)> {
         if self.machine.extension().is_some_and(|end| end == "toml") {
             let machine = Machine::load(&self.machine)?;
             let sensors = Sensors::choose(&machine, self.sensors.as_deref())?;
-            return Ok(build::image(&machine, &sensors)?);
+            return Ok((build::image(&machine, &sensors)?, sensors.names()));
         }
+        anyhow::ensure!(
+            self.sensors.is_none(),
+            "--sensors: found an image, {}, which has its sensors already; allowed: a description (.toml)",
+            self.machine.display()
+        );
+        Ok((self.image()?, Vec::new()))
+    }
+
+    fn image(&self) -> anyhow::Result<Vec<u8>> {
         let bytes =
             std::fs::read(&self.machine).with_context(|| self.machine.display().to_string())?;
         if !bytes.starts_with(&sealed::MAGIC) {
@@ -117,8 +132,11 @@ pub struct Upload {
 #[derive(Debug, Args)]
 pub struct Dbc {
     /// Machine description (TOML) or model image, for its identifiers, names
-    /// and units; in % of full scale where absent.
+    /// and units; in % of full scale where absent. An image has no names of sensors.
     machine: Option<PathBuf>,
+    /// Set of sensors; the first of the description where absent.
+    #[arg(long, value_name = "NAME", requires = "machine")]
+    sensors: Option<String>,
 }
 
 /// Prints a summary; as text, one key a line.
@@ -290,23 +308,24 @@ impl Dbc {
             print!("{}", dbc::DBC);
             return Ok(());
         };
-        let image = ModelArgs {
+        let args = ModelArgs {
             machine: machine.clone(),
-            sensors: None,
-        }
-        .load()?;
+            sensors: self.sensors.clone(),
+        };
+        let (image, sensors) = args.load_with_sensors()?;
         let model = Model::from_bytes(&image)?;
-        let loads: Vec<_> = model
-            .image
-            .loads()
-            .iter()
-            .map(|load| LoadScale {
+        let loads: Vec<_> = (model.image.loads().iter().enumerate())
+            .map(|(place, load)| LoadScale {
                 name: &load.name,
-                unit: "Nm",
+                unit: model.image.load_unit(place),
                 full_scale: load.full_scale,
             })
             .collect();
-        print!("{}", dbc::of_machine(model.image.can_base, &loads));
+        let sensors: Vec<&str> = sensors.iter().map(String::as_str).collect();
+        print!(
+            "{}",
+            dbc::of_machine(model.image.can_base, &loads, &sensors)
+        );
         Ok(())
     }
 }

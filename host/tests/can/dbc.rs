@@ -253,7 +253,7 @@ fn cantools_reads_the_same_numbers_in_the_units_of_a_machine() {
             full_scale: FULL_SCALES[1],
         },
     ];
-    let dbc = of_machine(0x320, &loads);
+    let dbc = of_machine(0x320, &loads, &[]);
     let full_scales = FULL_SCALES.map(f64::from);
     assert_same(0x320, &dbc, ["main_shaft", "Load_5th_wheel"], full_scales);
     assert!(!dbc.contains("Load3") && dbc.contains("\"Nm\"") && !dbc.contains("BO_ 1280"));
@@ -299,4 +299,48 @@ fn cantools_reads_raw_samples() {
         );
         assert_eq!(find("Latched", fd), 0xFFFF_FFFE);
     }
+}
+
+/// Of a machine, as the command prints it; read by another decoder as well.
+fn printed(arguments: &[&str]) -> String {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_loadtwin"));
+    let output = command.arg("dbc").args(arguments).output().expect("runs");
+    assert!(output.status.success(), "{arguments:?}");
+    let dbc = String::from_utf8(output.stdout).expect("text");
+    assert!(decode(&dbc, &[]).is_empty());
+    dbc
+}
+
+fn example(name: &str) -> String {
+    format!("{}/../examples/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+#[test]
+fn forces_are_in_newtons_and_sensors_have_their_names() {
+    let unit_of = |dbc: &str, signal: &str| {
+        let start = format!(" SG_ {signal} ");
+        let line = dbc.lines().find(|line| line.starts_with(&start));
+        let line = line.unwrap_or_else(|| panic!("no {signal}")).to_owned();
+        line.split('"').nth(1).expect("a unit").to_owned()
+    };
+    let rotor = printed(&[&example("rotor/machine.toml")]);
+    assert_eq!(unit_of(&rotor, "disc1_xValue"), "N");
+    assert!(rotor.contains(" SG_ x5Innovation m0 ") && rotor.contains(" y32Nis 65535 "));
+    assert!(!rotor.contains("Sensor4") && !rotor.contains("Load5"));
+    let bearing = printed(&[&example("bearing/calibrated.toml")]);
+    for (load, unit) in [
+        ("Fx", "N"),
+        ("Fy", "N"),
+        ("Fz", "N"),
+        ("Mx", "Nm"),
+        ("Mz", "Nm"),
+    ] {
+        assert_eq!(unit_of(&bearing, &format!("{load}Value")), unit);
+        assert_eq!(unit_of(&bearing, &format!("{load}Std")), unit);
+    }
+    let gearbox = example("gearbox/machine.toml");
+    assert!(printed(&[&gearbox]).contains(" ta3Fault m2 "));
+    let other = printed(&[&gearbox, "--sensors", "ring-gear-1"]);
+    assert!(other.contains(" rg1Fault m0 ") && other.contains(" encoder_mainFault m1 "));
+    assert!(!other.contains("ta1") && unit_of(&other, "main_shaftValue") == "Nm");
 }
