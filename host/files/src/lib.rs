@@ -1,4 +1,14 @@
-//! Output files that are complete or absent.
+//! Inputs that are bounded, outputs that are complete or absent.
+//!
+//! A command declares what it reads and writes in an [`outputs::Outputs`] before
+//! it works; each output is an [`atomic_file::AtomicFile`] that gets its name
+//! when it is complete.
 #![forbid(unsafe_code)]
 
 pub mod atomic_file;
+pub mod bounded;
+pub mod content;
+mod destination;
+pub mod mark;
+pub mod outputs;
+pub mod scratch;

@@ -1,0 +1,139 @@
+//! Where an output goes, and which file a path stands for.
+
+use std::ffi::OsString;
+use std::fs::{File, Metadata};
+use std::io;
+use std::os::fd::AsFd;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+
+use super::scratch;
+
+/// Links that are followed one after another, as the Linux kernel does.
+const MOST_LINKS: usize = 40;
+
+/// The file that a path stands for, whatever it is called.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Identity {
+    /// A file that is there: device and inode.
+    There(u64, u64),
+    /// One that is not: device and inode of its folder, and its name.
+    Absent(u64, u64, OsString),
+}
+
+impl Identity {
+    /// The identity of a file that is there.
+    pub(crate) fn of(metadata: &Metadata) -> Self {
+        Self::There(metadata.dev(), metadata.ino())
+    }
+}
+
+/// Where an output goes.
+#[derive(Debug)]
+pub(crate) enum Destination {
+    /// Standard output, a pipe, a device: written to directly.
+    Stream(File),
+    /// A plain file, there or not.
+    Plain(Box<Place>),
+}
+
+/// The place of a plain file, all links followed.
+#[derive(Debug)]
+pub(crate) struct Place {
+    pub(crate) folder: PathBuf,
+    pub(crate) name: OsString,
+    /// Of the file that is there.
+    pub(crate) existing: Option<Metadata>,
+}
+
+impl Place {
+    /// Whether it is a scratch file, which need not outlive the system nor be
+    /// kept apart from those of other runs.
+    pub(crate) fn is_temporary(&self) -> bool {
+        self.folder.components().any(|part| {
+            let name = part.as_os_str().to_string_lossy();
+            name.starts_with(scratch::PREFIX)
+        })
+    }
+
+    pub(crate) fn path(&self) -> PathBuf {
+        self.folder.join(&self.name)
+    }
+
+    /// # Errors
+    /// When the folder is not there.
+    pub(crate) fn identity(&self) -> io::Result<Identity> {
+        if let Some(metadata) = &self.existing {
+            return Ok(Identity::of(metadata));
+        }
+        let folder = self.folder.metadata()?;
+        Ok(Identity::Absent(
+            folder.dev(),
+            folder.ino(),
+            self.name.clone(),
+        ))
+    }
+}
+
+/// Whether `path` is a way to write standard output: `-`, `/dev/stdout`, or the
+/// file that standard output was redirected to.
+pub(crate) fn is_stdout(path: &Path) -> bool {
+    if path == Path::new("-") || path == Path::new("/dev/stdout") {
+        return true;
+    }
+    let stdout = stdout_file().and_then(|file| file.metadata());
+    matches!((path.metadata(), stdout), (Ok(a), Ok(b))
+        if a.is_file() && b.is_file() && Identity::of(&a) == Identity::of(&b))
+}
+
+/// Whether `path` is no plain file: standard output, a pipe, a device.
+pub fn is_stream(path: &Path) -> bool {
+    let there = path.metadata();
+    is_stdout(path) || there.is_ok_and(|there| !there.is_file() && !there.is_dir())
+}
+
+fn stdout_file() -> io::Result<File> {
+    Ok(io::stdout().as_fd().try_clone_to_owned()?.into())
+}
+
+/// Finds where `path` leads, through links, also one whose target is not there.
+///
+/// # Errors
+/// For a folder, a circle of links, a file or folder that cannot be reached.
+pub(crate) fn destination(path: &Path) -> io::Result<Destination> {
+    if is_stdout(path) {
+        return Ok(Destination::Stream(stdout_file()?));
+    }
+    let mut path = path.to_path_buf();
+    for _ in 0..MOST_LINKS {
+        let descriptor = path.starts_with("/dev/fd") || path.starts_with("/proc/self/fd");
+        match path.metadata() {
+            Ok(found) if found.is_dir() => return Err(io::ErrorKind::IsADirectory.into()),
+            Ok(found) if !found.is_file() || descriptor => {
+                let file = File::options().write(true).open(&path)?;
+                return Ok(Destination::Stream(file));
+            }
+            Ok(_) => {}
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(error) => return Err(error),
+        }
+        let Ok(target) = path.read_link() else {
+            return Ok(Destination::Plain(Box::new(plain(&path)?)));
+        };
+        path = path.parent().unwrap_or(Path::new("")).join(target);
+    }
+    Err(io::Error::other("too many links"))
+}
+
+fn plain(path: &Path) -> io::Result<Place> {
+    let name = path.file_name().ok_or(io::ErrorKind::InvalidFilename)?;
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    Ok(Place {
+        folder: folder.to_path_buf(),
+        name: name.to_owned(),
+        existing: path.metadata().ok(),
+    })
+}
