@@ -13,11 +13,14 @@
 
 mod angle;
 mod friction;
+mod gauges;
+mod kind;
 mod model;
 mod response;
 mod steady;
+mod vote;
 
-use angle::turn;
+use angle::{Track, turn};
 use heapless::Vec;
 use nalgebra::{RowSVector, SMatrix, SVector};
 
@@ -27,9 +30,8 @@ use crate::fault::Fault;
 use crate::gaussian::Gaussian;
 use crate::image::{LoadSignal, MAX_STATES, StateVec};
 use crate::innovation::{Gate, Innovation, Outcome};
-use crate::kalman;
 use crate::measurement::{Converter, Counter, Measurement, Unwrap};
-use crate::phase::{Phase, wrap_rad};
+use crate::phase::wrap_rad;
 use crate::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
 use crate::transition::{ProcessNoise, RandomWalk, Transition};
 
@@ -38,13 +40,15 @@ pub use model::{Bias, Channel, Encoder, GearboxModel, LOADS, Role};
 use response::Memory;
 pub use response::Response;
 pub use steady::SteadyGains;
+pub use vote::Consistency;
+use vote::{Direction, Vote, Voting};
 
 /// Samples after which a gap is a new start.
 const LONGEST_GAP: u32 = 100;
 
-/// Refusals in a row after which a reading is believed again, an encoder as one
-/// whose counts have shifted: a load step may contradict the model for a few samples,
-/// a fault of the channel does so longer.
+/// Refusals in a row after which another hypothesis is tested: all gauges that sense the same are
+/// right and the prediction is off, or the counts of an encoder have shifted. A load step
+/// contradicts the model for a few samples, a fault of a channel for longer.
 const PATIENCE: u16 = 25;
 
 /// The estimator of a gearbox, fixed after start.
@@ -55,9 +59,9 @@ pub struct Gearbox<'a, const NX: usize> {
     counters: Vec<Counter, MAX_ENCODERS>,
     channel_rows: Vec<RowSVector<f32, NX>, MAX_CHANNELS>,
     encoder_rows: Vec<RowSVector<f32, NX>, MAX_ENCODERS>,
-    /// The first channel of each direction, and the direction of each channel.
-    directions: Vec<u8, MAX_CHANNELS>,
-    direction_of: Vec<u8, MAX_CHANNELS>,
+    /// The gauges of each direction.
+    directions: Vec<Direction, MAX_CHANNELS>,
+    voting: Voting,
     /// Channel of the thermometer, temperature at which zeros hold, rate.
     thermometer: Option<(u8, Option<f32>, f32)>,
     transition: Transition<NX, LOADS, RandomWalk>,
@@ -87,6 +91,10 @@ pub struct GearboxState<const NX: usize> {
     turned: f32,
     homed_by_pulse: bool,
     started: bool,
+    /// Consistency of the gauges.
+    vote: Vote,
+    /// Consistency of the encoders.
+    tracks: [Track; MAX_ENCODERS],
     /// Whether the next sample is taken by the steady gains.
     steady: bool,
 }
@@ -121,7 +129,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             .iter()
             .map(|encoder| rows(&encoder.row))
             .collect();
-        let (directions, direction_of) = model.directions();
+        let errors = (model.channels.iter()).map(|channel| (channel.error(), channel.unit));
         let initial_std = SVector::<f32, NX>::from_row_slice(&model.initial_std);
         Ok(Self {
             transition: Transition::from_rows(&model.transition, RandomWalk)?,
@@ -130,13 +138,13 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
                 SVector::from_row_slice(&model.initial_state),
                 &initial_std.component_mul(&initial_std),
             )?,
-            gate: Gate::try_new(model.gate_nis, PATIENCE)?,
+            gate: Gate::try_new(model.gate_nis, u16::MAX)?,
             converters,
             counters,
             channel_rows,
             encoder_rows,
-            directions,
-            direction_of,
+            directions: model.members(),
+            voting: Voting::new(model.consistency, errors),
             thermometer: model.thermometer(),
             model,
         })
@@ -157,6 +165,8 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             turned: 0.0,
             homed_by_pulse: false,
             started: false,
+            vote: Vote::default(),
+            tracks: [Track::default(); MAX_ENCODERS],
             steady: false,
         }
     }
@@ -204,7 +214,9 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
             let _ = estimate.loads.push(load);
         }
         // Days without any sensor overflow a variance; what follows is a new start.
-        state.started = estimate.loads.iter().all(|load| load.std < f32::MAX);
+        state.started = estimate.loads.iter().all(|load| load.std < f32::MAX)
+            && libm::fabsf(state.turned) <= self.model.consistency.most_turn
+            && !state.tracks.iter().any(|track| track.lost);
         estimate
     }
 
@@ -240,15 +252,7 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         {
             *slot = self.update_angle(state, k, m);
         }
-        let angle = Phase::from_rad(state.belief.state[0]);
-        for (i, channel) in self.model.channels.iter().enumerate() {
-            let angle = match channel.late() {
-                None => angle,
-                Some(late) => angle.since(Phase::from_rad(late * state.turned)),
-            };
-            let sensor = self.update_channel(state, i, channel, m, estimate.homed, angle);
-            let _ = estimate.sensors.push(sensor);
-        }
+        self.update_gauges(state, m, estimate);
         for sensor in angles.iter().take(self.model.encoders.len()) {
             let _ = estimate.sensors.push(*sensor);
         }
@@ -258,9 +262,12 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
     fn restart(&self, state: &mut GearboxState<NX>, m: &Measurement) {
         state.belief = self.initial;
         state.gates = [self.gate; MAX_SENSORS];
+        state.vote = Vote::default();
+        state.tracks = [Track::default(); MAX_ENCODERS];
         state.braking = [0.0; MAX_FRICTIONS];
         state.memories = [Memory::default(); MAX_CHANNELS];
         state.age = u16::MAX;
+        state.turned = 0.0;
         state.started = true;
         state.steady = false;
         if let Some(Ok(angle)) = m.angles.first() {
@@ -344,80 +351,6 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         state.belief.state[0] = wrap_rad(state.belief.state[0]);
     }
 
-    /// One analogue channel: a reading for the filter, or an input that is known from now on.
-    fn update_channel(
-        &self,
-        state: &mut GearboxState<NX>,
-        i: usize,
-        channel: &Channel<'a>,
-        m: &Measurement,
-        homed: bool,
-        angle: Phase,
-    ) -> SensorEstimate {
-        let (Some(row), Some(reading)) = (self.channel_rows.get(i), m.values.get(i)) else {
-            return SensorEstimate::default();
-        };
-        let value = match *reading {
-            Ok(value) => value,
-            Err(fault) => {
-                return SensorEstimate {
-                    fault,
-                    ..SensorEstimate::default()
-                };
-            }
-        };
-        let Role::Measure {
-            offset,
-            map,
-            map_mean,
-            map_deviation,
-            variance,
-            biases,
-            response,
-        } = &channel.role
-        else {
-            if let Some(known) = state.known.get_mut(i) {
-                *known = value;
-            }
-            return SensorEstimate {
-                measured: value * channel.unit,
-                ..SensorEstimate::default()
-            };
-        };
-        // s = c x: what the channel senses, in the unit of the reading at sensitivity 1.
-        let sensed = dot(row, &state.belief.state);
-        let mut r = variance.bin(angle);
-        let (sensitivity, slope) = if homed {
-            map.at(angle)
-        } else {
-            let unknown = map_deviation * sensed;
-            r += unknown * unknown;
-            (*map_mean, 0.0)
-        };
-        // The angle is the encoder's business: what it is unsure of makes the
-        // reading less certain, but a gauge whose map is wrong must not turn it.
-        let (bent, steepness) = response.bent(sensed, state.warming);
-        let by_angle = bent * slope;
-        r += by_angle * by_angle * state.belief.variances()[0];
-        let mut gradient = row * (sensitivity * steepness);
-        let remembered = state.memories.get(i).map_or(0.0, |memory| memory.zero);
-        let zero = offset + response.zero(remembered, state.warming);
-        let mut predicted = zero + sensitivity * bent;
-        for bias in biases {
-            let b = usize::from(bias.state);
-            if let (Some(g), Some(x)) = (gradient.get_mut(b), state.belief.state.get(b)) {
-                *g += bias.factor;
-                predicted += bias.factor * x;
-            }
-        }
-        let gate = &mut state.gates[i % MAX_CHANNELS];
-        let update = kalman::update(&mut state.belief, &gradient, value - predicted, r, gate);
-        if update.used() {
-            state.age = 0;
-        }
-        judged(value, &update, channel.unit, Fault::Erratic)
-    }
-
     fn load(
         &self,
         state: &GearboxState<NX>,
@@ -430,7 +363,8 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
         let d = NX - LOADS + j % LOADS;
         let scale = self.model.scale.get(d).copied().unwrap_or(1.0);
         let value = state.belief.state[d] * scale;
-        let std = libm::sqrtf(variances[j % LOADS]) * scale;
+        let (factor, added) = self.voting.deviation(&state.vote, self.directions.len());
+        let std = libm::sqrtf(variances[j % LOADS] * factor + added) * scale;
         if !(value.is_finite() && std.is_finite()) {
             return LoadEstimate {
                 value: 0.0,
@@ -439,10 +373,15 @@ impl<'a, const NX: usize> Gearbox<'a, NX> {
                 fault: Fault::NotValid,
             };
         }
-        let fault = if std > signal.valid_std {
+        let fast = libm::fabsf(state.turned) > self.model.consistency.most_turn;
+        let fault = if fast || libm::fabsf(value) > signal.full_scale {
+            Fault::Implausible
+        } else if std > signal.valid_std {
             Fault::NotValid
         } else if slipped {
             Fault::Slipped
+        } else if state.vote.contradicted() {
+            Fault::Contradicted
         } else if !homed {
             Fault::NotHomed
         } else {

@@ -22,8 +22,7 @@ impl Bearing {
     /// Makes the champion's loads those that are said, where they can be believed.
     pub(super) fn publish(&self, state: &mut BearingState) {
         state.age = 0;
-        let contradicted = state.consistency.is_contradicted();
-        let locked = state.is_locked() && !contradicted;
+        let locked = state.is_locked();
         let radius = self.model.geometry.radius_mm;
         let slipped = (0..ROWS).any(|row| {
             state.champion.gaussian.state[ROWS + row].abs() > self.model.tuning.slip_limit
@@ -41,11 +40,6 @@ impl Bearing {
                     std,
                     age: 0,
                     fault: if slipped { Fault::Slipped } else { Fault::None },
-                }
-            } else if contradicted {
-                LoadEstimate {
-                    fault: Fault::Contradicted,
-                    ..UNKNOWN
                 }
             } else {
                 UNKNOWN

@@ -2,7 +2,7 @@
 
 use nalgebra::RowSVector;
 
-use super::{Encoder, Gearbox, GearboxState, dot, judged};
+use super::{Encoder, Gearbox, GearboxState, PATIENCE, dot, judged};
 use crate::estimate::SensorEstimate;
 use crate::fault::Fault;
 use crate::gaussian::Gaussian;
@@ -11,6 +11,63 @@ use crate::kalman;
 use crate::measurement::Measurement;
 use crate::phase::{Phase, wrap_rad};
 use crate::raw::{MAX_CHANNELS, MAX_ENCODERS};
+
+/// Deviation of an encoder's readings within which they are as expected [standard deviations].
+const WITHIN: f32 = 5.0;
+
+/// Turn without a change of the count at which an encoder is stuck [standard deviations]: three
+/// and a half counts, where the noise is that of the rounding.
+const HELD: f32 = 12.0;
+
+/// How an encoder's readings went on.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Track {
+    angle: f32,
+    /// Turn expected since its last change [rad].
+    held: f32,
+    /// Last two innovations [rad].
+    past: [f32; 2],
+    /// Samples in a row whose innovations went on evenly.
+    even: u16,
+    /// It went on evenly, and not as the model: the estimate has to start anew.
+    pub(super) lost: bool,
+}
+
+impl Track {
+    /// Whether the count stood still while the model turned by `turned` and went further than
+    /// noise of `variance` explains.
+    pub(super) fn stuck(&mut self, angle: f32, turned: f32, variance: f32) -> bool {
+        if angle == self.angle {
+            self.held += turned;
+        } else {
+            self.held = 0.0;
+            self.angle = angle;
+        }
+        libm::fabsf(self.held) > HELD * libm::sqrtf(variance)
+    }
+
+    /// Takes in an innovation that was refused: counts that went on evenly have shifted,
+    /// or, where they run away from the model, it is lost. Counts at random do neither.
+    fn refuse(&mut self, innovation: f32, variance: f32) -> bool {
+        let [last, before] = self.past;
+        let step = wrap_rad(innovation - last);
+        let bent = wrap_rad(step - wrap_rad(last - before));
+        self.past = [innovation, last];
+        // The second difference of three readings has six times their variance.
+        if bent * bent > WITHIN * WITHIN * 6.0 * variance {
+            self.even = 0;
+        } else {
+            self.even = self.even.saturating_add(1);
+        }
+        let patient = self.even < PATIENCE;
+        if patient {
+            return false;
+        }
+        self.even = 0;
+        self.lost = step * step > WITHIN * WITHIN * 2.0 * variance;
+        !self.lost
+    }
+}
 
 impl<const NX: usize> Gearbox<'_, NX> {
     /// How far the carrier is ahead of the index's encoder by the estimate.
@@ -47,12 +104,21 @@ impl<const NX: usize> Gearbox<'_, NX> {
             }
         };
         let innovation = wrap_rad(angle - dot(row, &state.belief.state));
-        let gate = &mut state.gates[MAX_CHANNELS + k % MAX_ENCODERS];
+        let track = &mut state.tracks[k % MAX_ENCODERS];
+        let stuck = track.stuck(angle, state.turned, encoder.variance);
+        let mut shut = Gate::shut();
+        let gate = if stuck {
+            &mut shut
+        } else {
+            &mut state.gates[MAX_CHANNELS + k % MAX_ENCODERS]
+        };
         let update = kalman::update(&mut state.belief, row, innovation, encoder.variance, gate);
-        if update.outcome == Outcome::Gated && gate.exhausted() {
+        if update.outcome == Outcome::Gated && !stuck && track.refuse(innovation, encoder.variance)
+        {
             shift(&mut state.belief, encoder, row, innovation);
         }
-        judged(angle, &update, 1.0, Fault::Slipped)
+        let refused = if stuck { Fault::Stuck } else { Fault::Slipped };
+        judged(angle, &update, 1.0, refused)
     }
 
     /// Without an encoder the pulse itself is the measurement of the angle; it

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::friction::{Friction, MAX_FRICTIONS};
 use super::response::Response;
 use super::steady::SteadyGains;
+use super::vote::{Consistency, Direction};
 use crate::error::{Error, finite, positive};
 use crate::image::{LoadSignal, MAX_STATES, StateVec};
 use crate::measurement::{Converter, Counter, IndexPulse};
@@ -53,6 +54,8 @@ pub struct GearboxModel<'a> {
     pub index: Option<IndexPulse>,
     /// Dry friction, inertia by inertia.
     pub frictions: Vec<Friction, MAX_FRICTIONS>,
+    /// What the consistency tests allow.
+    pub consistency: Consistency,
     /// Gains computed beforehand; without them every sample takes the full recursion.
     #[serde(borrow)]
     pub steady: Option<SteadyGains<'a>>,
@@ -92,6 +95,9 @@ pub enum Role<'a> {
         biases: Vec<Bias, MAX_BIASES>,
         /// What it answers beside that.
         response: Response,
+        /// Standard deviation of the model's error at any load, and in parts of what is sensed
+        /// at nominal load.
+        error: [f32; 2],
     },
     /// A measured torque that drives the train: a known input.
     Drive,
@@ -162,6 +168,18 @@ impl GearboxModel<'_> {
         })
     }
 
+    /// The gauges of each direction.
+    pub(super) fn members(&self) -> Vec<Direction, MAX_CHANNELS> {
+        let (firsts, of) = self.directions();
+        (0..firsts.len())
+            .map(|d| Direction {
+                members: (0..of.len() as u8)
+                    .filter(|i| of.get(usize::from(*i)) == Some(&(d as u8)))
+                    .collect(),
+            })
+            .collect()
+    }
+
     /// Checks every length and range for `states` states.
     pub(super) fn check(&self, states: usize) -> Result<(), Error> {
         let top = states - LOADS;
@@ -198,6 +216,7 @@ impl GearboxModel<'_> {
         if let Some(index) = &self.index {
             index.check()?;
         }
+        self.consistency.check()?;
         match &self.steady {
             Some(gains) => self.check_steady(gains, states),
             None => Ok(()),
@@ -239,11 +258,13 @@ impl Channel<'_> {
             variance,
             biases,
             response,
+            error,
         } = &self.role
         else {
             return Ok(());
         };
         response.check()?;
+        finite(error, 2, "channel error")?;
         finite(&[*offset, *map_mean, *map_deviation], 3, "channel map")?;
         map.validate("channel map")?;
         variance.validate("channel variance")?;
@@ -266,6 +287,14 @@ impl Channel<'_> {
         match &self.role {
             Role::Measure { response, .. } if response.late != 0.0 => Some(response.late),
             _ => None,
+        }
+    }
+
+    /// Standard deviation of its model's error, 0 of a known input.
+    pub(super) fn error(&self) -> [f32; 2] {
+        match &self.role {
+            Role::Measure { error, .. } => *error,
+            Role::Drive | Role::Temperature { .. } => [0.0; 2],
         }
     }
 

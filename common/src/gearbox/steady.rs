@@ -3,7 +3,8 @@
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 
-use super::{Gearbox, GearboxState, LOADS, Role, dot, judged};
+use super::vote::{Gauge, Prior};
+use super::{Gearbox, GearboxState, LOADS, dot, judged};
 use crate::Error;
 use crate::estimate::{Estimate, SensorEstimate};
 use crate::fault::Fault;
@@ -137,10 +138,7 @@ impl<const NX: usize> Gearbox<'_, NX> {
     ) -> [f32; LOADS] {
         let bin = gains.bin(Phase::from_rad(state.belief.state[0]));
         let encoders = self.model.encoders.len();
-        let channels = self.model.channels.len();
-        for _ in 0..channels {
-            let _ = estimate.sensors.push(SensorEstimate::default());
-        }
+        self.open_sensors(state, m, estimate);
         for (k, (encoder, row)) in (self.model.encoders.iter())
             .zip(&self.encoder_rows)
             .enumerate()
@@ -152,68 +150,73 @@ impl<const NX: usize> Gearbox<'_, NX> {
             if let (Some(Ok(angle)), Some((g, v))) = (m.angles.get(k), bin.direction(k)) {
                 let angle = angle.to_rad();
                 let nu = wrap_rad(angle - dot(row, &state.belief.state));
-                let gate = &mut state.gates[MAX_CHANNELS + k % MAX_ENCODERS];
+                let track = &mut state.tracks[k % MAX_ENCODERS];
+                let stuck = track.stuck(angle, state.turned, encoder.variance);
+                let mut shut = Gate::shut();
+                let gate = if stuck {
+                    &mut shut
+                } else {
+                    &mut state.gates[MAX_CHANNELS + k % MAX_ENCODERS]
+                };
                 let update = judge(nu, v + encoder.variance, gate);
                 if update.used() {
                     correct(&mut state.belief.state, g, nu / update.variance);
                 }
-                sensor = judged(angle, &update, 1.0, Fault::Slipped);
+                let refused = if stuck { Fault::Stuck } else { Fault::Slipped };
+                sensor = judged(angle, &update, 1.0, refused);
             }
             let _ = estimate.sensors.push(sensor);
         }
-        let angle = Phase::from_rad(state.belief.state[0]);
-        let angle_variance = state.belief.upper[0][0];
-        for (d, first) in self.directions.iter().enumerate() {
+        let mut gauges = [Gauge::default(); MAX_CHANNELS];
+        for (d, direction) in self.directions.iter().enumerate() {
             let Some((g, v)) = bin.direction(encoders + d) else {
                 continue;
             };
-            let Some(row) = self.channel_rows.get(usize::from(*first)) else {
+            let Some(row) = self.row(direction.members.first()) else {
                 continue;
             };
-            let sensed = dot(row, &state.belief.state);
-            let (mut surprise, mut information) = (0.0, 0.0);
-            for (i, channel) in self.model.channels.iter().enumerate() {
-                let Role::Measure {
-                    offset,
-                    map,
-                    variance,
-                    response,
-                    ..
-                } = &channel.role
-                else {
-                    continue;
-                };
-                if self.direction_of.get(i) != Some(&(d as u8)) {
-                    continue;
+            let prior = Prior {
+                sensed: dot(row, &state.belief.state),
+                variance: v,
+            };
+            for i in &direction.members {
+                let i = usize::from(*i) % MAX_CHANNELS;
+                if let Some(Ok(value)) = m.values.get(i) {
+                    gauges[i] = self.gauge(state, i, *value, prior.sensed, true);
                 }
-                let Some(slot) = estimate.sensors.get_mut(i) else {
+            }
+            (self.voting).weigh(&mut state.vote, d, direction, &gauges, prior);
+            let inflation = self.voting.inflation(&state.vote, d);
+            let (mut surprise, mut information) = (0.0, 0.0);
+            for i in &direction.members {
+                let i = usize::from(*i) % MAX_CHANNELS;
+                let (Some(value), Some(channel), Some(slot)) = (
+                    gauges[i].value,
+                    self.model.channels.get(i),
+                    estimate.sensors.get_mut(i),
+                ) else {
                     continue;
                 };
-                let value = match m.values.get(i) {
-                    Some(Ok(value)) => *value,
-                    Some(Err(fault)) => {
-                        slot.fault = *fault;
-                        continue;
-                    }
-                    None => continue,
+                let m = gauges[i].sensitivity;
+                let r = gauges[i].variance * inflation;
+                let left_out = state.vote.fault(i);
+                let mut shut = Gate::shut();
+                let gate = match left_out {
+                    Some(_) => &mut shut,
+                    None => &mut state.gates[i],
                 };
-                let (sensitivity, slope) = map.at(angle);
-                let (bent, steepness) = response.bent(sensed, state.warming);
-                let by_angle = bent * slope;
-                let r = variance.bin(angle) + by_angle * by_angle * angle_variance;
-                let remembered = state.memories.get(i).map_or(0.0, |memory| memory.zero);
-                let zero = offset + response.zero(remembered, state.warming);
-                let nu = value - (zero + sensitivity * bent);
-                let sensitivity = sensitivity * steepness;
-                let gate = &mut state.gates[i % MAX_CHANNELS];
-                let update = judge(nu, sensitivity * sensitivity * v + r, gate);
+                let update = judge(gauges[i].innovation, m * m * v + r, gate);
                 if update.used() {
-                    let weight = sensitivity / r;
-                    surprise += weight * nu;
-                    information += weight * sensitivity;
+                    let weight = m / r;
+                    surprise += weight * update.value;
+                    information += weight * m;
                     state.age = 0;
                 }
-                *slot = judged(value, &update, channel.unit, Fault::Erratic);
+                let refused = left_out.unwrap_or(Fault::Erratic);
+                *slot = judged(value, &update, channel.unit, refused);
+                if slot.fault.is_none() && state.vote.contradicts(d) {
+                    slot.fault = Fault::Contradicted;
+                }
             }
             correct(
                 &mut state.belief.state,
@@ -221,27 +224,7 @@ impl<const NX: usize> Gearbox<'_, NX> {
                 surprise / (1.0 + v * information),
             );
         }
-        self.take_known(state, m, estimate);
         bin.load_variances()
-    }
-
-    /// Known inputs, for the next prediction.
-    fn take_known(&self, state: &mut GearboxState<NX>, m: &Measurement, estimate: &mut Estimate) {
-        for (i, channel) in self.model.channels.iter().enumerate() {
-            if !matches!(channel.role, Role::Measure { .. })
-                && let (Some(slot), Some(known)) =
-                    (estimate.sensors.get_mut(i), state.known.get_mut(i))
-            {
-                match m.values.get(i) {
-                    Some(Ok(value)) => {
-                        *known = *value;
-                        slot.measured = *value * channel.unit;
-                    }
-                    Some(Err(fault)) => slot.fault = *fault,
-                    None => {}
-                }
-            }
-        }
     }
 
     /// Chooses by what the next sample is taken: by the steady gains where the

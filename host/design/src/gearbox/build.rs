@@ -13,6 +13,7 @@ use loadtwin_common::table::PeriodicTable;
 use crate::encoder;
 use crate::error::BuildError;
 use crate::gearbox::channel_tables::Tables;
+use crate::gearbox::consistency::{consistency, model_error};
 use crate::gearbox::process_noise::process_noise;
 use crate::gearbox::steady::{SteadyTable, steady_gains};
 use crate::gearbox::torsion::Torsion;
@@ -252,6 +253,7 @@ impl Plan {
                     .map_err(BuildError::Model)?,
                 biases: (self.biases(i, channel, tables.unit).into_iter().flatten()).collect(),
                 response: self.response(channel, tables),
+                error: model_error(channel, tables),
             };
             (row.iter().map(|c| c / tables.sensed).collect(), role)
         };
@@ -429,6 +431,7 @@ impl Plan {
                 .collect::<Result<_, _>>()?,
             index,
             frictions: self.frictions(drivetrain)?,
+            consistency: consistency(self.dt_s, self.nominal_speed),
             steady: None,
         })
     }

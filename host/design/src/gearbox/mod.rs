@@ -2,6 +2,7 @@
 
 mod build;
 mod channel_tables;
+mod consistency;
 mod operating_point;
 mod process_noise;
 mod steady;
