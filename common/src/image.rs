@@ -12,7 +12,7 @@ use crate::gearbox::GearboxModel;
 use crate::rotor::RotorModel;
 
 /// Version of the layout of [`Image`]; another one is refused.
-pub const VERSION: u16 = 12;
+pub const VERSION: u16 = 13;
 
 /// Longest name of a machine or a load in an image [bytes].
 pub const MAX_NAME: usize = 24;

@@ -162,12 +162,32 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// Whether the next sample of a rotor is estimated as of one that is not as described.
-    pub fn rotor_doubted(&self) -> bool {
+    /// Index of the noise level by which the next sample of a rotor is estimated: 0 is that of the
+    /// description, and of other machines.
+    pub fn rotor_level(&self) -> u8 {
         match &self.kind {
-            Kind::Rotor20(r, s) => r.doubted(s),
-            Kind::Rotor24(r, s) => r.doubted(s),
-            _ => false,
+            Kind::Rotor20(r, s) => r.level(s),
+            Kind::Rotor24(r, s) => r.level(s),
+            _ => 0,
+        }
+    }
+
+    /// Model error of a rotor that is allowed for, in the usual tolerances; 0 for other machines.
+    pub fn rotor_tolerance(&self) -> f32 {
+        match &self.kind {
+            Kind::Rotor20(r, s) => r.tolerance(s),
+            Kind::Rotor24(r, s) => r.tolerance(s),
+            _ => 0.0,
+        }
+    }
+
+    /// Covariance of a rotor's state by rows, in the image's scale, where it is not the steady one
+    /// of the speed; of the last sample, also where estimates lag.
+    pub fn rotor_covariance(&self) -> Option<&[f32]> {
+        match &self.kind {
+            Kind::Rotor20(r, s) => r.covariance(s),
+            Kind::Rotor24(r, s) => r.covariance(s),
+            _ => None,
         }
     }
 

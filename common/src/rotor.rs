@@ -5,43 +5,43 @@
 //! matrices over the speed. The full recursion runs until its gain has
 //! converged; then the steady gain of the speed takes its place, until a
 //! reading is missing or refused. An estimate may lag by some samples, of which
-//! it knows more then ([`past`]). A model that the innovations contradict is held
-//! to less closely ([`doubt`]).
+//! it knows more then ([`past`]). Where the innovations contradict the model, the
+//! noise of the model is larger ([`mismatch`]); where one sensor contradicts the others, it is held out ([`votes`]).
 //!
 //! Source: Rezende et al. 2023, section 2.
 
 mod active;
-pub mod doubt;
 pub mod filter;
+pub mod mismatch;
 mod model;
+mod output;
 pub mod past;
 mod shaft;
+pub mod votes;
 
 use heapless::Vec;
 
 use crate::Error;
-use crate::estimate::{Estimate, LoadEstimate, MAX_LOADS, SensorEstimate};
+use crate::estimate::{Estimate, MAX_LOADS, SensorEstimate};
 use crate::fault::Fault;
-use crate::innovation::Gate;
 use crate::measurement::{Converter, Counter, Measurement, Unwrap};
 use crate::phase::Phase;
 use crate::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
 use active::Active;
-use doubt::Doubt;
-use filter::{Belief, FORCES, Row, Turn, predict_covariance, predict_state, predicted, update};
+use filter::{Belief, Row, Turn, predict_covariance, predict_state, predicted, update};
+use mismatch::{Change, Mismatch};
 use past::{MAX_LAG, Moment, Past};
 use shaft::{Shaft, turned};
+use votes::Votes;
 
 pub use model::{
-    MAX_MODES, MAX_STATES, Noise, Numbers, RotorChannel, RotorModel, ShaftEncoder, Speeds, WAVES,
+    MAX_LEVELS, MAX_MODES, MAX_STATES, Noise, Numbers, RotorChannel, RotorModel, ShaftEncoder,
+    Speeds, WAVES,
 };
 
 /// Samples without any after which a gap is a new start, and without a reading after which
 /// the loads are not valid.
 const LONGEST_GAP: u32 = 100;
-
-/// Refusals in a row after which a reading is believed again.
-const PATIENCE: u16 = 25;
 
 /// Part of the speeds' range beyond its ends that is still estimated.
 const MARGIN: f32 = 0.02;
@@ -53,8 +53,9 @@ pub struct Rotor<'a, const NZ: usize, const NX: usize> {
     converters: Vec<Converter, MAX_CHANNELS>,
     counters: Vec<Counter, MAX_ENCODERS>,
     rows: Vec<Row<f32, NZ>, MAX_CHANNELS>,
-    gate: Gate,
     constant: Turn<f32>,
+    /// The noise of the description.
+    described: Noise<'a>,
 }
 
 /// What changes from sample to sample.
@@ -63,16 +64,16 @@ pub struct RotorState<const NZ: usize, const NX: usize> {
     unwrap: Unwrap,
     belief: Belief<f32, NX>,
     past: Past<NX>,
-    gates: [Gate; MAX_CHANNELS],
+    votes: Votes,
     shaft: Shaft,
     active: Active<NZ, NX>,
-    doubt: Doubt,
+    mismatch: Mismatch,
+    /// Standard deviations of the level above, while a lower one is on trial.
+    trial_std: [f32; MAX_LOADS],
     /// Samples in a row that used every sensor.
     calm: u32,
     /// Samples in a row that corrected those before them.
     corrected: u32,
-    /// Sensors outside of their gates in the last sample of the full recursion.
-    contradict: usize,
     age: u16,
     started: bool,
 }
@@ -96,12 +97,12 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
                 bias: channel.bias_state.map(usize::from),
             }
         });
+        let described = *model.levels.first().ok_or(Error::OutOfRange("levels"))?;
         let (along, across) = turned(model.speeds.nominal * model.sample_s, 1.0);
         Ok(Self {
             rows: rows.collect(),
             converters: model.channels.iter().map(|c| c.converter).collect(),
             counters: model.encoder.iter().map(|e| e.counter).collect(),
-            gate: Gate::try_new(model.gate_nis, PATIENCE)?,
             constant: Turn {
                 turning: model.turning,
                 pairs: model.loads.len() / 2,
@@ -109,6 +110,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
                 across,
                 left: model.left,
             },
+            described,
             model,
         })
     }
@@ -124,13 +126,13 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
                 covariance: [[0.0; NX]; NX],
             },
             past: Past::new(Moment::unknown(self.model.speeds.nominal)),
-            gates: [self.gate; MAX_CHANNELS],
+            votes: Votes::default(),
             shaft: Shaft::new(self.model.speeds.nominal),
             active: Active::new(),
-            doubt: Doubt::default(),
+            mismatch: Mismatch::default(),
+            trial_std: [0.0; MAX_LOADS],
             calm: 0,
             corrected: 0,
-            contradict: 0,
             age: u16::MAX,
             started: false,
         }
@@ -202,50 +204,45 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         estimate
     }
 
-    /// Whether the innovations still speak for the model, or it for them.
+    /// Whether the innovations still agree with the noise in use.
     fn judge(&self, state: &mut RotorState<NZ, NX>, m: &Measurement, sensors: &[SensorEstimate]) {
-        let Some(doubted) = &self.model.doubted else {
-            return;
-        };
-        if m.stale {
+        let levels = self.model.levels.len() as u8;
+        if m.stale || levels < 2 {
             return;
         }
         if m.lost > 0 {
-            state.doubt.skip();
+            state.mismatch.skip();
         }
-        if state.doubt.push(sensors) {
-            self.turn_to(state, doubted);
+        if let Some(change) = state.mismatch.push(sensors, levels) {
+            self.turn_to(state, change);
         }
-    }
-
-    /// Whether the model is doubted.
-    pub fn doubted(&self, state: &RotorState<NZ, NX>) -> bool {
-        self.model.doubted.is_some() && state.doubt.doubted()
     }
 
     /// The noise that the filter has at present.
     fn noise(&self, state: &RotorState<NZ, NX>) -> &Noise<'a> {
-        let doubted = self.model.doubted.as_ref();
-        (doubted.filter(|_| state.doubt.doubted())).unwrap_or(&self.model.described)
+        let level = usize::from(state.mismatch.level());
+        self.model.levels.get(level).unwrap_or(&self.described)
     }
 
-    /// Whether no reading corrected the state for longer than a gap may be.
-    fn silent(&self, state: &RotorState<NZ, NX>) -> bool {
-        u32::from(state.age) > LONGEST_GAP
-    }
-
-    /// The model is doubted from now on, or no longer: both begin at what a filter that doubts it
-    /// knows.
+    /// Another noise from now on. A larger one begins at its steady covariance and gain, and a
+    /// smaller one too, but for that of the description, which converges by the full recursion.
     #[cold]
-    fn turn_to(&self, state: &mut RotorState<NZ, NX>, doubted: &Noise<'_>) {
-        doubted.covariance.fill(&mut state.belief.covariance);
-        state.calm = if state.doubt.doubted() {
-            doubted.full_samples
-        } else {
-            0
-        };
-        state.corrected = 0;
+    fn turn_to(&self, state: &mut RotorState<NZ, NX>, change: Change) {
+        let level = usize::from(state.mismatch.level());
+        let described = level == 0;
+        if change == Change::Lowered {
+            for (j, std) in state.trial_std.iter_mut().enumerate() {
+                *std = state.active.load_std[j % MAX_LOADS];
+            }
+        }
+        let from = if described { level + 1 } else { level };
+        if let Some(noise) = self.model.levels.get(from) {
+            noise.covariance.fill(&mut state.belief.covariance);
+        }
         let noise = self.noise(state);
+        state.calm = if described { 0 } else { noise.full_samples };
+        state.corrected = 0;
+        state.votes = Votes::default();
         state.active.begin(&self.model, noise, state.shaft.speed);
     }
 
@@ -256,18 +253,22 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             .all(|d| state[d % NX].is_finite() && covariance[d % NX][d % NX].is_finite())
     }
 
+    /// Whether no reading corrected the state for longer than a gap may be.
+    fn silent(&self, state: &RotorState<NZ, NX>) -> bool {
+        u32::from(state.age) > LONGEST_GAP
+    }
+
     fn restart(&self, state: &mut RotorState<NZ, NX>) {
         state.belief.state.fill(0.0);
         (self.model.initial_covariance).fill(&mut state.belief.covariance);
-        state.doubt = Doubt::default();
-        state.gates = [self.gate; MAX_CHANNELS];
+        state.mismatch = Mismatch::default();
+        state.votes = Votes::default();
         state.shaft = Shaft::new(self.model.speeds.nominal);
         state.past = Past::new(Moment::unknown(state.shaft.speed));
         let noise = self.noise(state);
         state.active.begin(&self.model, noise, state.shaft.speed);
         state.calm = 0;
         state.corrected = 0;
-        state.contradict = 0;
         state.age = u16::MAX;
         state.started = true;
     }
@@ -332,9 +333,8 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
 
     /// Where no reading confirms the smaller noise, the larger one.
     fn predict_covariance(&self, state: &mut RotorState<NZ, NX>, turn: &Turn<f32>) {
-        let doubted = self.model.doubted.as_ref();
-        let noise = (doubted.filter(|_| self.silent(state))).unwrap_or_else(|| self.noise(state));
-        let noise = &noise.process;
+        let largest = self.model.levels.last().filter(|_| self.silent(state));
+        let noise = &largest.unwrap_or_else(|| self.noise(state)).process;
         let p = &mut state.belief.covariance;
         predict_covariance(p, &state.active.dense, turn, |i| noise.get(i));
     }
@@ -397,10 +397,8 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
         zeros: &[f32; MAX_CHANNELS],
         estimate: &mut Estimate,
     ) {
-        // Where several, and more than half of all, contradict at once, it is the model that errs,
-        // as after a start that it was not made for, and not they.
-        let open = state.contradict > 1 && 2 * state.contradict > self.rows.len();
-        state.contradict = 0;
+        let sensors = self.rows.len();
+        state.votes.begin(sensors);
         if !m.stale {
             state.corrected = 0;
         }
@@ -419,15 +417,14 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
                 }
                 None => continue,
             };
-            let gate = &mut state.gates[i % MAX_CHANNELS];
+            let votes = &mut state.votes;
             let (told, used) = update(
                 &mut state.belief,
                 row,
                 value - zeros[i % MAX_CHANNELS],
                 channel.variance,
-                |nis| gate.admits(nis) || open,
+                |nis| votes.admits(i, sensors, nis <= self.model.gate_nis),
             );
-            state.contradict += usize::from(told.nis > self.model.gate_nis);
             if used {
                 state.age = 0;
             }
@@ -452,62 +449,5 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
             true => state.calm.saturating_add(1),
             false => 0,
         };
-    }
-
-    fn loads(&self, state: &RotorState<NZ, NX>, estimate: &mut Estimate) {
-        let lag = self.lag();
-        let converged = state.calm >= self.noise(state).full_samples && state.age == 0;
-        let steady = converged && state.corrected as usize >= lag;
-        let told = self.told(state);
-        let speeds = &self.model.speeds;
-        let range = f32::from(speeds.count - 1) * speeds.step;
-        let margin = MARGIN * (speeds.lowest + range);
-        let inside = [state.shaft.speed, self.speed(state)].iter().all(|speed| {
-            *speed >= speeds.lowest - margin && *speed <= speeds.lowest + range + margin
-        });
-        let silent = self.silent(state);
-        for (j, signal) in self.model.loads.iter().enumerate() {
-            let d = 2 * NZ + j;
-            let (Some(scale), Some(x)) = (self.model.scale.get(d), self.state(state).get(d)) else {
-                continue;
-            };
-            let table = state.active.load_std[j % MAX_LOADS];
-            let deviation = if steady {
-                table
-            } else {
-                let own = &state.belief.covariance[d % NX][d % NX];
-                let own = libm::sqrtf(told.map_or(*own, |moment| moment.variances[j % FORCES]));
-                // By a gain, the variance stays that of another speed.
-                if converged && own < table { table } else { own }
-            };
-            let (value, std) = (x * scale, deviation * scale);
-            let finite = value.is_finite() && std.is_finite();
-            let fault = if !finite || std > signal.valid_std || !inside || silent {
-                Fault::NotValid
-            } else {
-                Fault::None
-            };
-            let _ = estimate.loads.push(LoadEstimate {
-                value: if finite { value } else { 0.0 },
-                std: if finite { std } else { f32::MAX },
-                age: state.age.saturating_add(lag as u16),
-                fault,
-            });
-        }
-    }
-
-    /// The sample that the estimate is of, where it lags.
-    fn told<'s>(&self, state: &'s RotorState<NZ, NX>) -> Option<&'s Moment<NX>> {
-        (self.lag() > 0).then(|| state.past.at(self.lag()))
-    }
-
-    /// The filter's state that the estimate is of, in the image's scale.
-    pub fn state<'s>(&self, state: &'s RotorState<NZ, NX>) -> &'s [f32; NX] {
-        (self.told(state)).map_or(&state.belief.state, |moment| &moment.state)
-    }
-
-    /// The tracked speed that the estimate is of [rad/s].
-    pub fn speed(&self, state: &RotorState<NZ, NX>) -> f32 {
-        (self.told(state)).map_or(state.shaft.speed, |moment| moment.speed)
     }
 }

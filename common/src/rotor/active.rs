@@ -21,6 +21,8 @@ pub(super) struct Active<const NZ: usize, const NX: usize> {
     pub variance: [f32; MAX_CHANNELS],
     /// Steady standard deviation of each load.
     pub load_std: [f32; MAX_LOADS],
+    /// Error of each load where the model errs by its usual tolerances.
+    pub load_error: [f32; MAX_LOADS],
 }
 
 impl<const NZ: usize, const NX: usize> Active<NZ, NX> {
@@ -33,6 +35,7 @@ impl<const NZ: usize, const NX: usize> Active<NZ, NX> {
             gains: [[[0.0; NX]; MAX_CHANNELS]; 1 + MAX_LAG],
             variance: [0.0; MAX_CHANNELS],
             load_std: [0.0; MAX_LOADS],
+            load_error: [0.0; MAX_LOADS],
         }
     }
 
@@ -85,11 +88,9 @@ impl<const NZ: usize, const NX: usize> Active<NZ, NX> {
             }
         }
         steady.read(self.variance.get_mut(..channels).unwrap_or_default());
-        steady.read(
-            self.load_std
-                .get_mut(..model.loads.len())
-                .unwrap_or_default(),
-        );
+        for of_loads in [&mut self.load_std, &mut self.load_error] {
+            steady.read(of_loads.get_mut(..model.loads.len()).unwrap_or_default());
+        }
     }
 }
 

@@ -17,6 +17,9 @@ pub const MAX_MODES: usize = 8;
 /// Most states that a model can have.
 pub const MAX_STATES: usize = 24;
 
+/// Most levels of noise that a model can have.
+pub const MAX_LEVELS: usize = 4;
+
 /// Most waves a turn that a sensor's runout has.
 pub const WAVES: usize = 3;
 
@@ -86,12 +89,10 @@ pub struct RotorModel<'a> {
     /// For each speed: `D` by rows over modal displacements, their changes and forces.
     #[serde(borrow)]
     pub dense: Numbers<'a>,
-    /// What the filter is where the model is as described.
+    /// The bank of noise levels: first that of the description, then larger ones for models that
+    /// err more; at least one.
     #[serde(borrow)]
-    pub described: Noise<'a>,
-    /// What it is where that is doubted, if it ever is.
-    #[serde(borrow)]
-    pub doubted: Option<Noise<'a>>,
+    pub levels: Vec<Noise<'a>, MAX_LEVELS>,
     /// Lower triangle of the covariance before the first sample.
     #[serde(borrow)]
     pub initial_covariance: Numbers<'a>,
@@ -117,8 +118,10 @@ pub struct Noise<'a> {
     /// Lower triangle of Q by rows.
     #[serde(borrow)]
     pub process: Numbers<'a>,
-    /// For each speed: the steady gain `K` by rows, the steady gains of the samples before the last by rows, the
-    /// variance of each channel's innovation, the steady standard deviation of each load as told, after the lag.
+    /// For each speed: the steady gain `K` by rows, the steady gains of the samples before the
+    /// last by rows, the variance of each channel's innovation, the steady standard deviation of
+    /// each load after the lag, with the model error that the level allows for, and the error of each load under the nominal loads where the model
+    /// errs by its usual tolerances.
     #[serde(borrow)]
     pub steady: Numbers<'a>,
     /// Lower triangle of the steady covariance at the machine's speed.
@@ -126,6 +129,8 @@ pub struct Noise<'a> {
     pub covariance: Numbers<'a>,
     /// Samples in a row, all sensors used, after which the gain has converged.
     pub full_samples: u32,
+    /// Model error that the level allows for, in the usual tolerances; >= 0.
+    pub tolerance: f32,
 }
 
 /// Speeds of a table.
@@ -198,7 +203,7 @@ impl RotorModel<'_> {
     /// Numbers of one speed in the steady tables.
     pub fn steady_stride(&self) -> usize {
         let (nx, ny) = (self.scale.len(), self.channels.len());
-        (1 + usize::from(self.lag)) * nx * ny + ny + self.loads.len()
+        (1 + usize::from(self.lag)) * nx * ny + ny + 2 * self.loads.len()
     }
 
     /// Checks every length and range for `modes` modes and `states` states.
@@ -229,19 +234,24 @@ impl RotorModel<'_> {
         };
         covariance(&self.initial_covariance, "initial_covariance")?;
         let stride = self.steady_stride();
-        for noise in [Some(&self.described), self.doubted.as_ref()] {
-            let Some(noise) = noise else { continue };
+        if self.levels.is_empty() {
+            return Err(Error::OutOfRange("levels"));
+        }
+        for noise in &self.levels {
             covariance(&noise.process, "process")?;
             covariance(&noise.covariance, "covariance")?;
             noise
                 .steady
                 .check(usize::from(speeds.count) * stride, "steady")?;
             for k in 0..usize::from(speeds.count) {
-                let end = (k + 1) * stride;
+                let end = (k + 1) * stride - 2 * nd;
                 positive(
-                    (end - nd - ny..end - nd).map(|i| noise.steady.get(i)),
+                    (end - ny..end).map(|i| noise.steady.get(i)),
                     "innovation variance",
                 )?;
+            }
+            if !(noise.tolerance >= 0.0 && noise.tolerance.is_finite()) {
+                return Err(Error::OutOfRange("tolerance"));
             }
         }
         positive([self.gate_nis], "gate_nis")?;

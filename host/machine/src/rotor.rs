@@ -169,10 +169,18 @@ impl Default for Reduction {
 /// sqrt(s): a mass that moves by 0.1 % in an hour.
 const UNBALANCE_WALK: f64 = 0.001 / 60.0;
 
-/// The same, and what the model lacks in a sample, at least, where readings contradict the
-/// description: what errs least of rotors that are off by 0.04 to 3 % of their modulus.
-const DOUBTED_WALK: f64 = 0.3 / 60.0;
-const DOUBTED_MODEL: f64 = 3e-4;
+/// Model error of a rotor that its innovations do not contradict, in the usual tolerances of a
+/// description: finite elements, their reduction and rounded sizes, 0.6 % of a bearing's stiffness.
+const DESCRIBED_ERROR: f64 = 0.02;
+
+/// Noise levels for rotors that are not as described: what the model lacks in a sample
+/// ([`Reduction::model_std`]), the walk of an unbalance in nominal loads per sqrt(s), both at least,
+/// and the model error that the level allows for, in the usual tolerances of a description.
+///
+/// The first is what errs least of rotors that are off by 0.04 to 3 % of their modulus; from level to
+/// level the noise is ten times as large, up to a load that goes round in less than a second. The
+/// errors are those of rotors with bearings 0.65 to 1.5 times as stiff as described.
+const LEVELS: [(f64, f64, f64); 3] = [(3e-4, 0.005, 0.3), (3e-3, 0.05, 1.0), (2e-2, 0.7, 5.0)];
 
 /// Lag of a rotor with a load that may do anything, whose description gives none [samples].
 const WALK_LAG: u8 = 2;
@@ -201,20 +209,23 @@ impl Rotor {
         self.lag_samples.unwrap_or(if walks { WALK_LAG } else { 0 })
     }
 
-    /// With the noise for where readings contradict the description; None where it has that
-    /// already, or no load turns.
-    pub fn doubted(&self) -> Option<Self> {
-        let mut doubted = self.clone();
+    /// The bank of noise levels, each with the model error that it allows for in the usual
+    /// tolerances: first as described, then, where a load turns, larger ones.
+    pub fn levels(&self) -> Vec<(Self, f64)> {
         let turning = |load: &&mut RotorLoad| load.kind == LoadKind::Unbalance;
-        let (mut turns, mut more) = (false, self.reduction.model_std < DOUBTED_MODEL);
-        doubted.reduction.model_std = self.reduction.model_std.max(DOUBTED_MODEL);
-        for load in doubted.loads.iter_mut().filter(turning) {
-            let (walk, least) = (load.walk(self.speed_rad_s), DOUBTED_WALK * load.nominal_n);
-            load.walk_n_per_sqrt_s = Some(walk.max(least));
-            turns = true;
-            more |= walk < least;
-        }
-        (turns && more).then_some(doubted)
+        let turns = self.loads.iter().any(|l| l.kind == LoadKind::Unbalance);
+        let larger = LEVELS.iter().filter(|_| turns).map(|(model, walk, error)| {
+            let mut level = self.clone();
+            level.reduction.model_std = self.reduction.model_std.max(*model);
+            for load in level.loads.iter_mut().filter(turning) {
+                let least = walk * load.nominal_n;
+                load.walk_n_per_sqrt_s = Some(load.walk(self.speed_rad_s).max(least));
+            }
+            (level, *error)
+        });
+        std::iter::once((self.clone(), DESCRIBED_ERROR))
+            .chain(larger)
+            .collect()
     }
 
     /// The material of `section`.
@@ -360,12 +371,13 @@ impl Rotor {
                     &format!("two names of at most {most} bytes that no other load has"),
                 )?;
             }
-            let first = self.loads.iter().position(|l| l.node == load.node);
+            let alike = |l: &RotorLoad| l.node == load.node && l.kind == load.kind;
+            let first = self.loads.iter().position(alike);
             within(
                 &field("node"),
                 load.node,
                 first == Some(i),
-                "a node that no other load acts on",
+                "a node that no other load of the same kind acts on",
             )?;
         }
         Ok(())

@@ -92,7 +92,7 @@ impl Displacements {
             return;
         };
         self.samples += 1;
-        self.doubted += u64::from(line.rotor_doubted());
+        self.doubted += u64::from(line.rotor_level() > 0);
         let speed = f64::from(line.rotor_speed());
         plan.displacements(line.rotor_state(), speed, &mut self.estimate);
         orbits.push(sample.t, &self.estimate, sample.displacements);

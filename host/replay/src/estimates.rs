@@ -3,16 +3,19 @@
 use std::path::Path;
 
 use loadtwin_common::estimate::Estimate;
+use loadtwin_common::line::Line;
 
+use super::nodes::NodeColumns;
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_recording::{BLOCK_ROWS, OutputColumn, RecordingError, Unit, Writer};
 
 /// Writes loads with standard deviation and fault, then for each sensor the
-/// innovation, its NIS and the fault; faults by the numbers of
+/// innovation, its NIS and the fault, then what is asked for of a rotor's nodes; faults by the numbers of
 /// [`loadtwin_common::fault::Fault`].
 pub struct EstimateWriter {
     writer: Writer,
+    nodes: Option<NodeColumns>,
     t: Vec<f64>,
     columns: Vec<Vec<f64>>,
 }
@@ -26,6 +29,7 @@ impl EstimateWriter {
         path: &Path,
         machine: &Machine,
         sensors: &Sensors,
+        nodes: Option<NodeColumns>,
     ) -> Result<Self, RecordingError> {
         let mut columns = Vec::new();
         let mut column = |name: String, unit| {
@@ -47,20 +51,27 @@ impl EstimateWriter {
             column(format!("{name}_nis"), Unit::ONE);
             column(format!("{name}_fault"), Unit::ONE);
         }
+        columns.extend(nodes.iter().flat_map(NodeColumns::columns));
         let columns_len = columns.len();
         let metadata = [("machine", machine.name.as_str())];
         Ok(Self {
             writer: Writer::create(path, &columns, &metadata)?,
+            nodes,
             t: Vec::new(),
             columns: vec![Vec::new(); columns_len],
         })
     }
 
-    /// Adds the estimate at time `t` [s].
+    /// Adds the estimate at time `t` [s], after the step of `line`.
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn push(&mut self, t: f64, estimate: &Estimate) -> Result<(), RecordingError> {
+    pub fn push(
+        &mut self,
+        t: f64,
+        estimate: &Estimate,
+        line: &Line<'_>,
+    ) -> Result<(), RecordingError> {
         let loads = estimate
             .loads
             .iter()
@@ -74,8 +85,11 @@ impl EstimateWriter {
                 f32::from(s.fault as u8),
             ]
         });
-        for (column, value) in self.columns.iter_mut().zip(loads.chain(sensors).flatten()) {
-            column.push(f64::from(value));
+        let nodes = (self.nodes.as_mut()).map(|nodes| nodes.values(estimate, line));
+        let values = loads.chain(sensors).flatten().map(f64::from);
+        let values = values.chain(nodes.into_iter().flatten());
+        for (column, value) in self.columns.iter_mut().zip(values) {
+            column.push(value);
         }
         self.t.push(t);
         if self.t.len() == BLOCK_ROWS {

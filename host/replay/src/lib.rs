@@ -8,6 +8,7 @@ mod estimates;
 mod figures;
 mod held;
 mod index;
+mod nodes;
 mod orbits;
 mod page;
 mod phasor;
@@ -27,6 +28,7 @@ pub use displacements::{Displacements, NodeFigures, displacement_columns};
 pub use estimates::EstimateWriter;
 pub use figures::{Figures, LoadFigures};
 pub use index::IndexError;
+pub use nodes::{NodeChoice, NodeColumns};
 pub use page::ReportPage;
 pub use phasor::{Phasor, PhasorFigures};
 pub use samples::{Sample, Samples};
@@ -57,6 +59,17 @@ pub enum ReplayError {
         "--baselines: found machine {0:?}, allowed: a bearing whose calibration holds them (`loadtwin calibrate` writes them)"
     )]
     NoBaselines(String),
+    /// A machine without nodes.
+    #[error("--nodes: found machine {0:?}, allowed: a rotor")]
+    NoNodes(String),
+    /// A node that the rotor does not have.
+    #[error("--nodes: found node {found}, allowed: 0 to {last}")]
+    NoSuchNode {
+        /// The node asked for.
+        found: usize,
+        /// The rotor's last one.
+        last: usize,
+    },
 }
 
 /// Runs the estimator of `machine` with `sensors` on the recording in `path`

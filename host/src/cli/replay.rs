@@ -6,6 +6,7 @@ use std::time::Instant;
 use clap::Args;
 use loadtwin_common::estimate::Estimate;
 use loadtwin_common::fault::Fault;
+use loadtwin_common::line::Line;
 use serde_json::{Value, json};
 
 use super::output::say;
@@ -13,7 +14,8 @@ use super::progress::Progress;
 use crate::build::{Filter, Sensors};
 use crate::machine::{Machine, Rotor};
 use crate::replay::{
-    self, Baselines, Displacements, EstimateWriter, Figures, Phasor, ReportPage, Sample, Speeds,
+    self, Baselines, Displacements, EstimateWriter, Figures, NodeChoice, NodeColumns, Phasor,
+    ReportPage, Sample, Speeds,
 };
 use crate::report::{Report, Table};
 
@@ -39,6 +41,10 @@ pub struct Replay {
     /// Write the estimates to FILE (.csv, .parquet or .mf4).
     #[arg(long, value_name = "FILE")]
     estimates: Option<PathBuf>,
+    /// Write a rotor's displacements at nodes, `all` or numbers as in 3,17, with their standard
+    /// deviations, its speed, angle and modal displacements too.
+    #[arg(long, value_name = "NODES", requires = "estimates")]
+    nodes: Option<NodeChoice>,
     /// Write a page with plots to FILE.html.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -122,8 +128,11 @@ impl Replay {
 
     fn replay(&self, machine: &Machine) -> anyhow::Result<Outcome> {
         let sensors = Sensors::choose(machine, self.sensors.as_deref())?.filtered_by(self.filter);
+        let nodes = (self.nodes.as_ref())
+            .map(|choice| NodeColumns::new(machine, &sensors, choice))
+            .transpose()?;
         let mut estimates = match &self.estimates {
-            Some(path) => Some(EstimateWriter::create(path, machine, &sensors)?),
+            Some(path) => Some(EstimateWriter::create(path, machine, &sensors, nodes)?),
             None => None,
         };
         let mut page = self
@@ -137,9 +146,9 @@ impl Replay {
             &sensors,
             &self.recording,
             baselines,
-            |sample, estimate| {
+            |sample, estimate, line| {
                 if let (Some(writer), true) = (&mut estimates, written.is_ok()) {
-                    written = writer.push(sample.t, estimate);
+                    written = writer.push(sample.t, estimate, line);
                 }
                 if let Some(page) = &mut page {
                     page.push(sample, estimate);
@@ -164,7 +173,7 @@ impl Replay {
 pub(super) fn write_page(machine: &Machine, recording: &Path, path: &Path) -> anyhow::Result<()> {
     let sensors = Sensors::choose(machine, None)?;
     let mut page = ReportPage::new(machine, &sensors);
-    let outcome = one_set(machine, &sensors, recording, None, |sample, estimate| {
+    let outcome = one_set(machine, &sensors, recording, None, |sample, estimate, _| {
         page.push(sample, estimate);
     })?;
     let name = recording.file_name().unwrap_or_default().to_string_lossy();
@@ -178,7 +187,7 @@ fn one_set(
     sensors: &Sensors,
     recording: &Path,
     mut baselines: Option<Baselines>,
-    mut each: impl FnMut(&Sample<'_>, &Estimate),
+    mut each: impl FnMut(&Sample<'_>, &Estimate, &Line<'_>),
 ) -> anyhow::Result<Outcome> {
     let started = Instant::now();
     let progress = Progress::new("replay");
@@ -198,7 +207,7 @@ fn one_set(
             if let Some(baselines) = &mut baselines {
                 baselines.push(sample, estimate);
             }
-            each(sample, estimate);
+            each(sample, estimate, line);
             if figures.samples().is_multiple_of(8192) {
                 progress.show(part);
             }
@@ -239,7 +248,7 @@ pub(super) fn every_set(
                 &Sensors::choose(machine, name)?.filtered_by(filter),
                 recording,
                 None,
-                |_, _| (),
+                |_, _, _| (),
             )
         })
         .collect()

@@ -351,13 +351,10 @@ fn rotor_line(name: &str, sealed: &[u8], full: bool) {
     let Model::Rotor(model) = &mut image.model else {
         panic!("not the image of a rotor");
     };
-    let settled = if full {
-        100
-    } else {
-        model.described.full_samples
-    };
+    let described = model.levels.first_mut().unwrap();
+    let settled = if full { 100 } else { described.full_samples };
     if full {
-        model.described.full_samples = u32::MAX;
+        described.full_samples = u32::MAX;
     }
     let sensors = model.channels.len();
     let mut line = Line::try_build(image).unwrap();

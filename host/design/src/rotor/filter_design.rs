@@ -131,8 +131,23 @@ impl RotorFilterDesign {
             .sum()
     }
 
+    /// Displacement at `node` in the direction of `angle_rad` over the modal displacements.
+    pub(super) fn shape(&self, node: usize, angle_rad: f64) -> Vec<f64> {
+        self.coordinates.row(&self.model.direction(node, angle_rad))
+    }
+
+    /// Diagonal of the modal stiffness [1/s^2].
+    pub(super) fn squares(&self) -> &[f64] {
+        &self.coordinates.squares
+    }
+
+    /// Displacements of all nodes over the states of the filter [m], at each speed of the tables.
+    pub(super) fn displacement_maps(&self) -> &[Mat<f64>] {
+        &self.displacements
+    }
+
     /// Modal displacements kept.
-    fn modes(&self) -> usize {
+    pub fn modes(&self) -> usize {
         self.coordinates.squares.len()
     }
 
@@ -270,15 +285,21 @@ impl RotorFilterDesign {
         row
     }
 
+    /// Rows of `channels` over the states of the filter, and their variances [`UNIT_M`].
+    pub(super) fn observation(&self, channels: &[Channel]) -> (Mat<f64>, Vec<f64>) {
+        let rows: Vec<Vec<f64>> = channels.iter().map(|c| self.row(c)).collect();
+        let variances = (channels.iter())
+            .map(|c| (c.to_si(c.noise_std) / UNIT_M).powi(2))
+            .collect();
+        let h = Mat::from_fn(rows.len(), self.size.1, |i, j| rows[i][j]);
+        (h, variances)
+    }
+
     /// Displacements along x and y of every node [m], node by node, of the
     /// filter's state in the image's scale at a speed [rad/s].
     pub fn displacements(&self, state: &[f32], speed_rad_s: f64, into: &mut [f64]) {
         into.fill(0.0);
-        let last = self.speeds.len() - 1;
-        let step = (self.speeds[last] - self.speeds[0]) / last.max(1) as f64;
-        let place = ((speed_rad_s - self.speeds[0]) / step).clamp(0.0, last as f64);
-        let place = if last == 0 { 0.0 } else { place };
-        let (low, part) = (place as usize, place.fract());
+        let (low, part) = self.place_of_speed(speed_rad_s);
         for (map, share) in self.displacements[low..].iter().zip([1.0 - part, part]) {
             for (column, value) in map.col_iter().zip(state) {
                 for (slot, shape) in into.iter_mut().zip(column.iter()) {
@@ -286,6 +307,15 @@ impl RotorFilterDesign {
                 }
             }
         }
+    }
+
+    /// The speed of the tables at or below `speed_rad_s`, and the part of the way to the next.
+    pub fn place_of_speed(&self, speed_rad_s: f64) -> (usize, f64) {
+        let last = self.speeds.len() - 1;
+        let step = (self.speeds[last] - self.speeds[0]) / last.max(1) as f64;
+        let place = ((speed_rad_s - self.speeds[0]) / step).clamp(0.0, last as f64);
+        let place = if last == 0 { 0.0 } else { place };
+        (place as usize, place.fract())
     }
 
     /// Number of nodes.

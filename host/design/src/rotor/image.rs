@@ -14,6 +14,8 @@ use crate::error::BuildError;
 use crate::payload::packed;
 use crate::rotor::filter_design::{RotorFilterDesign, UNIT_M};
 use crate::rotor::gain_convergence::{CovarianceRecursion, changes, triangle};
+use crate::rotor::modal_truncation::ModalModel;
+use crate::rotor::tolerance::SteadyFilter;
 use crate::sensors::Sensors;
 use loadtwin_machine::{Channel, Encoder, Machine, QUANTISATION, Rotor};
 use loadtwin_math::riccati::{gain, gains_before, innovation_covariance, steady_covariance};
@@ -41,20 +43,17 @@ impl RotorFilterDesign {
         rotor: &Rotor,
         sensors: &Sensors,
     ) -> Result<Vec<u8>, BuildError> {
-        let (nz, nx) = self.size;
+        let nz = self.size.0;
         let rows: Vec<Vec<f64>> = sensors.channels.iter().map(|c| self.row(c)).collect();
         let biases: Vec<Option<usize>> = (sensors.channels.iter())
             .map(|c| self.bias_state(c))
             .collect();
-        let h = Mat::from_fn(rows.len(), nx, |i, j| rows[i][j]);
-        let variances: Vec<f64> = (sensors.channels.iter())
-            .map(|c| (c.to_si(c.noise_std) / UNIT_M).powi(2))
-            .collect();
+        let (h, variances) = self.observation(&sensors.channels);
         let nominal = self.discrete(self.nominal_rotor())?;
         let f = self.transition_of(&nominal);
         let (_, p) = self.covariances(rotor, &nominal);
         let angle = self.nominal_speed * self.dt_s;
-        let noise = |rotor: &Rotor| -> Result<PackedNoise, BuildError> {
+        let noise = |(rotor, tolerance): &(Rotor, f64)| -> Result<PackedNoise, BuildError> {
             let (q, _) = self.covariances(rotor, &nominal);
             let recursion = CovarianceRecursion {
                 f: &f,
@@ -75,13 +74,15 @@ impl RotorFilterDesign {
             let covariance = posterior(&f, &h, &q, &variances)?;
             Ok(PackedNoise {
                 process: bytes(triangle(&q)),
-                steady: bytes(self.steady(&h, &q, &variances, rotor.lag())?),
+                steady: bytes(self.steady(rotor, *tolerance, &h, &q, &variances)?),
                 covariance: bytes(triangle(&covariance)),
                 full_samples: recursion.converged_after(self.size),
+                tolerance: *tolerance as f32,
             })
         };
-        let described = noise(rotor)?;
-        let doubted = rotor.doubted().as_ref().map(noise).transpose()?;
+        let levels: Vec<PackedNoise> = (rotor.levels().iter())
+            .map(noise)
+            .collect::<Result<_, _>>()?;
         let (dense, p) = (bytes(self.dense()?), bytes(triangle(&p)));
         let encoder = (sensors.encoders.first()).map(|e| self.shaft_encoder(e, machine.rate_hz));
         let index = machine.index.as_ref().filter(|_| encoder.is_some());
@@ -101,8 +102,7 @@ impl RotorFilterDesign {
             },
             lag: rotor.lag(),
             dense: Numbers::new(&dense),
-            described: described.view(),
-            doubted: doubted.as_ref().map(PackedNoise::view),
+            levels: levels.iter().map(PackedNoise::view).collect(),
             initial_covariance: Numbers::new(&p),
             gate_nis: machine.tuning.gate_nis as f32,
             turning: self.turning_bits(),
@@ -132,39 +132,65 @@ impl RotorFilterDesign {
         Ok(dense)
     }
 
-    /// For each speed of the schedule: the steady gain and those of the `lag` samples before, the
-    /// variances of the innovations, and the standard deviations of the loads.
+    /// For each speed of the schedule: the steady gain and those of the samples before, the
+    /// variances of the innovations, and of each load the standard deviation and the error where
+    /// the rotor is off by the usual tolerances.
     fn steady(
         &self,
+        rotor: &Rotor,
+        tolerance: f64,
         h: &Mat<f64>,
         q: &Mat<f64>,
         variances: &[f64],
-        lag: u8,
     ) -> Result<Vec<f64>, BuildError> {
         let (nz, nx) = self.size;
         let mut tables = Vec::new();
-        for rotor in self.rotors() {
-            let discrete = self.discrete(rotor)?;
-            let f = self.transition_of(&discrete);
-            let steady = steady_covariance(&f, h, q, variances).ok_or(BuildError::NotObserved)?;
-            let k = gain(&steady, h, variances);
-            let before = gains_before(&f, h, &steady, &k, variances, lag.into());
-            for gain in std::iter::once(&k).chain(before.iter().map(|(gain, _)| gain)) {
+        for at in self.rotors() {
+            let steady = self.steady_at(rotor, at, h, q, variances)?;
+            for gain in &steady.gains {
                 tables.extend(
                     (0..nx)
                         .flat_map(|i| (0..variances.len()).map(move |j| (i, j)))
                         .map(|at| gain[at]),
                 );
             }
-            let hp = h * &steady;
-            let s = innovation_covariance(&hp, h, variances);
-            tables.extend((0..variances.len()).map(|i| s[(i, i)]));
-            let told = before.into_iter().map(|(_, told)| told);
-            let posterior = told.fold(&steady - &k * &hp, |p, told| p - told);
-            let d = 2 * nz..2 * nz + self.nominal.len();
-            tables.extend(d.map(|d| posterior[(d, d)].max(0.0).sqrt()));
+            tables.extend(steady.innovations);
+            let loads = || 2 * nz..2 * nz + self.nominal.len();
+            let error = |d: usize| steady.error[(d, d)].max(0.0);
+            let own = |d: usize| steady.covariance[(d, d)].max(0.0);
+            tables.extend(loads().map(|d| (own(d) + tolerance * tolerance * error(d)).sqrt()));
+            tables.extend(loads().map(|d| error(d).sqrt()));
         }
         Ok(tables)
+    }
+
+    /// What the filter comes to at one speed, with process noise `q`.
+    pub(super) fn steady_at(
+        &self,
+        rotor: &Rotor,
+        at: &ModalModel,
+        h: &Mat<f64>,
+        q: &Mat<f64>,
+        variances: &[f64],
+    ) -> Result<SteadyState, BuildError> {
+        let f = self.transition_of(&self.discrete(at)?);
+        let prior = steady_covariance(&f, h, q, variances).ok_or(BuildError::NotObserved)?;
+        let k = gain(&prior, h, variances);
+        let before = gains_before(&f, h, &prior, &k, variances, rotor.lag().into());
+        let hp = h * &prior;
+        let s = innovation_covariance(&hp, h, variances);
+        let error = self.model_error(rotor, at, &SteadyFilter { f: &f, h, k: &k });
+        let (mut gains, mut covariance) = (vec![k.clone()], &prior - &k * &hp);
+        for (gain, told) in before {
+            gains.push(gain);
+            covariance -= told;
+        }
+        Ok(SteadyState {
+            gains,
+            innovations: (0..variances.len()).map(|i| s[(i, i)]).collect(),
+            covariance,
+            error,
+        })
     }
 
     /// Gains of a filter of which every pole is `rest`; slower where the encoder is coarse, by
@@ -233,6 +259,19 @@ struct PackedNoise {
     steady: Vec<u8>,
     covariance: Vec<u8>,
     full_samples: u32,
+    tolerance: f32,
+}
+
+/// What a filter comes to at one speed.
+pub(super) struct SteadyState {
+    /// Gain of the last sample, then of those before it.
+    pub gains: Vec<Mat<f64>>,
+    /// Variances of the innovations.
+    pub innovations: Vec<f64>,
+    /// Covariance after the update and the lag.
+    pub covariance: Mat<f64>,
+    /// [`RotorFilterDesign::model_error`].
+    pub error: Mat<f64>,
 }
 
 impl PackedNoise {
@@ -242,6 +281,7 @@ impl PackedNoise {
             steady: Numbers::new(&self.steady),
             covariance: Numbers::new(&self.covariance),
             full_samples: self.full_samples,
+            tolerance: self.tolerance,
         }
     }
 }

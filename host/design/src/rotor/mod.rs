@@ -1,5 +1,6 @@
 //! The rotor at design time: finite elements, modes, responses, reduction.
 
+mod deviation;
 mod discretisation;
 mod eigenpairs;
 mod element;
@@ -14,6 +15,7 @@ mod modes;
 mod phasor_inversion;
 mod response;
 mod stability;
+mod tolerance;
 mod unbalance;
 
 use thiserror::Error;
@@ -22,6 +24,7 @@ pub use crate::rotor::discretisation::{DiscreteModel, discrete, force_rotation, 
 pub use crate::rotor::element::{ElementMatrices, ElementMatrix, NODE, ShaftElement};
 pub use crate::rotor::forced_simulation::{ForcedRotor, ShaftRotation, SynchronousForce};
 
+pub use crate::rotor::deviation::{NodeDeviations, Uncertainty};
 pub use crate::rotor::filter_design::RotorFilterDesign;
 pub use crate::rotor::guyan_reduction::{Reduced, ReductionError};
 pub use crate::rotor::model::RotorModel;

@@ -134,10 +134,15 @@ pub(crate) fn truncated(
     ports: &Ports<'_>,
 ) -> Result<(Coordinates, Vec<ModalModel>), RotorError> {
     // What bearings and loads do close to them, few modes do not show.
-    let ends: Vec<Vec<f64>> = (model.held_nodes())
-        .flat_map(|node| [0.0, FRAC_PI_2].map(|angle| model.direction(node, angle)))
-        .chain(ports.forces.iter().cloned())
-        .collect();
+    let held = (model.held_nodes())
+        .flat_map(|node| [0.0, FRAC_PI_2].map(|angle| model.direction(node, angle)));
+    let mut ends: Vec<Vec<f64>> = Vec::new();
+    for end in held.chain(ports.forces.iter().cloned()) {
+        // A node may be held, and have an unbalance beside a process force.
+        if !ends.contains(&end) {
+            ends.push(end);
+        }
+    }
     let fine = Reduced::with_statics(model, speed_rad_s, 4 * count + SPARE, &ends)?;
     let turning: Vec<f64> = speeds.iter().copied().chain([speed_rad_s]).collect();
     let whole: Vec<Whole> = (turning.par_iter())

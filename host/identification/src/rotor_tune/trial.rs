@@ -125,8 +125,13 @@ impl<'a> Trial<'a> {
         let Model::Rotor(model) = &mut image.model else {
             return Ok(Outcome::REFUSED);
         };
-        model.doubted = None;
-        model.described.process = Numbers::new(&q);
+        // The noise that is tried alone, without larger ones.
+        model.levels.truncate(1);
+        let Some(noise) = model.levels.first_mut() else {
+            return Ok(Outcome::REFUSED);
+        };
+        noise.process = Numbers::new(&q);
+        noise.full_samples = u32::MAX;
         model.initial_covariance = Numbers::new(&p);
         for (channel, sensor) in model.channels.iter_mut().zip(&self.sensors.channels) {
             let is = |c: &&loadtwin_machine::Channel| c.name == sensor.name;
@@ -134,7 +139,6 @@ impl<'a> Trial<'a> {
                 channel.variance *= (changed.noise_std / sensor.noise_std).powi(2) as f32;
             }
         }
-        model.described.full_samples = u32::MAX;
         model.gate_nis = f32::MAX;
         let mut fit = Fit::new(model);
         let mut misfit = 0.0;

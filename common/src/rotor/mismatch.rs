@@ -1,0 +1,338 @@
+//! How far a rotor is from its description, by the correlation of the innovations.
+//!
+//! Where the model holds, an innovation says nothing of the next one, however noisy the sensors
+//! are; where the model errs, neighbouring innovations share its error. The image has a bank of
+//! noise levels: that of the description, and larger ones for models that err more. The alarm
+//! raises the level while the innovations are correlated, and tries the next lower level after a
+//! while. A sensor that errs alone does not raise the level: the largest of the correlations is
+//! left out where there are three sensors or more.
+//!
+//! Source: Mehra, On the identification of variances and adaptive Kalman filtering, IEEE Trans.
+//! Autom. Control 15 (1970), section II; Page, Continuous inspection schemes, Biometrika 41 (1954).
+
+use crate::estimate::SensorEstimate;
+use crate::raw::MAX_CHANNELS;
+
+/// Samples in a window. The correlation of white innovations of one sensor deviates by 1/8.
+const WINDOW: u16 = 64;
+
+/// Mean correlation that passes, and the excess, summed over windows and times the number of
+/// sensors, at which the level rises. By chance once in 10^8 windows of four sensors:
+/// `exp(-2 PASSED (RAISED / n) / sigma^2)`, `sigma^2 = 1 / (64 n)`.
+const PASSED: f32 = 0.1;
+const RAISED: f32 = 1.6;
+
+/// Mean NIS of a window that is no transient of a start, and by which the level rises by two:
+/// the noise of the next level is ten times as large.
+const FAR: f32 = 4.0;
+
+/// Windows in which a start dies away: until then only a mean NIS above [`FAR`] counts, and in the
+/// first one, of which no mean is known yet, nothing.
+const STARTING: u32 = 8;
+
+/// Windows for which a level lasts before the next lower one is tried, and by how many doublings
+/// at most it is longer each time. As long, and at most [`PROBATION`] windows, the deviations of
+/// the level above are reported after a level was lowered.
+const SHORTEST: u32 = 8;
+const DOUBLINGS: u32 = 8;
+const PROBATION: u32 = 16;
+
+/// Sums over a window of one sensor's innovations.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    /// Mean of the window before, which is taken off all innovations: a sensor that is off by a
+    /// constant is not the model.
+    offset: f32,
+    last: f32,
+    /// Innovations that were used, and pairs of neighbours among them.
+    count: u16,
+    pairs: u16,
+    value: f32,
+    square: f32,
+    product: f32,
+    /// `sum d^2 / s`.
+    nis: f32,
+}
+
+impl Sums {
+    /// Correlation of neighbours about the mean of the window before, or of this one where it is
+    /// the `first`, over the mean square: sensors that are off by a constant hide the model.
+    /// None where less than half of the innovations were used.
+    fn correlation(&self, first: bool) -> Option<f32> {
+        let (count, pairs) = (f32::from(self.count.max(1)), f32::from(self.pairs));
+        let mean = self.value / count;
+        let about = if first { mean } else { 0.0 };
+        let constant = self.offset + mean;
+        let square = self.square - count * about * about + count * constant * constant;
+        let product = self.product - pairs * about * about;
+        let known = 2 * self.pairs >= WINDOW && square > 0.0;
+        known.then(|| product / square).filter(|r| r.is_finite())
+    }
+}
+
+/// What a window did to the level.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Change {
+    /// A larger noise from now on.
+    Raised,
+    /// A smaller one, on trial.
+    Lowered,
+}
+
+/// The level of noise in use, and the evidence for another one.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Mismatch {
+    sums: [Sums; MAX_CHANNELS],
+    /// Bit k: the last innovation of sensor k was used.
+    last_used: u8,
+    samples: u16,
+    /// Windows since the start.
+    windows: u32,
+    level: u8,
+    /// Highest level that lasted until the next lower one was tried.
+    lasted: u8,
+    /// Excess of the correlation so far.
+    above: f32,
+    /// Windows since the level changed, and until the next lower one is tried.
+    since: u32,
+    until: u32,
+    /// How often the level was raised.
+    times: u32,
+    lowered: bool,
+    unexplained: bool,
+}
+
+impl Mismatch {
+    /// Index of the noise in use; 0 is that of the description.
+    pub fn level(&self) -> u8 {
+        self.level
+    }
+
+    /// Index of the noise whose model error has to be allowed for: a lower level that fits
+    /// afterwards does not show that the description holds, as forces take up what it errs by.
+    pub fn allowed(&self) -> u8 {
+        self.level.max(self.lasted)
+    }
+
+    /// Whether the level was lowered so lately that it may have to rise again.
+    pub fn on_trial(&self) -> bool {
+        self.lowered && self.since < PROBATION
+    }
+
+    /// Whether the innovations contradict even the largest noise.
+    pub fn unexplained(&self) -> bool {
+        self.unexplained
+    }
+
+    /// Samples are missing: the next innovation has no neighbour before it.
+    pub fn skip(&mut self) {
+        self.last_used = 0;
+    }
+
+    /// Takes in the innovations of a sample, of `levels` that there are; what became of the level.
+    pub fn push(&mut self, sensors: &[SensorEstimate], levels: u8) -> Option<Change> {
+        let mut used = 0;
+        for (k, (sums, sensor)) in self.sums.iter_mut().zip(sensors).enumerate() {
+            if !sensor.fault.is_none() {
+                continue;
+            }
+            let nu = sensor.innovation - sums.offset;
+            if self.last_used & (1 << k) != 0 {
+                sums.product += nu * sums.last;
+                sums.pairs += 1;
+            }
+            used |= 1 << k;
+            sums.last = nu;
+            sums.value += nu;
+            sums.square += nu * nu;
+            sums.nis += nu * nu / sensor.innovation_variance;
+            sums.count += 1;
+        }
+        self.last_used = used;
+        self.samples += 1;
+        if self.samples < WINDOW {
+            return None;
+        }
+        self.evaluate(levels)
+    }
+
+    #[cold]
+    fn evaluate(&mut self, levels: u8) -> Option<Change> {
+        let (mut sum, mut largest, mut known) = (0.0, f32::MIN, 0.0);
+        let (mut nis, mut count) = (0.0, 0);
+        let first = self.since == 0;
+        for sums in &mut self.sums {
+            if let Some(r) = sums.correlation(first) {
+                sum += r;
+                known += 1.0;
+                if r > largest {
+                    largest = r;
+                }
+            }
+            nis += sums.nis;
+            count += sums.count;
+            let mean = sums.value / f32::from(sums.count.max(1));
+            let mean = if mean.is_finite() { mean } else { 0.0 };
+            *sums = Sums {
+                offset: sums.offset + mean,
+                last: sums.last - mean,
+                ..Sums::default()
+            };
+        }
+        self.samples = 0;
+        self.windows = self.windows.saturating_add(1);
+        self.since = self.since.saturating_add(1);
+        if known > 2.5 {
+            (sum, known) = (sum - largest, known - 1.0);
+        }
+        let far = nis > FAR * f32::from(count);
+        if known > 0.0 && ((far && self.windows > 1) || self.windows > STARTING) {
+            let above = self.above + sum / known - PASSED;
+            self.above = if above > 0.0 { above } else { 0.0 };
+        }
+        // A level that was left on trial is known to suffice: half of the evidence.
+        let needed = if self.on_trial() {
+            0.5 * RAISED
+        } else {
+            RAISED
+        };
+        let correlated = self.above * known > needed;
+        let highest = levels.saturating_sub(1);
+        self.unexplained = self.level == highest && far && correlated;
+        if correlated && self.level < highest {
+            let by = if far && !self.lowered { 2 } else { 1 };
+            self.level = (self.level + by).min(highest);
+            self.times = self.times.saturating_add(1);
+            self.turn(false);
+            return Some(Change::Raised);
+        }
+        if self.level > 0 && self.since > self.until {
+            self.lasted = self.lasted.max(self.level);
+            self.level -= 1;
+            self.turn(true);
+            return Some(Change::Lowered);
+        }
+        if correlated {
+            self.above = RAISED;
+        }
+        None
+    }
+
+    fn turn(&mut self, lowered: bool) {
+        self.lowered = lowered;
+        self.above = 0.0;
+        self.since = 0;
+        self.until = SHORTEST << self.times.saturating_sub(1).min(DOUBLINGS);
+        self.unexplained = false;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fault::Fault;
+
+    const LEVELS: u8 = 4;
+
+    /// Noise of variance 1/12 from a linear congruential generator.
+    struct Noise(u32);
+
+    impl Noise {
+        fn next(&mut self) -> f32 {
+            self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (self.0 >> 8) as f32 / (1 << 24) as f32 - 0.5
+        }
+    }
+
+    /// `windows` of four sensors that read noise and `more` of the sensor and the sample, until
+    /// the level changes; how many there were.
+    fn run(
+        mismatch: &mut Mismatch,
+        windows: u32,
+        more: impl Fn(usize, u32) -> f32,
+    ) -> (u32, Option<Change>) {
+        let mut noise = Noise(7);
+        for k in 0..windows * u32::from(WINDOW) {
+            let sensors = [0, 1, 2, 3].map(|sensor| {
+                let innovation = noise.next() + more(sensor, k);
+                SensorEstimate {
+                    innovation,
+                    innovation_variance: 1.0 / 12.0,
+                    nis: 12.0 * innovation * innovation,
+                    ..SensorEstimate::default()
+                }
+            });
+            if let Some(change) = mismatch.push(&sensors, LEVELS) {
+                return (k / u32::from(WINDOW) + 1, Some(change));
+            }
+        }
+        (windows, None)
+    }
+
+    fn turning(k: u32) -> f32 {
+        libm::sinf(0.12 * k as f32)
+    }
+
+    #[test]
+    fn noise_constants_and_one_bad_sensor_do_not_raise_the_level() {
+        for constant in [0.0, 0.2, 50.0] {
+            let mut mismatch = Mismatch::default();
+            run(&mut mismatch, 4000, |_, _| constant);
+            assert_eq!(mismatch.level(), 0, "{constant}");
+        }
+        let mut mismatch = Mismatch::default();
+        run(&mut mismatch, 1000, |i, k| {
+            if i == 2 { 50.0 * turning(k) } else { 0.0 }
+        });
+        assert_eq!(mismatch.level(), 0);
+    }
+
+    #[test]
+    fn a_large_error_of_the_model_raises_the_level_at_once_and_a_small_one_soon() {
+        let mut mismatch = Mismatch::default();
+        let found = run(&mut mismatch, 100, |_, k| 2.0 * turning(k));
+        assert_eq!((found, mismatch.level()), ((2, Some(Change::Raised)), 2));
+        let mut mismatch = Mismatch::default();
+        let (windows, _) = run(&mut mismatch, 100, |_, k| 0.25 * turning(k));
+        assert!(mismatch.level() == 1 && windows < STARTING + 8, "{windows}");
+    }
+
+    #[test]
+    fn lower_levels_are_tried_less_and_less_often_and_the_error_stays_allowed_for() {
+        let mut mismatch = Mismatch::default();
+        let mut lasted = [0; 4];
+        for slot in &mut lasted {
+            while mismatch.level() == 0 {
+                run(&mut mismatch, 100, |_, k| 0.5 * turning(k));
+            }
+            assert_eq!(mismatch.level(), 1);
+            *slot = run(&mut mismatch, 1000, |_, _| 0.0).0;
+            assert!(mismatch.level() == 0 && mismatch.on_trial() && mismatch.allowed() == 1);
+        }
+        assert_eq!(lasted, [9, 17, 33, 65]);
+    }
+
+    #[test]
+    fn what_no_level_explains_is_said() {
+        let mut mismatch = Mismatch::default();
+        for _ in 0..3 {
+            run(&mut mismatch, 5, |_, k| 10.0 * turning(k));
+        }
+        assert!(mismatch.level() == LEVELS - 1 && mismatch.unexplained());
+    }
+
+    #[test]
+    fn innovations_that_are_no_numbers_or_were_not_used_change_nothing() {
+        let mut mismatch = Mismatch::default();
+        run(&mut mismatch, 20, |_, _| f32::NAN);
+        assert_eq!(mismatch.level(), 0);
+        let refused = SensorEstimate {
+            innovation: 1.0,
+            fault: Fault::Erratic,
+            ..SensorEstimate::default()
+        };
+        for _ in 0..20 * u32::from(WINDOW) {
+            assert_eq!(mismatch.push(&[refused; 4], LEVELS), None);
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! What a rotor's line says after a sample.
+
+use super::filter::FORCES;
+use super::past::Moment;
+use super::{MARGIN, Rotor, RotorState};
+use crate::estimate::{Estimate, LoadEstimate, MAX_LOADS};
+use crate::fault::Fault;
+
+impl<const NZ: usize, const NX: usize> Rotor<'_, NZ, NX> {
+    /// Index of the noise level in use; 0 is that of the description.
+    pub fn level(&self, state: &RotorState<NZ, NX>) -> u8 {
+        state.mismatch.level()
+    }
+
+    /// Model error that is allowed for, in the usual tolerances.
+    pub fn tolerance(&self, state: &RotorState<NZ, NX>) -> f32 {
+        let allowed = usize::from(state.mismatch.allowed());
+        self.model
+            .levels
+            .get(allowed)
+            .map_or(0.0, |noise| noise.tolerance)
+    }
+
+    /// Covariance of the state by rows, in the image's scale, while the gain is recursive.
+    pub fn covariance<'s>(&self, state: &'s RotorState<NZ, NX>) -> Option<&'s [f32]> {
+        let steady = state.calm >= self.noise(state).full_samples && state.age == 0;
+        (!steady).then(|| state.belief.covariance.as_flattened())
+    }
+
+    pub(super) fn loads(&self, state: &RotorState<NZ, NX>, estimate: &mut Estimate) {
+        let lag = self.lag();
+        let converged = state.calm >= self.noise(state).full_samples && state.age == 0;
+        let steady = converged && state.corrected as usize >= lag;
+        let beyond = self.tolerance(state) - self.noise(state).tolerance;
+        let told = self.told(state);
+        let speeds = &self.model.speeds;
+        let range = f32::from(speeds.count - 1) * speeds.step;
+        let margin = MARGIN * (speeds.lowest + range);
+        let inside = [state.shaft.speed, self.speed(state)].iter().all(|speed| {
+            *speed >= speeds.lowest - margin && *speed <= speeds.lowest + range + margin
+        });
+        for (j, signal) in self.model.loads.iter().enumerate() {
+            let d = 2 * NZ + j;
+            let (Some(scale), Some(x)) = (self.model.scale.get(d), self.state(state).get(d)) else {
+                continue;
+            };
+            let table = state.active.load_std[j % MAX_LOADS];
+            let deviation = if steady {
+                table
+            } else {
+                let own = &state.belief.covariance[d % NX][d % NX];
+                let own = libm::sqrtf(told.map_or(*own, |moment| moment.variances[j % FORCES]));
+                // By a gain, the variance stays that of another speed; and no recursion allows
+                // for errors of the model.
+                if own < table { table } else { own }
+            };
+            let deviation = if state.mismatch.on_trial() {
+                deviation.max(state.trial_std[j % MAX_LOADS])
+            } else {
+                deviation
+            };
+            let error = beyond * state.active.load_error[j % MAX_LOADS];
+            let deviation = if error > 0.0 {
+                libm::sqrtf(deviation * deviation + error * error)
+            } else {
+                deviation
+            };
+            let (value, std) = (x * scale, deviation * scale);
+            let finite = value.is_finite() && std.is_finite();
+            let fault = if !finite || std > signal.valid_std || !inside || self.silent(state) {
+                Fault::NotValid
+            } else if state.mismatch.unexplained() {
+                Fault::Contradicted
+            } else {
+                Fault::None
+            };
+            let _ = estimate.loads.push(LoadEstimate {
+                value: if finite { value } else { 0.0 },
+                std: if finite { std } else { f32::MAX },
+                age: state.age.saturating_add(lag as u16),
+                fault,
+            });
+        }
+    }
+
+    /// The sample that the estimate is of, where it lags.
+    fn told<'s>(&self, state: &'s RotorState<NZ, NX>) -> Option<&'s Moment<NX>> {
+        (self.lag() > 0).then(|| state.past.at(self.lag()))
+    }
+
+    /// The filter's state that the estimate is of, in the image's scale.
+    pub fn state<'s>(&self, state: &'s RotorState<NZ, NX>) -> &'s [f32; NX] {
+        (self.told(state)).map_or(&state.belief.state, |moment| &moment.state)
+    }
+
+    /// The tracked speed that the estimate is of [rad/s].
+    pub fn speed(&self, state: &RotorState<NZ, NX>) -> f32 {
+        (self.told(state)).map_or(state.shaft.speed, |moment| moment.speed)
+    }
+}

@@ -1,0 +1,111 @@
+//! Which sensors contradict the others.
+//!
+//! A reading outside of its gate is refused. A sensor whose readings are refused again and again
+//! is held out, until its readings have stayed inside for a while: passing through the right value
+//! once a turn is no agreement. Sensors are held out only while they are a minority; where half of
+//! them contradict at once, the model errs and not they, and all readings are used.
+
+use crate::raw::MAX_CHANNELS;
+
+/// Score of a refusal, and at most: as many readings inside of the gate in a row end a flag. Longer
+/// than a sensor with the wrong sign stays inside, at ten standard deviations and a thousand samples
+/// a turn.
+const REFUSED: u8 = 16;
+const MOST: u8 = 128;
+
+/// Score from which a sensor is held out: three refusals within some samples. A sound sensor has
+/// one in 2 million readings at a gate of 25.
+const HELD: u8 = 3 * REFUSED - 2;
+
+/// The votes on each sensor.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Votes {
+    scores: [u8; MAX_CHANNELS],
+    /// Sensors outside of their gates in the sample under way, and in the one before.
+    contradicting: usize,
+    before: usize,
+}
+
+impl Votes {
+    /// A sample of `sensors` sensors begins.
+    pub fn begin(&mut self, sensors: usize) {
+        self.before = self.contradicting;
+        self.contradicting = 0;
+        let held = self.scores.iter().filter(|score| **score >= HELD).count();
+        if 2 * held >= sensors {
+            self.scores = [0; MAX_CHANNELS];
+            self.before = sensors;
+        }
+    }
+
+    /// Whether so many sensors contradict that it is the model that errs.
+    pub fn open(&self, sensors: usize) -> bool {
+        self.before > 0 && 2 * self.before >= sensors
+    }
+
+    /// Takes the vote on a reading, `within` its gate or not; whether it may be used.
+    pub fn admits(&mut self, sensor: usize, sensors: usize, within: bool) -> bool {
+        let open = self.open(sensors);
+        let Some(score) = self.scores.get_mut(sensor) else {
+            return within;
+        };
+        let held = *score >= HELD;
+        *score = if within {
+            score.saturating_sub(1)
+        } else {
+            self.contradicting += 1;
+            score.saturating_add(REFUSED).min(MOST)
+        };
+        (within && !held) || open
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// How many of `samples` samples use sensor 0 of four, of which `wrong` are outside.
+    fn used(votes: &mut Votes, samples: u32, wrong: impl Fn(usize, u32) -> bool) -> u32 {
+        let mut used = 0;
+        for k in 0..samples {
+            votes.begin(4);
+            for i in 0..4 {
+                let admitted = votes.admits(i, 4, !wrong(i, k));
+                used += u32::from(i == 0 && admitted);
+            }
+        }
+        used
+    }
+
+    #[test]
+    fn one_outlier_costs_one_reading() {
+        let mut votes = Votes::default();
+        assert_eq!(used(&mut votes, 100, |i, k| i == 0 && k == 3), 99);
+    }
+
+    #[test]
+    fn a_sensor_that_contradicts_is_held_out_for_as_long_as_it_does() {
+        let mut votes = Votes::default();
+        // Right by chance for 20 samples of a turn of 100.
+        assert!(used(&mut votes, 100_000, |i, k| i == 0 && k % 100 >= 20) < 25);
+        assert_eq!(used(&mut votes, 1000, |_, _| false), 1000 - 83);
+    }
+
+    #[test]
+    fn where_half_of_the_sensors_contradict_all_are_used() {
+        let mut votes = Votes::default();
+        assert!(used(&mut votes, 1000, |i, _| i < 2) >= 999);
+    }
+
+    #[test]
+    fn of_two_sensors_none_can_be_outvoted() {
+        let mut votes = Votes::default();
+        let mut used = 0;
+        for _ in 0..100 {
+            votes.begin(2);
+            used += u32::from(votes.admits(0, 2, false));
+            votes.admits(1, 2, true);
+        }
+        assert!(used >= 99, "{used}");
+    }
+}

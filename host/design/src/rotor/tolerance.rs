@@ -1,0 +1,146 @@
+//! What a rotor's filter errs by where the rotor is off by the usual tolerances of a description.
+
+use std::f64::consts::FRAC_PI_2;
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, c64};
+
+use crate::rotor::filter_design::RotorFilterDesign;
+use crate::rotor::modal_truncation::ModalModel;
+use loadtwin_machine::Rotor;
+
+/// Standard deviation of a bearing's stiffness and of its damping, and of the shaft's stiffness, as
+/// part of each: bearings are computed or taken from tables, moduli and diameters are measured.
+///
+/// Source: Lees, Sinha, Friswell, Model-based identification of rotating machines, Mech. Syst.
+/// Signal Process. 23 (2009): foundations and bearings are the uncertain part of a rotor's model.
+const BEARING: f64 = 0.3;
+const DAMPING: f64 = 0.3;
+const SHAFT: f64 = 0.01;
+
+/// A steady filter at one speed.
+pub(super) struct SteadyFilter<'a> {
+    /// Transition.
+    pub f: &'a Mat<f64>,
+    /// Rows of the sensors.
+    pub h: &'a Mat<f64>,
+    /// Gain.
+    pub k: &'a Mat<f64>,
+}
+
+/// A tolerance: what it adds to stiffness and damping of the reduced rotor at one sigma.
+struct Tolerance {
+    stiffness: Mat<f64>,
+    damping: Mat<f64>,
+}
+
+impl RotorFilterDesign {
+    /// Covariance of the filter's error under the nominal loads, where stiffness and damping of the
+    /// rotor differ from the description by one standard deviation each, independently: over the
+    /// states of the filter, in its scale.
+    ///
+    /// The rotor's steady motion changes by `dz = -D^-1 (dK + i w dC) z`, `D = K - w^2 + i w C`, under a
+    /// load that turns (`w` the speed) or stays (`w = 0`); the readings by `H dz`, and the
+    /// estimate by `dx = (e^(i w dt) - F (I - K H))^-1 F K H dz`, corrected by the last reading.
+    /// The error is `dx` less `(dz, dz (e^(i w dt) - 1), 0)`.
+    pub(super) fn model_error(
+        &self,
+        description: &Rotor,
+        rotor: &ModalModel,
+        filter: &SteadyFilter<'_>,
+    ) -> Mat<f64> {
+        let (modes, nx) = (rotor.stiffness.nrows(), filter.f.nrows());
+        let tolerances = self.tolerances(description, rotor);
+        let mut covariance = Mat::<f64>::zeros(nx, nx);
+        for (pair, turns) in self.turning.iter().enumerate() {
+            let w = if *turns { rotor.speed_rad_s } else { 0.0 };
+            let growth = if *turns {
+                (w / self.nominal_speed).powi(2)
+            } else {
+                1.0
+            };
+            let nominal = self.nominal[2 * pair] * growth;
+            let step = c64::new((w * self.dt_s).cos(), (w * self.dt_s).sin());
+            let dynamic = complex(modes, modes, |i, j| {
+                let inertia = if i == j { w * w } else { 0.0 };
+                c64::new(rotor.stiffness[(i, j)] - inertia, w * rotor.damping[(i, j)])
+            });
+            let dynamic = dynamic.partial_piv_lu();
+            let steady = complex(modes, 1, |i, _| {
+                c64::new(
+                    rotor.steady[(i, 2 * pair)],
+                    -rotor.steady[(i, 2 * pair + 1)],
+                ) * nominal
+            });
+            let closed = filter.f - filter.f * filter.k * filter.h;
+            let closed = complex(nx, nx, |i, j| {
+                let unit = if i == j { step } else { c64::new(0.0, 0.0) };
+                unit - closed[(i, j)]
+            });
+            let closed = closed.partial_piv_lu();
+            for tolerance in &tolerances {
+                let changed = complex(modes, modes, |i, j| {
+                    c64::new(-tolerance.stiffness[(i, j)], -w * tolerance.damping[(i, j)])
+                });
+                let dz = dynamic.solve(changed * &steady);
+                let truth = complex(nx, 1, |i, _| self.place_of(i, &dz, step));
+                let dy = real(filter.h) * &truth;
+                let prior = closed.solve(real(&(filter.f * filter.k)) * &dy);
+                let nu = &dy - real(filter.h) * &prior;
+                let error = prior + real(filter.k) * nu - truth;
+                for i in 0..nx {
+                    for j in 0..nx {
+                        let (a, b) = (error[(i, 0)], error[(j, 0)]);
+                        // Mean over a turn.
+                        covariance[(i, j)] += 0.5 * (a.re * b.re + a.im * b.im);
+                    }
+                }
+            }
+        }
+        covariance
+    }
+
+    /// State `i` of the filter of the motion `z`.
+    fn place_of(&self, i: usize, z: &Mat<c64>, step: c64) -> c64 {
+        let (modes, nz) = (z.nrows(), self.size.0);
+        match i {
+            _ if i < modes => z[(i, 0)] / self.scale[i],
+            _ if (nz..nz + modes).contains(&i) => z[(i - nz, 0)] * (step - 1.0) / self.scale[i],
+            _ => c64::new(0.0, 0.0),
+        }
+    }
+
+    /// Each bearing along x and y, and the shaft, one standard deviation off.
+    fn tolerances(&self, description: &Rotor, rotor: &ModalModel) -> Vec<Tolerance> {
+        let modes = rotor.stiffness.nrows();
+        let squares = self.squares();
+        let mut shaft = Mat::from_fn(modes, modes, |i, j| if i == j { squares[i] } else { 0.0 });
+        let mut tolerances = Vec::new();
+        for bearing in &description.bearings {
+            let (k, c) = bearing.at(rotor.speed_rad_s);
+            let (of_squares, _) = bearing.at(self.nominal_speed);
+            for axis in [0, 1] {
+                let at = self.shape(bearing.node, axis as f64 * FRAC_PI_2);
+                let outer = |part: f64| Mat::from_fn(modes, modes, |i, j| part * at[i] * at[j]);
+                shaft -= outer(of_squares[axis][axis]);
+                tolerances.push(Tolerance {
+                    stiffness: outer(BEARING * k[axis][axis]),
+                    damping: outer(DAMPING * c[axis][axis]),
+                });
+            }
+        }
+        tolerances.push(Tolerance {
+            stiffness: faer::Scale(SHAFT) * &shaft,
+            damping: Mat::zeros(modes, modes),
+        });
+        tolerances
+    }
+}
+
+fn complex(rows: usize, columns: usize, of: impl FnMut(usize, usize) -> c64) -> Mat<c64> {
+    Mat::from_fn(rows, columns, of)
+}
+
+fn real(m: &Mat<f64>) -> Mat<c64> {
+    Mat::from_fn(m.nrows(), m.ncols(), |i, j| c64::new(m[(i, j)], 0.0))
+}
