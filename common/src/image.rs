@@ -95,11 +95,10 @@ impl<'a> Image<'a> {
     /// Unit of the load at `place` in the order of the estimates.
     pub fn load_unit(&self, place: usize) -> &'static str {
         match &self.model {
-            Model::Gearbox(_) => "Nm",
             Model::Rotor(_) => "N",
             // Fx, Fy, Fz, Mx, Mz.
             Model::Bearing(_) if place < 3 => "N",
-            Model::Bearing(_) => "Nm",
+            Model::Gearbox(_) | Model::Bearing(_) => "Nm",
         }
     }
 

@@ -92,11 +92,11 @@ pub fn wrap_rad(a: f32) -> f32 {
     use core::f32::consts::{FRAC_1_PI, PI, TAU};
     let turns = libm::floorf(a * (0.5 * FRAC_1_PI) + 0.5);
     let wrapped = a - turns * TAU;
-    // Both ends are the same angle. Not so written that NaN becomes one of them.
-    if wrapped >= PI || wrapped < -PI {
-        -PI
-    } else {
+    // Both ends are the same angle; NaN stays NaN.
+    if (-PI..PI).contains(&wrapped) || wrapped.is_nan() {
         wrapped
+    } else {
+        -PI
     }
 }
 

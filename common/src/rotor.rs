@@ -254,7 +254,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
     }
 
     /// Whether no reading corrected the state for longer than a gap may be.
-    fn silent(&self, state: &RotorState<NZ, NX>) -> bool {
+    fn silent(state: &RotorState<NZ, NX>) -> bool {
         u32::from(state.age) > LONGEST_GAP
     }
 
@@ -333,7 +333,7 @@ impl<'a, const NZ: usize, const NX: usize> Rotor<'a, NZ, NX> {
 
     /// Where no reading confirms the smaller noise, the larger one.
     fn predict_covariance(&self, state: &mut RotorState<NZ, NX>, turn: &Turn<f32>) {
-        let largest = self.model.levels.last().filter(|_| self.silent(state));
+        let largest = self.model.levels.last().filter(|_| Self::silent(state));
         let noise = &largest.unwrap_or_else(|| self.noise(state)).process;
         let p = &mut state.belief.covariance;
         predict_covariance(p, &state.active.dense, turn, |i| noise.get(i));

@@ -81,10 +81,11 @@ impl Friction {
             let (z, slope) = self.towards(speed, from);
             let next = speed + (free - speed - taken * z) / (1.0 + taken * slope);
             // Not at the rounding of the root, nor where a number is none.
-            if !(next > speed) {
+            if next > speed {
+                speed = next;
+            } else {
                 break;
             }
-            speed = next;
         }
         side * self.towards(speed, from).0
     }

@@ -24,7 +24,7 @@ impl<const NZ: usize, const NX: usize> Rotor<'_, NZ, NX> {
     /// Covariance of the state by rows, in the image's scale, while the gain is recursive.
     pub fn covariance<'s>(&self, state: &'s RotorState<NZ, NX>) -> Option<&'s [f32]> {
         let steady = state.calm >= self.noise(state).full_samples && state.age == 0;
-        (!steady).then(|| state.belief.covariance.as_flattened())
+        (!steady).then_some(state.belief.covariance.as_flattened())
     }
 
     pub(super) fn loads(&self, state: &RotorState<NZ, NX>, estimate: &mut Estimate) {
@@ -67,7 +67,7 @@ impl<const NZ: usize, const NX: usize> Rotor<'_, NZ, NX> {
             };
             let (value, std) = (x * scale, deviation * scale);
             let finite = value.is_finite() && std.is_finite();
-            let fault = if !finite || std > signal.valid_std || !inside || self.silent(state) {
+            let fault = if !finite || std > signal.valid_std || !inside || Self::silent(state) {
                 Fault::NotValid
             } else if state.mismatch.unexplained() {
                 Fault::Contradicted

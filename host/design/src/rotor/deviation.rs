@@ -84,8 +84,9 @@ impl NodeDeviations {
                 *slot += share * (own + square * error);
             }
         }
-        into.iter_mut()
-            .for_each(|slot| *slot = slot.max(0.0).sqrt());
+        for slot in into {
+            *slot = slot.max(0.0).sqrt();
+        }
     }
 }
 
