@@ -240,6 +240,8 @@ impl Unit {
     pub const SECOND: Self = Self(&unit("s", Q::Time, 1.0, 1.0, &["sec"]));
     /// The radian.
     pub const RADIAN: Self = Self(&unit("rad", Q::Angle, 1.0, 1.0, &[]));
+    /// The radian per second.
+    pub const RADIAN_PER_SECOND: Self = Self(&unit("rad/s", Q::AngularSpeed, 1.0, 1.0, &[]));
     /// The newton.
     pub const NEWTON: Self = Self(&unit("N", Q::Force, 1.0, 1.0, &[]));
     /// The metre.

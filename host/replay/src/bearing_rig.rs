@@ -26,7 +26,10 @@ pub enum RecordedError {
     Replay(#[from] ReplayError),
 }
 
-/// The samples of `path` with their loads.
+/// Longest time between two readings of a reference that is taken for its rate [s]: longer, loads between are not known.
+const SLOWEST_REFERENCE_S: f64 = 0.25;
+
+/// The samples of `path` with their loads; those of a reference with a lower rate than the gauges are interpolated.
 ///
 /// # Errors
 /// [`RecordedError`] when a load has no reference or the recording cannot be read.
@@ -48,5 +51,49 @@ pub fn recorded(
     while reader.next_block(|sample| {
         samples.push((sample.raw, column.map(|i| sample.references[i])));
     })? {}
+    interpolate(
+        &mut samples,
+        (SLOWEST_REFERENCE_S * machine.rate_hz) as usize,
+    );
     Ok(samples)
+}
+
+/// Fills rows without a load linearly between the readings before and after, where these are at most `longest` rows apart.
+fn interpolate(samples: &mut [RigSample], longest: usize) {
+    for load in 0..LOADS {
+        let mut last: Option<(usize, f64)> = None;
+        for i in 0..samples.len() {
+            let read = samples[i].1[load];
+            if read.is_nan() {
+                continue;
+            }
+            if let Some((from, before)) = last.filter(|(from, _)| i - from <= longest) {
+                for (k, (_, loads)) in samples[from + 1..i].iter_mut().enumerate() {
+                    loads[load] = before + (read - before) * (k + 1) as f64 / (i - from) as f64;
+                }
+            }
+            last = Some((i, read));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use loadtwin_common::raw::RawSample;
+
+    #[test]
+    fn slow_references_are_interpolated_and_long_gaps_stay_unknown() {
+        let nan = f64::NAN;
+        let mut samples: Vec<RigSample> = [2.0, nan, nan, 5.0, nan, nan, nan, 9.0, nan]
+            .map(|load| (RawSample::default(), [load; LOADS]))
+            .to_vec();
+        interpolate(&mut samples, 3);
+        for load in 0..LOADS {
+            let found: Vec<f64> = samples.iter().map(|sample| sample.1[load]).collect();
+            assert_eq!(found[..4], [2.0, 3.0, 4.0, 5.0]);
+            assert!(found[4..7].iter().all(|load| load.is_nan()));
+            assert!(found[7].to_bits() == 9.0_f64.to_bits() && found[8].is_nan());
+        }
+    }
 }

@@ -1,5 +1,6 @@
 //! Rows of a recording as the raw samples that a board would have taken.
 
+use std::f64::consts::TAU;
 use std::path::Path;
 
 use loadtwin_common::raw::RawSample;
@@ -8,7 +9,7 @@ use super::ReplayError;
 use super::displacements::displacement_columns;
 use super::index::{Pulse, Pulses};
 use loadtwin_design::build::Sensors;
-use loadtwin_machine::{Channel, Encoder, Machine, Reference, Segment};
+use loadtwin_machine::{Channel, Encoder, Kind, Machine, Reference, Segment};
 use loadtwin_recording::{Block, Quantity, Reader, Role, Unit, Wanted};
 
 /// A recording, sample by sample.
@@ -17,7 +18,8 @@ pub struct Samples {
     channels: Vec<Channel>,
     forms: Vec<Form>,
     encoders: Vec<Encoder>,
-    angles: Vec<bool>,
+    motions: Vec<Motion>,
+    period_s: f64,
     index: Option<IndexColumn>,
     references: Vec<Reference>,
     /// Columns of true displacements.
@@ -37,6 +39,41 @@ enum Form {
     Ratio,
     /// The reading.
     Reading,
+}
+
+/// What the column of an encoder holds.
+#[derive(Clone, Copy)]
+enum Motion {
+    /// Counts.
+    Count,
+    /// The angle [rad].
+    Angle,
+    /// The speed [rad/s], with the turns since the recording began: angles of rotors and wheel bearings have no zero.
+    Speed { turns: f64 },
+}
+
+impl Motion {
+    /// Unit of the column.
+    fn unit(self) -> Unit {
+        match self {
+            Self::Count => Unit::COUNTS,
+            Self::Angle => Unit::RADIAN,
+            Self::Speed { .. } => Unit::RADIAN_PER_SECOND,
+        }
+    }
+
+    /// Count of `encoder` after a row with `value`, `period_s` after the row before.
+    fn count(&mut self, value: f64, period_s: f64, encoder: &Encoder) -> u32 {
+        let count = match self {
+            Self::Count => value,
+            Self::Angle => value / TAU * encoder.counts_per_turn,
+            Self::Speed { turns } => {
+                *turns += value * period_s / TAU;
+                *turns * encoder.counts_per_turn
+            }
+        };
+        counter(encoder, count)
+    }
 }
 
 /// The index column.
@@ -88,10 +125,15 @@ impl Samples {
                 _ => Form::Reading,
             })
             .collect();
-        let angles: Vec<bool> = sensors
+        let turns_freely = matches!(machine.kind(), Some(Kind::Bearing(_) | Kind::Rotor(_)));
+        let motions: Vec<Motion> = sensors
             .encoders
             .iter()
-            .map(|e| quantity(&e.name) == Some(Quantity::Angle))
+            .map(|e| match quantity(&e.name) {
+                Some(Quantity::Angle) => Motion::Angle,
+                Some(Quantity::AngularSpeed) if turns_freely => Motion::Speed { turns: 0.0 },
+                _ => Motion::Count,
+            })
             .collect();
         let index = index_column(machine, sensors, path)?;
 
@@ -109,13 +151,17 @@ impl Samples {
             });
         }
         let mut roles = vec![Role::Continuous; wanted.len()];
-        for (encoder, &is_angle) in sensors.encoders.iter().zip(&angles) {
+        for (encoder, motion) in sensors.encoders.iter().zip(&motions) {
             wanted.push(Wanted {
                 name: &encoder.name,
-                unit: if is_angle { Unit::RADIAN } else { Unit::COUNTS },
+                unit: motion.unit(),
                 required: true,
             });
-            roles.push(encoder.role(is_angle));
+            roles.push(match motion {
+                Motion::Count => encoder.role(false),
+                Motion::Angle => encoder.role(true),
+                Motion::Speed { .. } => Role::Continuous,
+            });
         }
         if let Some((name, _)) = &index {
             wanted.push(Wanted {
@@ -142,7 +188,8 @@ impl Samples {
             index: index.map(|(_, column)| column),
             reader,
             forms,
-            angles,
+            motions,
+            period_s: 1.0 / machine.rate_hz,
             tick: 0,
         })
     }
@@ -215,16 +262,11 @@ impl Samples {
         }
         // The count of the index's encoder in this row.
         let mut here = self.encoders.is_empty().then_some(0);
-        for (k, (encoder, is_angle)) in self.encoders.iter().zip(&self.angles).enumerate() {
+        let motions = self.encoders.iter().zip(&mut self.motions);
+        for (k, (encoder, motion)) in motions.enumerate() {
             let value = columns.next().unwrap_or(f64::NAN);
             if !value.is_nan() {
-                let turns = value / std::f64::consts::TAU;
-                let counts = if *is_angle {
-                    turns * encoder.counts_per_turn
-                } else {
-                    value
-                };
-                let count = counter(encoder, counts);
+                let count = motion.count(value, self.period_s, encoder);
                 raw.set_encoder(k, count);
                 if self.index.as_ref().is_some_and(|index| index.encoder == k) {
                     here = Some(count);
@@ -295,5 +337,35 @@ fn optional(name: &str, unit: Unit) -> Wanted<'_> {
         name,
         unit,
         required: false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_speed_turns_the_counter_as_far_as_its_angle_would() {
+        let encoder = Encoder {
+            name: "wheel".into(),
+            inertia: String::new(),
+            counts_per_turn: 192.0,
+            bits: 16,
+            noise_std_counts: None,
+            eccentricity: None,
+        };
+        let mut speed = Motion::Speed { turns: 0.0 };
+        let mut angle = 0.0;
+        for k in 0..200_000 {
+            let rad_per_s = 60.0 + 40.0 * f64::sin(1e-3 * f64::from(k));
+            angle += rad_per_s * 5e-4;
+            let by_angle = Motion::Angle.count(angle, 5e-4, &encoder);
+            let by_speed = speed.count(rad_per_s, 5e-4, &encoder);
+            let apart = by_speed.wrapping_sub(by_angle) & 0xffff;
+            assert!(
+                matches!(apart, 0 | 1 | 0xffff),
+                "{k}: {by_speed}, {by_angle}"
+            );
+        }
     }
 }

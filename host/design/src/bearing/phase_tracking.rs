@@ -65,7 +65,9 @@ pub fn track_phases(
                     *sum += load * unit / block as f64;
                 }
             }
-            state.know(mean.map(|load| load as f32));
+            if mean.iter().all(|load| load.is_finite()) {
+                state.know(mean.map(|load| load as f32));
+            }
         }
         filter.step(&mut state, raw);
         if let Some((taken, belief)) = state.taken_in()
