@@ -37,8 +37,11 @@ pub struct Bearing {
     /// Load-deflection factor of a ball between both rings, `K_n` of eq. (4)
     /// [N/mm^1.5], > 0.
     pub stiffness_n_per_mm_1_5: f64,
-    /// Axial approach of each row by the preload [um], 0 to 100.
+    /// Approach of each row by the preload [um], 0 to 100.
     pub preload_um: f64,
+    /// Direction in which `preload_um` is counted.
+    #[serde(default)]
+    pub preload_along: PreloadAlong,
     /// Radial compliance of the outer ring in its seat, eq. (7)-(8): row k,
     /// column l is the amplitude of shape k by a ball load of unit component in shape l
     /// [um/kN]; shapes `1, cos 2, sin 2, cos 3, sin 3`; symmetric, positive.
@@ -55,6 +58,17 @@ pub struct Bearing {
     /// How the filter is tuned.
     #[serde(default)]
     pub filter: BearingFilter,
+}
+
+/// Direction in which the preload's approach is counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PreloadAlong {
+    /// Along the axis of turning: by how much the inner ring's halves are shorter.
+    #[default]
+    Axial,
+    /// Along the line of contact: by how much a ball is pressed between the grooves.
+    Normal,
 }
 
 /// From the smallest to the largest load that is expected.
@@ -130,7 +144,7 @@ impl Default for BearingFilter {
             phase_walk: 0.01,
             load_time_s: 0.4,
             preload_std_um: 0.3,
-            preload_walk_um: 0.003,
+            preload_walk_um: 0.2,
             bias_std: 15.0,
             bias_time_s: 8_200.0,
             bulk_std: 3.0,
@@ -144,6 +158,26 @@ fn conformity() -> f64 {
 }
 
 impl Bearing {
+    /// Distance of the grooves' centres without load, `A = (2 f - 1) D` [um].
+    pub fn groove_um(&self) -> f64 {
+        (2.0 * self.conformity - 1.0) * self.ball_mm * 1e3
+    }
+
+    /// The preload's approach along the axis [um], at a contact angle [rad].
+    ///
+    /// Of an approach `delta` along the line of contact: `p` with
+    /// `(A cos a0)^2 + (A sin a0 + p)^2 = (A + delta)^2`, rows without other load.
+    pub fn axial_preload_um(&self, contact_angle: f64) -> f64 {
+        let (sin, cos) = contact_angle.sin_cos();
+        let a = self.groove_um();
+        match self.preload_along {
+            PreloadAlong::Axial => self.preload_um,
+            PreloadAlong::Normal => {
+                ((a + self.preload_um).powi(2) - (a * cos).powi(2)).sqrt() - a * sin
+            }
+        }
+    }
+
     pub(super) fn check(&self) -> Checked {
         let field = |name: &str| format!("bearing.{name}");
         let balls = self.balls;
@@ -217,5 +251,36 @@ impl Bearing {
             positive(&format!("bearing.filter.{name}"), value)?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `A = 0.04 * 12.5 mm = 500 um` at 30 degrees: an approach of 10 um along the contact takes
+    /// `sqrt(510^2 - 433.0127^2) - 250 = 19.4436 um` along the axis.
+    #[test]
+    fn a_preload_along_the_contact_is_counted_along_the_axis() {
+        let text = r"
+            balls = 13
+            ball_mm = 12.5
+            pitch_mm = 66
+            rows_mm = 19
+            contact_angle_deg = 30
+            conformity = 0.52
+            stiffness_n_per_mm_1_5 = 3.0e5
+            preload_um = 10
+            preload_along = 'normal'
+            compliance_um_per_kn = [[0.1, 0, 0, 0, 0], [0, 0.1, 0, 0, 0], [0, 0, 0.1, 0, 0], [0, 0, 0, 0.1, 0], [0, 0, 0, 0, 0.1]]
+            row_coupling = 0.5
+            range = { fx_n = [0, 1], fy_n = [0, 1], fz_n = [0, 1], mx_nm = [0, 1], mz_nm = [0, 1] }
+            gauge = []
+        ";
+        let mut bearing: Bearing = toml::from_str(text).unwrap();
+        let angle = 30.0_f64.to_radians();
+        assert!((bearing.axial_preload_um(angle) - 19.443_6).abs() < 1e-3);
+        bearing.preload_along = PreloadAlong::Axial;
+        assert!((bearing.axial_preload_um(angle) - 10.0).abs() < 1e-12);
     }
 }

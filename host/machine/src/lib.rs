@@ -31,7 +31,9 @@ use serde::{Deserialize, Serialize};
 
 pub use angle_map::{MAP_ENTRIES, read_column, read_columns, resampled, six_digits, write_columns};
 pub use balance::{Balance, BalanceEffect, Regime, Signal};
-pub use bearing::{BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, SHAPES};
+pub use bearing::{
+    BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, PreloadAlong, SHAPES,
+};
 pub use channel::{
     Adc, Auxiliary, Channel, Creep, Displacement, Drift, Group, Hysteresis, LATEST_S, Place,
     Reference, SLOWEST_S, Senses, Thermal, earlier, followed, lag,

@@ -130,13 +130,13 @@ pub fn geometry(bearing: &Bearing, physical: &PhysicalParameters) -> Result<Geom
         balls: bearing.balls,
         radius_mm: radius as f32,
         row_offset: (0.5 * bearing.rows_mm / radius) as f32,
-        groove_um: ((2.0 * bearing.conformity - 1.0) * bearing.ball_mm * 1e3) as f32,
+        groove_um: bearing.groove_um() as f32,
         ball_over_pitch: (bearing.ball_mm / bearing.pitch_mm) as f32,
         contact_angle: (angle.cos() as f32, angle.sin() as f32),
         // N / mm^1.5 to kN / um^1.5.
         stiffness: (bearing.stiffness_n_per_mm_1_5 * (1.0 + physical.stiffness) * 1e-3
             / 1e3_f64.powf(1.5)) as f32,
-        preload_um: (bearing.preload_um * (1.0 + physical.preload)) as f32,
+        preload_um: (bearing.axial_preload_um(angle) * (1.0 + physical.preload)) as f32,
         ring,
         gauges_rad,
     })

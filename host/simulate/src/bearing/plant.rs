@@ -139,7 +139,7 @@ impl Individual {
             angle,
             stiffness: bearing.stiffness_n_per_mm_1_5 * 1e-3 / 1e3_f64.powf(1.5)
                 * (1.0 + 0.04 * normal()),
-            preload: bearing.preload_um * (1.0 + 0.05 * normal()),
+            preload: bearing.axial_preload_um(angle) * (1.0 + 0.05 * normal()),
             compliance,
             scatter,
             gauges,
