@@ -43,7 +43,7 @@ pub(super) const KNOWN_PHASE: f32 = 0.1;
 const UNEXPLAINED_SHARE: f32 = 0.5;
 
 /// Correlation of the gauges' drift: they sit on one ring and warm together.
-const TOGETHER: f32 = 0.94;
+pub(super) const TOGETHER: f32 = 0.94;
 
 /// Variance of a load that is known [kN^2].
 const KNOWN_VARIANCE: f32 = 1e-8;

@@ -11,6 +11,7 @@
 //! Source: Kerst et al. 2019, section IV, in another form.
 
 pub mod block;
+mod consistency;
 pub mod contact;
 mod duel;
 mod health;
@@ -27,6 +28,7 @@ use crate::measurement::{Converter, Counter, Unwrap};
 use crate::phase::Phase;
 use crate::raw::{MAX_CHANNELS, RawSample};
 use block::{Block, Sums};
+use consistency::Consistency;
 use contact::{Contacts, Equilibrium};
 use duel::{CANDIDATES, Duel};
 use health::Health;
@@ -94,6 +96,7 @@ pub struct BearingState {
     duel: Duel,
     /// What was learnt of preload and biases by rows that were told from their mirror image.
     offsets: Offsets,
+    consistency: Consistency,
     running: bool,
     /// Loads that are known, on a rig [kN].
     known: Option<[f32; LOADS]>,
@@ -142,6 +145,7 @@ impl Bearing {
             duel: Duel::default(),
             trust: Trust::default(),
             offsets: Offsets::expected(&self.model.tuning),
+            consistency: Consistency::default(),
             running: false,
             known: None,
             published: [UNKNOWN; LOADS],
@@ -164,6 +168,9 @@ impl Bearing {
         }
         let lost = m.lost.min(LONGEST_GAP) as u16;
         let phase = state.wheel.follow(&m, self.dt_s, lost) * self.model.passes_per_turn;
+        if state.wheel.lost {
+            state.lose_phases();
+        }
         let mut readings = [None; GAUGES];
         for (reading, value) in readings.iter_mut().zip(&m.values) {
             *reading = value.ok();
@@ -192,6 +199,8 @@ impl Bearing {
             state.running = false;
             state.job = JOBS;
             state.published = [UNKNOWN; LOADS];
+            // At rest a machine is serviced, and it cools: what comes after is compared anew.
+            state.consistency = Consistency::default();
         } else if !state.running {
             state.running = true;
             self.begin(&mut state.champion, &state.offsets);
@@ -229,13 +238,13 @@ impl Bearing {
             _ if job == JOBS - 1 => self.judge(state),
             0 => {
                 belief.predict(tuning, state.block.phase, dt_s);
-                let strayed = tuning.slip_std * state.block.phase;
-                if strayed * strayed > KNOWN_PHASE {
-                    // Over a gap the cages went where they liked: the phases are to be found again.
-                    state.duel.won = 0;
-                }
                 if let Some(known) = state.known {
                     belief.know(&known);
+                }
+                let strayed = tuning.slip_std * state.block.phase;
+                if strayed * strayed > KNOWN_PHASE {
+                    // Over a gap the cages slip by more than is known of them.
+                    state.lose_phases();
                 }
             }
             part @ 1..=4 => {
@@ -279,6 +288,14 @@ impl Bearing {
         }
         let prior = state.champion.prior(&self.model.tuning);
         state.trust.take(told, used, gauges, prior);
+        if (0..GAUGES).any(|g| !state.health.fault(g).is_none()) {
+            // Three gauges explain the loads by other slow states than four.
+            state.consistency = Consistency::default();
+        } else if state.known.is_none() {
+            let locked = state.is_locked();
+            let dt_s = self.dt_s * f32::from(state.block.elapsed);
+            (state.consistency).take(&state.champion.offsets(), locked, &self.model.tuning, dt_s);
+        }
         // What a dead gauge has told until it was found out is believed no longer.
         state.running &= !fell_silent;
     }
@@ -287,6 +304,12 @@ impl Bearing {
 const _: () = assert!(GAUGES <= MAX_CHANNELS && LOADS <= MAX_LOADS);
 
 impl BearingState {
+    /// The phases are to be found again, and slow states to be compared from then on.
+    fn lose_phases(&mut self) {
+        self.duel.won = 0;
+        self.consistency = Consistency::default();
+    }
+
     /// Tells the filter the loads [kN], on a rig; moments over the radius.
     pub fn know(&mut self, loads: [f32; LOADS]) {
         self.known = Some(loads);

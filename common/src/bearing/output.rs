@@ -22,7 +22,8 @@ impl Bearing {
     /// Makes the champion's loads those that are said, where they can be believed.
     pub(super) fn publish(&self, state: &mut BearingState) {
         state.age = 0;
-        let locked = state.is_locked();
+        let contradicted = state.consistency.is_contradicted();
+        let locked = state.is_locked() && !contradicted;
         let radius = self.model.geometry.radius_mm;
         let slipped = (0..ROWS).any(|row| {
             state.champion.gaussian.state[ROWS + row].abs() > self.model.tuning.slip_limit
@@ -40,6 +41,11 @@ impl Bearing {
                     std,
                     age: 0,
                     fault: if slipped { Fault::Slipped } else { Fault::None },
+                }
+            } else if contradicted {
+                LoadEstimate {
+                    fault: Fault::Contradicted,
+                    ..UNKNOWN
                 }
             } else {
                 UNKNOWN

@@ -25,6 +25,8 @@ pub struct Wheel {
     readings: u16,
     /// Whether the gains are those of the loop.
     settled: bool,
+    /// Whether the wheel was lost with the last reading.
+    pub lost: bool,
 }
 
 impl Wheel {
@@ -35,6 +37,7 @@ impl Wheel {
 
     /// Angle turned since the last sample [rad]; `dt_s`: between samples; `lost`: samples before this one.
     pub fn follow(&mut self, m: &Measurement, dt_s: f32, lost: u16) -> f32 {
+        self.lost = false;
         let elapsed = dt_s * (f32::from(lost) + 1.0);
         let turned = self.speed * elapsed;
         let read = m
@@ -61,6 +64,7 @@ impl Wheel {
                 speed: self.speed,
                 readings: 1,
                 settled: false,
+                lost: true,
             };
             return turned + error;
         }
