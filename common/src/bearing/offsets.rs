@@ -82,6 +82,7 @@ impl Offsets {
     }
 
     /// With means moved.
+    #[must_use]
     pub fn moved(&self, by: &[f32; OFFSETS]) -> Self {
         let mut offsets = *self;
         for (mean, by) in offsets.mean.iter_mut().zip(by) {

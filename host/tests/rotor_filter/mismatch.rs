@@ -159,9 +159,12 @@ fn failing(change: impl Fn(i32, usize) -> i32) -> (Score, f64, bool) {
     (score, flagged, sound)
 }
 
+/// A word of the failing sensor from the right one and the number of the sample.
+type Change = fn(i32, usize) -> i32;
+
 #[test]
 fn a_sensor_that_fails_is_flagged_while_it_does_and_used_again_afterwards() {
-    let faults: [(&str, fn(i32, usize) -> i32); 4] = [
+    let faults: [(&str, Change); 4] = [
         ("stuck", |_, _| 20_000),
         ("sign turned", |word, _| -word),
         ("half the gain", |word, _| word / 2),
