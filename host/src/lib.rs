@@ -2,6 +2,8 @@
 //!
 //! Each module is a crate of its own under `host/`; this one has the command.
 #![forbid(unsafe_code)]
+// `cli::output` prints, so that a closed pipe or a full disk is no panic.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod cli;
 pub mod tables;
@@ -11,6 +13,7 @@ pub use loadtwin_can::image::{key, seal, upload};
 pub use loadtwin_design::{bearing, build, gearbox, reduce, rotor};
 pub use loadtwin_diagnose as diagnose;
 pub use loadtwin_drive as balance;
+pub use loadtwin_files as files;
 pub use loadtwin_files::atomic_file;
 pub use loadtwin_identification::{calibrate, rotor_tune, tune};
 pub use loadtwin_machine as machine;

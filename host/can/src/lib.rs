@@ -22,8 +22,11 @@ pub mod socket;
 pub mod twin;
 pub mod upload;
 
+pub use log::LOG;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use loadtwin_common::frame::{self, Encoder};
 use loadtwin_common::image::Image;
@@ -68,6 +71,14 @@ pub enum CanError {
     /// The terminal cannot be drawn on.
     #[error("terminal: {0}")]
     Terminal(std::io::Error),
+}
+
+/// A duration from the command line.
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse().ok();
+    seconds
+        .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+        .ok_or_else(|| "allowed: seconds, 0 and above".to_owned())
 }
 
 /// A model that can run: image and the name it has in status frames.

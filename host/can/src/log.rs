@@ -1,12 +1,14 @@
 //! `candump -L` logs, read and written.
 
 use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Read, Write};
+use std::io::{self, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use socketcan::CanAnyFrame;
 use socketcan::dump::{CanDumpRecord, ParseError, Reader};
+
+use loadtwin_files::content::Content;
 
 use super::CanError;
 use super::bus::{Bus, BusError, Received};
@@ -104,9 +106,25 @@ impl<R: Read> Bus for LogBus<R> {
     fn wait(&mut self, _time: Duration) {}
 }
 
-/// Writes frames as `candump -L` does.
+/// Lines that are written at once [bytes].
+const LINES: usize = 8 << 10;
+
+/// Longest time for which a frame stays in memory.
+const LONGEST_US: u64 = 1_000_000;
+
+/// What is written as the log of a bus.
+pub const LOG: Content = Content {
+    noun: "log of a bus",
+    suffixes: &["log", "candump", "txt"],
+    is_same: |_| Ok(false),
+};
+
+/// Writes frames as `candump -L` does, into a new file that grows by whole lines:
+/// where the program is killed, what came before is there.
 pub struct LogWriter {
-    file: BufWriter<File>,
+    file: File,
+    lines: Vec<u8>,
+    first_us: u64,
     path: PathBuf,
     interface: String,
 }
@@ -115,14 +133,16 @@ impl LogWriter {
     /// Creates the log of `interface`.
     ///
     /// # Errors
-    /// When the file cannot be created.
+    /// When the file cannot be created, or is there: a log cannot be taken again.
     pub fn create(path: &Path, interface: &str) -> Result<Self, CanError> {
-        let file = File::create(path).map_err(|source| CanError::File {
+        let file = File::create_new(path).map_err(|source| CanError::File {
             path: path.into(),
             source,
         })?;
         Ok(Self {
-            file: BufWriter::new(file),
+            file,
+            lines: Vec::with_capacity(LINES),
+            first_us: 0,
             path: path.into(),
             interface: interface.to_owned(),
         })
@@ -139,7 +159,24 @@ impl LogWriter {
             frame: received.frame,
             direction: None,
         };
-        writeln!(self.file, "{record}").map_err(|source| self.failed(source))
+        if self.lines.is_empty() {
+            self.first_us = received.t_us;
+        }
+        let is_due = received.t_us.saturating_sub(self.first_us) >= LONGEST_US;
+        let written = writeln!(self.lines, "{record}").and_then(|()| {
+            if is_due || self.lines.len() >= LINES {
+                self.write_lines()
+            } else {
+                Ok(())
+            }
+        });
+        written.map_err(|source| self.failed(source))
+    }
+
+    fn write_lines(&mut self) -> io::Result<()> {
+        self.file.write_all(&self.lines)?;
+        self.lines.clear();
+        Ok(())
     }
 
     /// Writes what is still in memory.
@@ -147,7 +184,8 @@ impl LogWriter {
     /// # Errors
     /// When it cannot be written.
     pub fn finish(mut self) -> Result<(), CanError> {
-        self.file.flush().map_err(|source| self.failed(source))
+        let written = self.write_lines().and_then(|()| self.file.sync_all());
+        written.map_err(|source| self.failed(source))
     }
 
     fn failed(&self, source: io::Error) -> CanError {

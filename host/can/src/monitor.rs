@@ -24,8 +24,8 @@ pub struct MonitorArgs {
     #[arg(long, value_parser = base, value_name = "HEX")]
     pub base: Option<u16>,
     /// End after so many seconds without a frame, once one has come
-    #[arg(long, value_name = "SECONDS")]
-    pub idle: Option<f64>,
+    #[arg(long, value_parser = super::seconds, value_name = "SECONDS")]
+    pub idle: Option<Duration>,
 }
 
 /// A base identifier from the command line.
@@ -126,7 +126,7 @@ pub fn run<B: Bus>(
                 None => summary.foreign_frames += 1,
             }
         }
-        let idle = args.idle.map(Duration::from_secs_f64);
+        let idle = args.idle;
         if idle
             .zip(last)
             .is_some_and(|(idle, last)| now.saturating_sub(last) > idle)

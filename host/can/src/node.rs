@@ -21,8 +21,8 @@ pub struct NodeArgs {
     /// CAN interface, such as can0
     pub interface: String,
     /// End after so many seconds without a raw sample, once one has come
-    #[arg(long, value_name = "SECONDS")]
-    pub idle: Option<f64>,
+    #[arg(long, value_parser = super::seconds, value_name = "SECONDS")]
+    pub idle: Option<Duration>,
 }
 
 /// What a node did.
@@ -106,7 +106,7 @@ pub fn run<B: Bus>(
     let mut link = Link::new(bus, HEARTBEAT);
     let mut page = Page::new("node", model);
     let mut foreign = 0;
-    let idle = args.idle.map(Duration::from_secs_f64);
+    let idle = args.idle;
     let mut last_sample = None;
 
     // Whoever listens knows from it that the line starts anew.

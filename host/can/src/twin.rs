@@ -25,8 +25,8 @@ pub struct TwinArgs {
     #[arg(long, value_name = "FILE")]
     pub log: Option<PathBuf>,
     /// End after so many seconds without a frame, once one has come
-    #[arg(long, value_name = "SECONDS")]
-    pub idle: Option<f64>,
+    #[arg(long, value_parser = super::seconds, value_name = "SECONDS")]
+    pub idle: Option<Duration>,
     /// End after so many raw samples
     #[arg(long, value_name = "N")]
     pub samples: Option<u64>,
@@ -85,7 +85,7 @@ pub fn run<B: Bus>(
                 writer.write(received)?;
             }
         }
-        let idle = args.idle.map(Duration::from_secs_f64);
+        let idle = args.idle;
         let quiet = idle
             .zip(last)
             .is_some_and(|(idle, last)| now.saturating_sub(last) > idle);

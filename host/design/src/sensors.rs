@@ -44,6 +44,9 @@ impl Filter {
     }
 }
 
+/// Name of the set of all sensors, where the description has none of that name.
+const ALL: &str = "all";
+
 impl Sensors {
     /// The sensors of the set called `name`, of the first set where there is
     /// no name, or all where there are no sets.
@@ -53,6 +56,8 @@ impl Sensors {
     pub fn choose(machine: &Machine, name: Option<&str>) -> Result<Self, BuildError> {
         let set = match name {
             None => machine.sensor_sets.first(),
+            // The name that a machine without sets has for all of its sensors.
+            Some(ALL) if machine.sensor_sets.iter().all(|set| set.name != ALL) => None,
             Some(name) => Some(
                 machine
                     .sensor_sets
@@ -78,7 +83,7 @@ impl Sensors {
         };
         let mut sensors = set.map_or_else(
             || Self {
-                name: "all".into(),
+                name: ALL.into(),
                 channels: machine.channels.clone(),
                 encoders: machine.encoders.clone(),
                 walks: BTreeMap::new(),

@@ -7,7 +7,8 @@ use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, value};
 
 use crate::{BalanceError, Linear};
 use loadtwin_files::atomic_file::AtomicFile;
-use loadtwin_machine::{BalanceEffect, Machine};
+use loadtwin_files::mark;
+use loadtwin_machine::{BalanceEffect, DESCRIPTION, Machine, read_description};
 
 /// Digits of a coefficient.
 const DIGITS: usize = 8;
@@ -26,8 +27,7 @@ pub fn write(
         path: path.to_owned(),
         reason,
     };
-    let text =
-        std::fs::read_to_string(&machine.path).map_err(|e| failed(&machine.path, e.to_string()))?;
+    let text = read_description(&machine.path).map_err(|e| failed(&machine.path, e.to_string()))?;
     let mut document: DocumentMut = text.parse().map_err(|e: toml_edit::TomlError| {
         failed(&machine.path, e.to_string().replace('\n', " "))
     })?;
@@ -83,7 +83,8 @@ pub fn write(
     }
     let write = || -> std::io::Result<()> {
         let mut file = AtomicFile::create(path)?;
-        file.write_all(document.to_string().as_bytes())?;
+        let text = mark::marked(DESCRIPTION.noun, &document.to_string());
+        file.write_all(text.as_bytes())?;
         file.finish()
     };
     write().map_err(|e| failed(path, e.to_string()))

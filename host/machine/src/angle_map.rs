@@ -5,10 +5,25 @@ use std::path::Path;
 
 use super::MachineError;
 use super::error::Violation;
-use loadtwin_files::atomic_file::AtomicFile;
+use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
+use loadtwin_files::bounded;
+use loadtwin_files::content::Content;
 
 /// Entries of a map in the model image.
 pub const MAP_ENTRIES: usize = 512;
+
+/// Largest file of maps [bytes]: 10 000 candidate nodes of 180 entries have 30 MB.
+const LARGEST_MAP: u64 = 256 << 20;
+
+/// Name of the first column.
+const ANGLE: &str = "carrier_angle";
+
+/// What is written as maps over the carrier angle.
+pub const MAPS: Content = Content {
+    noun: "maps over the carrier angle",
+    suffixes: &["csv"],
+    is_same: |file| Ok(file.header().starts_with(ANGLE.as_bytes())),
+};
 
 /// Reads column `name` of the map in `path`.
 ///
@@ -48,19 +63,15 @@ pub fn read_columns(
         column: 1,
         message,
     };
-    let mut reader = csv::ReaderBuilder::new()
-        .comment(Some(b'#'))
-        .from_path(path)
-        .map_err(|error| failed(1, error.to_string()))?;
+    let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).from_reader(
+        bounded::reader(path, LARGEST_MAP).map_err(|error| failed(1, error.to_string()))?,
+    );
     let header = reader
         .headers()
         .map_err(|error| failed(1, error.to_string()))?
         .clone();
     let bare = |title: &str| title.split('[').next().unwrap_or(title).trim().to_owned();
-    if header
-        .get(0)
-        .is_none_or(|title| bare(title) != "carrier_angle")
-    {
+    if header.get(0).is_none_or(|title| bare(title) != ANGLE) {
         return Err(failed(
             1,
             "the first column must be \"carrier_angle [rad]\"".into(),
@@ -119,15 +130,23 @@ pub fn read_columns(
     }
 }
 
-/// Writes functions over the carrier angle in equal steps: title `NAME [unit]`
-/// and values of each column.
+/// Writes functions over the carrier angle as [`complete_columns`], under their name.
 ///
 /// # Errors
 /// When the file cannot be written.
 pub fn write_columns(path: &Path, columns: &[(String, Vec<f64>)]) -> std::io::Result<()> {
+    publish([complete_columns(path, columns)?]).map_err(|error| error.source)
+}
+
+/// Writes functions over the carrier angle in equal steps: title `NAME [unit]`
+/// and values of each column. The file has no name before it is published.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn complete_columns(path: &Path, columns: &[(String, Vec<f64>)]) -> std::io::Result<Complete> {
     let entries = columns.first().map_or(0, |(_, values)| values.len());
     let mut file = AtomicFile::create(path)?;
-    write!(file, "carrier_angle [rad]")?;
+    write!(file, "{ANGLE} [rad]")?;
     for (title, _) in columns {
         write!(file, ",{title}")?;
     }
@@ -143,7 +162,7 @@ pub fn write_columns(path: &Path, columns: &[(String, Vec<f64>)]) -> std::io::Re
         }
         writeln!(file)?;
     }
-    file.finish()
+    file.complete()
 }
 
 /// Six significant digits.

@@ -16,6 +16,7 @@ mod error;
 mod friction;
 mod gears;
 mod kind;
+mod named_files;
 mod ross;
 mod rotor;
 mod rotor_bearing;
@@ -29,7 +30,10 @@ use std::path::{Path, PathBuf};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use angle_map::{MAP_ENTRIES, read_column, read_columns, resampled, six_digits, write_columns};
+pub use angle_map::{
+    MAP_ENTRIES, MAPS, complete_columns, read_column, read_columns, resampled, six_digits,
+    write_columns,
+};
 pub use balance::{Balance, BalanceEffect, Regime, Signal};
 pub use bearing::{
     BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, PreloadAlong, SHAPES,
@@ -44,10 +48,13 @@ pub use error::{MachineError, Violation};
 pub use friction::{CREEP, Friction};
 pub use gears::{Gears, Helical, Planetary, ShaftBearing};
 pub use kind::{Kind, NamedLoad};
+pub use named_files::named_files;
 pub use ross::{RossError, read_ross};
 pub use rotor::{Disc, LoadKind, MOST_LOADS, Material, Reduction, Rotor, RotorLoad, Section};
 pub use rotor_bearing::{BearingAt, Coefficients, RotorBearing};
 
+use loadtwin_files::content::{self, Content};
+use loadtwin_files::{bounded, mark};
 use loadtwin_recording::CsvLayout;
 
 /// A machine: its mechanics, its sensors, its recordings.
@@ -166,6 +173,42 @@ impl Default for Tuning {
     }
 }
 
+/// What is written as a machine description.
+pub const DESCRIPTION: Content = Content {
+    noun: "description",
+    suffixes: &["toml"],
+    is_same: |file| {
+        Ok(mark::is_intact(
+            DESCRIPTION.noun,
+            &file.whole(bounded::DESCRIPTION)?,
+        ))
+    },
+};
+
+/// The text of the description in `path`.
+///
+/// # Errors
+/// When it cannot be read, is too long, or is no text.
+pub fn read_description(path: &Path) -> Result<String, MachineError> {
+    let failed = |source| MachineError::Read {
+        path: path.to_owned(),
+        source,
+    };
+    let bytes = bounded::read(path, bounded::DESCRIPTION).map_err(failed)?;
+    String::from_utf8(bytes).map_err(|error| other_file(path, content::named(error.as_bytes())))
+}
+
+fn other_file(path: &Path, found: &str) -> MachineError {
+    MachineError::Syntax {
+        path: path.to_owned(),
+        line: 1,
+        column: 1,
+        message: format!(
+            "found {found}, allowed: a machine description (TOML); it comes first, recordings after it"
+        ),
+    }
+}
+
 impl Machine {
     /// The temperature that the gauges answer to: the first that a recording may carry.
     pub fn thermometer(&self) -> Option<&Auxiliary> {
@@ -204,12 +247,12 @@ impl Machine {
     /// When the file cannot be read, is not TOML, has an unknown field or one
     /// out of its range; the error names file, line and field.
     pub fn load(path: &Path) -> Result<Self, MachineError> {
-        let text = std::fs::read_to_string(path).map_err(|source| MachineError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
+        let text = read_description(path)?;
         let mut machine: Self =
-            toml::from_str(&text).map_err(|error| MachineError::syntax(path, &text, &error))?;
+            toml::from_str(&text).map_err(|error| match content::named(text.as_bytes()) {
+                content::TOML | content::OTHER => MachineError::syntax(path, &text, &error),
+                found => other_file(path, found),
+            })?;
         machine
             .read_ross_model(path)
             .and_then(|()| machine.check())
@@ -244,7 +287,7 @@ impl Machine {
 
     /// The error of a field that is found wrong after reading, with its line in the file.
     pub fn refused(&self, violation: Violation) -> MachineError {
-        let text = std::fs::read_to_string(&self.path).unwrap_or_default();
+        let text = read_description(&self.path).unwrap_or_default();
         MachineError::violation(&self.path, &text, violation)
     }
 

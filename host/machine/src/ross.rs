@@ -5,6 +5,8 @@ use std::path::Path;
 use serde_json::{Map, Value};
 use thiserror::Error;
 
+use loadtwin_files::bounded;
+
 use crate::{BearingAt, Coefficients, Disc, Material, Rotor, RotorBearing, Section};
 
 /// Largest relative difference of two diameters that count as equal.
@@ -46,7 +48,7 @@ pub enum RossError {
 /// [`RossError`] for a file that is none, and for elements that are no
 /// cylinder, disc or bearing without mass.
 pub fn read_ross(path: &Path, rotor: &mut Rotor) -> Result<(), RossError> {
-    let text = std::fs::read_to_string(path)?;
+    let text = bounded::read_text(path, bounded::DESCRIPTION)?;
     let tables: Map<String, Value> = serde_json::from_str(&text)
         .ok()
         .or_else(|| toml::from_str(&text).ok())

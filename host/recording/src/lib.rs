@@ -30,7 +30,7 @@ pub use error::{Problem, RecordingError, Row};
 pub use layout::{Column, CsvLayout, Role, Timing, Wanted, WrittenNan};
 pub use reader::{Block, Reader};
 pub use unit::{Conversion, Quantity, Unit, UnknownUnit};
-pub use writer::{OutputColumn, Writer};
+pub use writer::{OutputColumn, SIMULATED, SUFFIXES, Writer};
 
 /// Rows of a block, before the rows put into gaps.
 pub const BLOCK_ROWS: usize = 8192;

@@ -17,13 +17,31 @@ use super::TIME;
 use super::error::{Problem, RecordingError};
 use super::parquet::UNIT;
 use super::unit::Unit;
-use loadtwin_files::atomic_file::AtomicFile;
+use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
+use loadtwin_files::content::Content;
+use loadtwin_files::outputs::is_stream;
 
 /// Rows that a Parquet file holds together; they are in memory until written.
 const ROW_GROUP: usize = 1 << 16;
 
 /// Most values of an MDF4 file: its writer puts it together in memory.
 const MDF_VALUES: usize = 32 << 20;
+
+/// Suffixes of the tables that can be written.
+pub const SUFFIXES: &[&str] = &["csv", "parquet", "mf4"];
+
+/// What is written as the recording of a simulated machine.
+pub const SIMULATED: Content = Content {
+    noun: "simulated recording",
+    suffixes: SUFFIXES,
+    // Of CSV the comments, of the others the metadata.
+    is_same: |file| match file.start() {
+        [b'P', b'A', b'R', b'1', ..] => file.contains(&["loadtwin ", "scenario", "seed"]),
+        [b'M', b'D', b'F', b' ', ..] => file.contains(&["scenario: ", "seed: "]),
+        _ => Ok(file.start().starts_with(b"# machine: ")
+            && file.contains(&["\n# scenario: ", "\n# seed: "])?),
+    },
+};
 
 /// A column to be written, besides the time.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -38,7 +56,7 @@ pub struct OutputColumn {
 }
 
 /// Writes a table of time and columns by blocks: CSV, Parquet or MDF4 by the
-/// extension of its name. Nothing is there under that name before
+/// extension of its name, CSV to standard output (`-`). Nothing is there under that name before
 /// [`Writer::finish`].
 ///
 /// NaN is written as a missing sample: an empty cell, a null, an invalid sample.
@@ -116,13 +134,22 @@ impl Writer {
     /// # Errors
     /// [`RecordingError`] when it cannot be written.
     pub fn finish(self) -> Result<(), RecordingError> {
+        publish([self.complete()?])
+            .map_err(|error| at(&error.path, Problem::Unwritable(error.source)))
+    }
+
+    /// Completes the file, which has no name before it is published.
+    ///
+    /// # Errors
+    /// [`RecordingError`] when it cannot be written.
+    pub fn complete(self) -> Result<Complete, RecordingError> {
         let Self {
             path,
             columns,
             format,
         } = self;
         format
-            .finish(&columns)
+            .complete(&columns)
             .map_err(|problem| at(&path, problem))
     }
 }
@@ -143,7 +170,10 @@ impl Format {
         let extension = path.extension().unwrap_or_default().to_string_lossy();
         let create = || AtomicFile::create(path).map_err(Problem::Unwritable);
         match extension.to_ascii_lowercase().as_str() {
-            "csv" => {
+            "" if !is_stream(path) => Err(Problem::Extension {
+                found: String::new(),
+            }),
+            "csv" | "" => {
                 let mut text = Vec::new();
                 write_header(&mut text, columns, metadata).map_err(Problem::Unwritable)?;
                 Ok(Self::Csv(create()?, text))
@@ -207,7 +237,7 @@ impl Format {
         Ok(())
     }
 
-    fn finish(self, described: &[OutputColumn]) -> Result<(), Problem> {
+    fn complete(self, described: &[OutputColumn]) -> Result<Complete, Problem> {
         let file = match self {
             Self::Csv(mut file, text) => {
                 // The header, where no row came after it.
@@ -226,7 +256,7 @@ impl Format {
                 file
             }
         };
-        file.finish().map_err(Problem::Unwritable)
+        file.complete().map_err(Problem::Unwritable)
     }
 }
 

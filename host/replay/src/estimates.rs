@@ -7,8 +7,24 @@ use loadtwin_common::line::Line;
 
 use super::nodes::NodeColumns;
 use loadtwin_design::build::Sensors;
+use loadtwin_files::atomic_file::Complete;
+use loadtwin_files::content::Content;
 use loadtwin_machine::Machine;
-use loadtwin_recording::{BLOCK_ROWS, OutputColumn, RecordingError, Unit, Writer};
+use loadtwin_recording::{BLOCK_ROWS, OutputColumn, RecordingError, SUFFIXES, Unit, Writer};
+
+/// What is written as estimates.
+pub const ESTIMATES: Content = Content {
+    noun: "estimates",
+    suffixes: SUFFIXES,
+    is_same: |file| match file.start() {
+        [b'P', b'A', b'R', b'1', ..] => file.contains(&["loadtwin ", "_std", "_fault"]),
+        [b'M', b'D', b'F', b' ', ..] => file.contains(&["machine: ", "_std", "_fault"]),
+        _ => Ok(file.header().starts_with(b"t [s],") && {
+            let header = String::from_utf8_lossy(file.header());
+            header.contains("_std [") && header.contains("_fault [1]")
+        }),
+    },
+};
 
 /// Writes loads with standard deviation and fault, then for each sensor the
 /// innovation, its NIS and the fault, then what is asked for of a rotor's nodes; faults by the numbers of
@@ -54,8 +70,11 @@ impl EstimateWriter {
         columns.extend(nodes.iter().flat_map(NodeColumns::columns));
         let columns_len = columns.len();
         let metadata = [("machine", machine.name.as_str())];
+        // A CSV begins with its header: other programs expect no comments.
+        let is_text = (path.extension()).is_none_or(|end| end.eq_ignore_ascii_case("csv"));
+        let metadata = if is_text { &[][..] } else { &metadata };
         Ok(Self {
-            writer: Writer::create(path, &columns, &metadata)?,
+            writer: Writer::create(path, &columns, metadata)?,
             nodes,
             t: Vec::new(),
             columns: vec![Vec::new(); columns_len],
@@ -107,14 +126,14 @@ impl EstimateWriter {
         Ok(())
     }
 
-    /// Writes what is left and gives the file its name.
+    /// Completes the file, which has no name before it is published.
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn finish(mut self) -> Result<(), RecordingError> {
+    pub fn complete(mut self) -> Result<Complete, RecordingError> {
         if !self.t.is_empty() {
             self.flush()?;
         }
-        self.writer.finish()
+        self.writer.complete()
     }
 }

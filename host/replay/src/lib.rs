@@ -25,7 +25,7 @@ use thiserror::Error;
 pub use baselines::Baselines;
 pub use bearing_rig::{RecordedError, recorded};
 pub use displacements::{Displacements, NodeFigures, displacement_columns};
-pub use estimates::EstimateWriter;
+pub use estimates::{ESTIMATES, EstimateWriter};
 pub use figures::{Figures, LoadFigures};
 pub use index::IndexError;
 pub use nodes::{NodeChoice, NodeColumns};

@@ -40,7 +40,7 @@ mod replay_plots;
 mod scatter;
 
 pub use decimator::{MinMaxDecimator, Rows};
-pub use page::ReportError;
+pub use page::{PAGE, ReportError};
 pub use replay_plots::{LoadLabel, ReplayPlots, SensorLabel};
 pub use scatter::ScatterSample;
 

@@ -2,7 +2,8 @@
 
 use super::{Data, Mark, MinMaxDecimator, Plot, Report, Section};
 use base64::{Engine as _, engine::general_purpose::STANDARD};
-use loadtwin_files::atomic_file::AtomicFile;
+use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
+use loadtwin_files::content::Content;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -13,6 +14,16 @@ const LARGEST_PAGE: usize = 8_000_000;
 
 /// A plot thinner than this many points says nothing.
 const FEWEST_POINTS: usize = 128;
+
+/// Says which program wrote a page.
+const GENERATOR: &str = "<meta name=\"generator\" content=\"loadtwin\">";
+
+/// What is written as a page.
+pub const PAGE: Content = Content {
+    noun: "page",
+    suffixes: &["html", "htm"],
+    is_same: |file| file.contains(&[GENERATOR]),
+};
 
 /// Nothing but what is in the file itself may be loaded or run.
 const POLICY: &str =
@@ -53,15 +64,27 @@ impl Report {
     /// # Errors
     /// [`ReportError`]; an existing file is then as it was.
     pub fn write(&self, path: &Path) -> Result<(), ReportError> {
+        publish([self.complete(path)?]).map_err(|error| ReportError::Write {
+            path: error.path,
+            source: error.source,
+        })
+    }
+
+    /// As [`Report::write`], but that the page has no name before it is published.
+    ///
+    /// # Errors
+    /// [`ReportError`]
+    pub fn complete(&self, path: &Path) -> Result<Complete, ReportError> {
         let page = self.to_html()?;
-        let failed = |source| ReportError::Write {
+        let write = || {
+            let mut file = AtomicFile::create(path)?;
+            file.write_all(page.as_bytes())?;
+            file.complete()
+        };
+        write().map_err(|source| ReportError::Write {
             path: path.to_owned(),
             source,
-        };
-        let mut file = AtomicFile::create(path).map_err(failed)?;
-        file.write_all(page.as_bytes()).map_err(failed)?;
-        file.finish().map_err(failed)?;
-        Ok(())
+        })
     }
 
     /// The page, at most 8 MB: signals are thinned until it fits.
@@ -113,6 +136,7 @@ impl Report {
         let mut html = String::with_capacity(data.len() + 100_000);
         let title = escape(&self.title);
         html += "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">";
+        html += GENERATOR;
         html += "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">";
         // Writing to a String cannot fail.
         let _ = write!(

@@ -7,11 +7,14 @@ use anyhow::Context;
 use clap::Args;
 use loadtwin_common::image::{Image, Model};
 use loadtwin_common::line::Line;
+use loadtwin_common::sealed;
 use serde_json::json;
 
 use super::output::say;
+use super::plan::{Plan, Replace};
 use crate::atomic_file::AtomicFile;
 use crate::build::{self, Filter, Sensors};
+use crate::files::content::Content;
 use crate::key::SigningKey;
 use crate::machine::{Kind, Machine, Rotor};
 use crate::rotor::RotorFilterDesign;
@@ -19,6 +22,13 @@ use crate::seal::seal;
 
 /// Part of a start's motion that a reduction may lose without a word.
 const MUCH_LOST: f64 = 0.1;
+
+/// What is written as a model image.
+const IMAGE: Content = Content {
+    noun: "model image",
+    suffixes: &["image", "img", "bin"],
+    is_same: |file| Ok(file.start().starts_with(&sealed::MAGIC)),
+};
 
 /// Make the model image that firmware and host run.
 #[derive(Debug, Args)]
@@ -44,11 +54,18 @@ pub struct Build {
     /// The image.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 impl Build {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let started = std::time::Instant::now();
+        Plan::new(self.replace)
+            .description(&self.machine)
+            .reads(&self.key)
+            .writes("--output", Some(&self.output), IMAGE)
+            .check(as_json)?;
         let machine = Machine::load(&self.machine)?;
         let sensors = Sensors::choose(&machine, self.sensors.as_deref())?.filtered_by(self.filter);
         let payload = build::image(&machine, &sensors)?;

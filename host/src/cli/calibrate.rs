@@ -7,16 +7,19 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::output::say;
+use super::plan::{Plan, Replace};
 use super::progress::Progress;
-use crate::atomic_file::AtomicFile;
-use crate::bearing::Rig;
+use crate::atomic_file::{AtomicFile, publish};
+use crate::bearing::{CALIBRATION, Rig};
 use crate::build::Sensors;
 use crate::calibrate::{
     self, Candidate, Description, Gauge, MapSource, Observations, Proposal, calibrated, fronts,
     page, select,
 };
+use crate::files::mark;
 use crate::machine::{Bearing, Kind, Machine, resampled};
 use crate::replay::recorded;
+use crate::report::PAGE;
 use crate::tune::{NOISE_BINS, rms};
 
 /// Sizes of the sets that are proposed.
@@ -53,6 +56,8 @@ pub struct Calibrate {
     /// for channels other than strain there is no limit.
     #[arg(long, value_name = "UM_PER_M", default_value_t = 5.0)]
     largest_mae: f64,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 /// Sensitivity over the carrier angle that the output gets.
@@ -72,10 +77,23 @@ impl Calibrate {
             "--patch {}: allowed: above 0, up to 180",
             self.patch
         );
+        anyhow::ensure!(
+            self.largest_mae > 0.0,
+            "--largest-mae {}: allowed: above 0",
+            self.largest_mae
+        );
+        let plan = Plan::new(self.replace)
+            .description(&self.machine)
+            .reads(&self.recordings)
+            .writes("--report", self.report.as_deref(), PAGE);
         let machine = Machine::load(&self.machine)?;
         if let Some(Kind::Bearing(bearing)) = machine.kind() {
+            plan.writes("--output", self.output.as_deref(), CALIBRATION)
+                .check(as_json)?;
             return self.bearing(&machine, bearing, as_json);
         }
+        plan.writes_description("--output", self.output.as_deref())
+            .check(as_json)?;
         let progress = Progress::new("calibrate");
         let observations =
             Observations::read(&machine, &self.recordings, |part| progress.show(part))?;
@@ -92,15 +110,18 @@ impl Calibrate {
             patch_rad,
             source,
         )?;
+        let mut files = Vec::new();
         if let Some(output) = &self.output {
-            let folder = tempfile::tempdir()?;
+            let folder = crate::files::scratch::Scratch::new()?;
             let calibrated = calibrated(&machine, &gauges, source, folder.path())?;
-            Description::read(&machine.path)?.write_with_gauges(&machine, &calibrated, output)?;
+            files = Description::read(&machine.path)?.with_gauges(&machine, &calibrated, output)?;
         }
         let proposals = self.proposals(&machine, &gauges, source);
         if let Some(path) = &self.report {
-            page(&machine, &observations, &gauges, source, &proposals).write(path)?;
+            let page = page(&machine, &observations, &gauges, source, &proposals);
+            files.push(page.complete(path)?);
         }
+        publish(files)?;
         let selection = selection(&machine, &proposals);
         let seconds = started.elapsed().as_secs_f64();
         if as_json {
@@ -141,7 +162,8 @@ impl Calibrate {
         let calibration = crate::bearing::calibrate(&rig, &samples)?;
         if let Some(output) = &self.output {
             let mut file = AtomicFile::create(output)?;
-            std::io::Write::write_all(&mut file, toml::to_string(&calibration)?.as_bytes())?;
+            let text = mark::marked(CALIBRATION.noun, &toml::to_string(&calibration)?);
+            std::io::Write::write_all(&mut file, text.as_bytes())?;
             file.finish()?;
         }
         let seconds = started.elapsed().as_secs_f64();

@@ -10,8 +10,10 @@ use loadtwin_common::raw::RawSample;
 use loadtwin_common::sealed;
 use serde::Serialize;
 
-use super::output::say;
+use super::output::{print as output, say};
+use super::plan::{Plan, Replace};
 use super::progress::Progress;
+use super::spool::spooled;
 use crate::build::{self, Sensors};
 use crate::can::comparison::Verdict;
 use crate::can::dbc::{self, LoadScale};
@@ -20,10 +22,14 @@ use crate::can::node::{self, NodeArgs};
 use crate::can::send::{self, SendArgs};
 use crate::can::socket::SocketBus;
 use crate::can::twin::{self, ProveArgs, TwinArgs, TwinSummary};
-use crate::can::{Model, page, stop_on_signal, upload};
+use crate::can::{LOG, Model, page, stop_on_signal, upload};
+use crate::files::bounded;
 use crate::machine::Machine;
 use crate::replay::Samples;
 use crate::upload::Uploader;
+
+/// Largest model image [bytes]: the flash of the largest boards has 2 MiB.
+const LARGEST_IMAGE: u64 = 16 << 20;
 
 /// The model to run.
 #[derive(Debug, Args)]
@@ -58,8 +64,8 @@ impl ModelArgs {
     }
 
     fn image(&self) -> anyhow::Result<Vec<u8>> {
-        let bytes =
-            std::fs::read(&self.machine).with_context(|| self.machine.display().to_string())?;
+        let bytes = bounded::read(&self.machine, LARGEST_IMAGE)
+            .with_context(|| self.machine.display().to_string())?;
         if !bytes.starts_with(&sealed::MAGIC) {
             return Ok(bytes);
         }
@@ -83,7 +89,7 @@ pub struct Node {
 pub struct Send {
     /// Machine description (TOML).
     machine: PathBuf,
-    /// The recording.
+    /// The recording; - is standard input.
     recording: PathBuf,
     #[command(flatten)]
     args: SendArgs,
@@ -166,11 +172,12 @@ impl Node {
 
 impl Send {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let recording = spooled(&self.recording)?;
         let machine = Machine::load(&self.machine)?;
         let sensors = Sensors::choose(&machine, self.sensors.as_deref())?;
         let image = build::image(&machine, &sensors)?;
         let model = Model::from_bytes(&image)?;
-        let samples = RawSamples::open(&machine, &sensors, &self.recording)?;
+        let samples = RawSamples::open(&machine, &sensors, &recording.path)?;
         let stop = stop_on_signal()?;
         let bus = SocketBus::open(&self.args.interface, Some(model.image.can_base))?;
         let summary = send::run(&model, bus, samples, &self.args, &mut *page::live()?, &stop)?;
@@ -181,7 +188,7 @@ impl Send {
 impl Upload {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let name = self.image.display().to_string();
-        let image = std::fs::read(&self.image).with_context(|| name.clone())?;
+        let image = bounded::read(&self.image, LARGEST_IMAGE).with_context(|| name.clone())?;
         let uploader = Uploader::new(image).context(name)?;
         let stop = stop_on_signal()?;
         let bus = SocketBus::open(&self.interface, None)?;
@@ -260,6 +267,10 @@ fn judge(summary: &TwinSummary, as_json: bool) -> anyhow::Result<()> {
 
 impl Twin {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        Plan::new(Replace::default())
+            .description(&self.model.machine)
+            .writes_new("--log", self.args.log.as_deref(), LOG)
+            .check(as_json)?;
         let image = self.model.load()?;
         let model = Model::from_bytes(&image)?;
         let stop = stop_on_signal()?;
@@ -305,7 +316,7 @@ impl Monitor {
 impl Dbc {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let Some(machine) = &self.machine else {
-            print!("{}", dbc::DBC);
+            output(format_args!("{}", dbc::DBC));
             return Ok(());
         };
         let args = ModelArgs {
@@ -322,10 +333,10 @@ impl Dbc {
             })
             .collect();
         let sensors: Vec<&str> = sensors.iter().map(String::as_str).collect();
-        print!(
+        output(format_args!(
             "{}",
             dbc::of_machine(model.image.can_base, &loads, &sensors)
-        );
+        ));
         Ok(())
     }
 }

@@ -6,9 +6,11 @@ use anyhow::Context;
 use serde_json::json;
 
 use super::output::say;
+use super::plan::{Plan, Replace};
 use super::replay;
 use crate::build::Filter;
 use crate::machine::Machine;
+use crate::report::PAGE;
 
 /// The example's recordings, each with the description of its machine: with the
 /// effects that the model lacks, calibrated on other recordings of that machine;
@@ -32,6 +34,14 @@ const RECORDINGS: [(&str, &str, &str); 2] = [
 /// When the example is not there or cannot be replayed.
 pub fn run(as_json: bool) -> anyhow::Result<()> {
     let folder = example()?;
+    let page = Path::new("out/report.html");
+    std::fs::create_dir_all("out").context("out")?;
+    let mut plan = Plan::new(Replace::default()).writes("report", Some(page), PAGE);
+    for (description, file, _) in RECORDINGS {
+        plan = plan.description(&folder.join(description));
+        plan = plan.reads([folder.join(file)]);
+    }
+    plan.check(as_json)?;
     let mut recordings = Vec::new();
     for (description, file, title) in RECORDINGS {
         let machine = Machine::load(&folder.join(description))?;
@@ -49,8 +59,6 @@ pub fn run(as_json: bool) -> anyhow::Result<()> {
             say!();
         }
     }
-    let page = Path::new("out/report.html");
-    std::fs::create_dir_all("out").context("out")?;
     let (description, file, _) = RECORDINGS[0];
     replay::write_page(
         &Machine::load(&folder.join(description))?,

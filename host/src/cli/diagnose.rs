@@ -7,7 +7,8 @@ use clap::Args;
 use serde_json::json;
 
 use super::balance;
-use super::output::say;
+use super::output::{note, say};
+use super::plan::{Plan, Replace};
 use super::progress::Progress;
 use crate::balance::{self as drive, Request};
 use crate::diagnose::effect::Effect;
@@ -17,6 +18,7 @@ use crate::diagnose::{
 };
 use crate::machine::{Kind, Machine};
 use crate::replay::ReplayError;
+use crate::report::PAGE;
 
 /// Find which physical effect a model lacks, and add it.
 ///
@@ -36,8 +38,8 @@ pub struct Diagnose {
     #[arg(long, num_args = 1.., value_name = "RECORDING")]
     validate: Vec<PathBuf>,
     /// Write the machine description with what was found.
-    #[arg(short, long, value_name = "FILE.toml")]
-    out: Option<PathBuf>,
+    #[arg(short, long, alias = "out", value_name = "FILE.toml")]
+    output: Option<PathBuf>,
     /// Write a page with plots to FILE.html.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
@@ -45,11 +47,19 @@ pub struct Diagnose {
     /// description's `tuning.cutoff_hz` where absent.
     #[arg(long, value_name = "HZ")]
     cutoff_hz: Option<f64>,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 impl Diagnose {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let started = Instant::now();
+        Plan::new(self.replace)
+            .description(&self.machine)
+            .reads(self.recordings.iter().chain(&self.validate))
+            .writes_description("--output", self.output.as_deref())
+            .writes("--report", self.report.as_deref(), PAGE)
+            .check(as_json)?;
         let machine = Machine::load(&self.machine)?;
         if machine.balance.is_some() {
             return self.run_balance(&machine, as_json);
@@ -84,7 +94,7 @@ impl Diagnose {
             diagnose::page(machine, &names.join(", "), &diagnosis, innovations).write(path)?;
         }
         // Nothing is written of what is not known.
-        let written = match &self.out {
+        let written = match &self.output {
             Some(path)
                 if matches!(
                     diagnosis.verdict,
@@ -93,11 +103,11 @@ impl Diagnose {
             {
                 let absent = S::write(machine, &diagnosis, path)?;
                 if !absent.is_empty() {
-                    eprintln!(
-                        "loadtwin: not in {}: {}: the line has no place for it yet",
+                    note(format_args!(
+                        "loadtwin: not in {}: {}: the line has no place for it yet\n",
                         path.display(),
                         absent.join(", ")
-                    );
+                    ));
                 }
                 Some(path.as_path())
             }
@@ -136,7 +146,7 @@ impl Diagnose {
             fit: &self.recordings,
             validate: &self.validate,
             cutoff_hz,
-            machine_out: self.out.as_deref(),
+            machine_out: self.output.as_deref(),
         };
         balance::run(&request, as_json)
     }

@@ -6,7 +6,8 @@ use clap::Args;
 use serde_json::json;
 
 use super::output::say;
-use crate::key::{SigningKey, read_public, save_page};
+use super::plan::{Plan, Replace};
+use crate::key::{KEY, SigningKey, read_public, save_page};
 
 /// Make a key pair that signs model images, and the key page of a board.
 #[derive(Debug, Args)]
@@ -27,6 +28,10 @@ pub struct Key {
 impl Key {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         if let Some(public) = &self.public {
+            Plan::new(Replace::default())
+                .reads([public])
+                .writes_new("--output", Some(&self.output), KEY)
+                .check(as_json)?;
             save_page(read_public(public)?, &self.machine, &self.output)?;
             if as_json {
                 say!(
@@ -38,6 +43,11 @@ impl Key {
             }
             return Ok(());
         }
+        let mut plan = Plan::new(Replace::default());
+        for path in SigningKey::files(&self.output).all() {
+            plan = plan.writes_new("--output", Some(path), KEY);
+        }
+        plan.check(as_json)?;
         let files = SigningKey::generate()?.save(&self.output, &self.machine)?;
         if as_json {
             say!(

@@ -3,9 +3,20 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use clap::{Args, CommandFactory};
+use clap::{Args, Command, CommandFactory};
 
 use super::Cli;
+use super::output::print;
+use super::plan::{Plan, Replace};
+use crate::atomic_file::{AtomicFile, publish};
+use crate::files::content::Content;
+
+/// What is written as a man page.
+const MAN_PAGE: Content = Content {
+    noun: "man page",
+    suffixes: &["1"],
+    is_same: |file| file.contains(&["\n.TH loadtwin"]),
+};
 
 /// Print completions for a shell.
 #[derive(Debug, Args)]
@@ -16,12 +27,9 @@ pub struct Completions {
 
 impl Completions {
     pub(super) fn run(&self) {
-        clap_complete::generate(
-            self.shell,
-            &mut Cli::command(),
-            "loadtwin",
-            &mut std::io::stdout(),
-        );
+        let mut text = Vec::new();
+        clap_complete::generate(self.shell, &mut Cli::command(), "loadtwin", &mut text);
+        print(format_args!("{}", String::from_utf8_lossy(&text)));
     }
 }
 
@@ -30,12 +38,36 @@ impl Completions {
 pub struct Man {
     /// Folder for the pages.
     folder: PathBuf,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 impl Man {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let folder = self.folder.display();
         std::fs::create_dir_all(&self.folder).with_context(|| format!("{folder}"))?;
-        clap_mangen::generate_to(Cli::command(), &self.folder).with_context(|| format!("{folder}"))
+        let mut command = Cli::command().disable_help_subcommand(true);
+        command.build();
+        let visible = |c: &&Command| !c.is_hide_set();
+        let commands = command.get_subcommands().filter(visible).chain([&command]);
+        let pages: Vec<(PathBuf, clap_mangen::Man)> = commands
+            .map(|command| {
+                let page = clap_mangen::Man::new(command.clone());
+                (self.folder.join(page.get_filename()), page)
+            })
+            .collect();
+        let plan = Plan::new(self.replace);
+        (pages.iter())
+            .fold(plan, |plan, (path, _)| {
+                plan.writes_beside("FOLDER:", path, MAN_PAGE)
+            })
+            .check(false)?;
+        let mut files = Vec::new();
+        for (path, page) in &pages {
+            let mut file = AtomicFile::create(path)?;
+            page.render(&mut file)?;
+            files.push(file.complete()?);
+        }
+        Ok(publish(files)?)
     }
 }

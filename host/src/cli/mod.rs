@@ -9,17 +9,19 @@ mod diagnose;
 mod key;
 mod manual;
 mod output;
+mod plan;
 mod progress;
 mod reduce;
 mod replay;
 mod schema;
 mod simulate;
+mod spool;
 mod tables;
 mod tune;
 mod tune_rotor;
 mod zero;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Virtual load sensor for rotating machines.
 ///
@@ -78,9 +80,27 @@ enum Command {
     Completions(manual::Completions),
     /// Write the man pages.
     Man(manual::Man),
+    /// Print the version.
+    Version,
 }
 
 impl Cli {
+    /// Reads the command line. A negative number after an option is its value, which
+    /// the command refuses by its range, and no other option.
+    ///
+    /// # Errors
+    /// On wrong usage; also to show the help or the version.
+    pub fn from_command_line() -> Result<Self, clap::Error> {
+        let command = Self::command().mut_subcommands(|command| {
+            command.mut_args(|argument| {
+                let takes_value = argument.get_action().takes_values();
+                let is_option = argument.get_long().is_some();
+                argument.allow_negative_numbers(takes_value && is_option)
+            })
+        });
+        Self::from_arg_matches(&command.try_get_matches()?)
+    }
+
     /// Does what was asked.
     ///
     /// # Errors
@@ -112,6 +132,10 @@ impl Cli {
                 Ok(())
             }
             Some(Command::Man(man)) => man.run(),
+            Some(Command::Version) => {
+                output::say!("loadtwin {}", env!("CARGO_PKG_VERSION"));
+                Ok(())
+            }
         }
     }
 }

@@ -1,23 +1,52 @@
-//! Printing that ends quietly when nobody reads any more.
+//! Text for people and JSON for programs, on standard output.
 
 use std::fmt::Arguments;
-use std::io::{ErrorKind, Write, stdout};
+use std::io::{ErrorKind, Write, stderr, stdout};
+use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Prints a line; where the reader has gone (`| head`), ends the program as
-/// any other filter does.
-pub(super) fn line(text: Arguments<'_>) {
-    if let Err(error) = writeln!(stdout().lock(), "{text}") {
-        if error.kind() == ErrorKind::BrokenPipe {
-            std::process::exit(0);
+/// Whether standard output takes no text: an output of the command goes there,
+/// or its reader has gone.
+static TEXT_TO_STANDARD_ERROR: AtomicBool = AtomicBool::new(false);
+static READER_GONE: AtomicBool = AtomicBool::new(false);
+
+/// From now on text goes to standard error.
+pub(super) fn text_to_standard_error() {
+    TEXT_TO_STANDARD_ERROR.store(true, Ordering::Relaxed);
+}
+
+/// Prints text; where the reader has gone (`| head`), nothing more is printed
+/// and the command goes on to its own end and exit code. Where it cannot be
+/// written, as on a full disk, the program ends with 1.
+pub(super) fn print(text: Arguments<'_>) {
+    if TEXT_TO_STANDARD_ERROR.load(Ordering::Relaxed) {
+        note(text);
+        return;
+    }
+    if READER_GONE.load(Ordering::Relaxed) {
+        return;
+    }
+    let mut stdout = stdout().lock();
+    let written = stdout.write_fmt(text).and_then(|()| stdout.flush());
+    match written {
+        Ok(()) => {}
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => {
+            READER_GONE.store(true, Ordering::Relaxed);
         }
-        eprintln!("loadtwin: standard output: {error}");
-        std::process::exit(1);
+        Err(error) => {
+            note(format_args!("loadtwin: standard output: {error}\n"));
+            std::process::exit(1);
+        }
     }
 }
 
-/// `println!` through [`line`].
+/// Prints text on standard error; where that is closed, the exit code remains.
+pub(crate) fn note(text: Arguments<'_>) {
+    let _ = stderr().lock().write_fmt(text);
+}
+
+/// `println!` through [`print`].
 macro_rules! say {
-    () => { $crate::cli::output::line(format_args!("")) };
-    ($($text:tt)*) => { $crate::cli::output::line(format_args!($($text)*)) };
+    () => { $crate::cli::output::print(format_args!("\n")) };
+    ($($text:tt)*) => { $crate::cli::output::print(format_args!("{}\n", format_args!($($text)*))) };
 }
 pub(super) use say;

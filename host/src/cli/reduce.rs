@@ -8,7 +8,9 @@ use clap::Args;
 use serde_json::json;
 
 use super::output::say;
-use crate::machine::{MAP_ENTRIES, Machine, resampled, write_columns};
+use super::plan::{Plan, Replace};
+use crate::atomic_file::publish;
+use crate::machine::{MAP_ENTRIES, MAPS, Machine, complete_columns, resampled};
 use crate::recording::{Quantity, Unit};
 use crate::reduce::{GaugeMaps, Reduction, read_cases, read_nodes};
 
@@ -40,9 +42,20 @@ pub struct Reduce {
     /// Unit of the coordinates in an .frd file.
     #[arg(long, value_name = "UNIT", default_value = "m")]
     length: String,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 impl Reduce {
+    fn plan(&self) -> Plan {
+        // Not the files that the description names: the maps may be among them, and are
+        // made anew.
+        Plan::new(self.replace)
+            .reads([&self.machine, &self.loads, &self.strains])
+            .writes("--output", Some(&self.output), MAPS)
+            .writes("--patches", self.patches.as_deref(), MAPS)
+    }
+
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let started = Instant::now();
         for (name, entries) in [
@@ -60,6 +73,7 @@ impl Reduce {
             .ok()
             .filter(|unit| unit.quantity() == Quantity::Length)
             .with_context(|| format!("--length {}: allowed: a unit of length", self.length))?;
+        self.plan().check(as_json)?;
         let machine = Machine::load(&self.machine)?;
         let cases = read_cases(&self.loads)?;
         let reduction = Reduction::new(&machine, &cases, &self.loads, self.entries)?;
@@ -78,6 +92,7 @@ impl Reduce {
             let unit = machine.channels[gauge.channel].unit;
             map.iter().map(|m| unit.from_si(*m)).collect()
         };
+        let mut files = Vec::new();
         if let Some(path) = &self.patches {
             let columns: Vec<(String, Vec<f64>)> = gauges
                 .iter()
@@ -93,7 +108,8 @@ impl Reduce {
                     (title(gauge, &name), map)
                 })
                 .collect();
-            write_columns(path, &columns).with_context(|| path.display().to_string())?;
+            let file = complete_columns(path, &columns);
+            files.push(file.with_context(|| path.display().to_string())?);
         }
         let columns: Vec<(String, Vec<f64>)> = gauges
             .iter()
@@ -102,7 +118,9 @@ impl Reduce {
                 (title(gauge, name), own(gauge, gauge.described()))
             })
             .collect();
-        write_columns(&self.output, &columns).with_context(|| self.output.display().to_string())?;
+        let file = complete_columns(&self.output, &columns);
+        files.push(file.with_context(|| self.output.display().to_string())?);
+        publish(files)?;
         let seconds = started.elapsed().as_secs_f64();
         if as_json {
             let channels: Vec<_> = gauges

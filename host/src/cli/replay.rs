@@ -10,21 +10,24 @@ use loadtwin_common::line::Line;
 use serde_json::{Value, json};
 
 use super::output::say;
+use super::plan::{Plan, Replace};
 use super::progress::Progress;
+use super::spool::spooled;
+use crate::atomic_file::publish;
 use crate::build::{Filter, Sensors};
 use crate::machine::{Machine, Rotor};
 use crate::replay::{
-    self, Baselines, Displacements, EstimateWriter, Figures, NodeChoice, NodeColumns, Phasor,
-    ReportPage, Sample, Speeds,
+    self, Baselines, Displacements, ESTIMATES, EstimateWriter, Figures, NodeChoice, NodeColumns,
+    Phasor, ReportPage, Sample, Speeds,
 };
-use crate::report::{Report, Table};
+use crate::report::{PAGE, Report, Table};
 
 /// Run the estimator on a recording and report its error.
 #[derive(Debug, Args)]
 pub struct Replay {
     /// Machine description (TOML).
     machine: PathBuf,
-    /// Recording (CSV, Parquet or MDF4).
+    /// Recording (CSV, Parquet or MDF4); - is standard input.
     recording: PathBuf,
     /// Set of sensors; the first of the description where absent.
     #[arg(long, value_name = "NAME", conflicts_with = "all_sensors")]
@@ -38,7 +41,7 @@ pub struct Replay {
     /// One line for each set of sensors of the description.
     #[arg(long, conflicts_with_all = ["estimates", "report"])]
     all_sensors: bool,
-    /// Write the estimates to FILE (.csv, .parquet or .mf4).
+    /// Write the estimates to FILE (.csv, .parquet or .mf4); - is CSV to standard output.
     #[arg(long, value_name = "FILE")]
     estimates: Option<PathBuf>,
     /// Write a rotor's displacements at nodes, `all` or numbers as in 3,17, with their standard
@@ -48,6 +51,8 @@ pub struct Replay {
     /// Write a page with plots to FILE.html.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 /// What one replay found.
@@ -81,9 +86,16 @@ impl Outcome {
 
 impl Replay {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let recording = spooled(&self.recording)?;
+        Plan::new(self.replace)
+            .description(&self.machine)
+            .reads([&recording.path])
+            .writes("--estimates", self.estimates.as_deref(), ESTIMATES)
+            .writes("--report", self.report.as_deref(), PAGE)
+            .check(as_json)?;
         let machine = Machine::load(&self.machine)?;
         if self.all_sensors {
-            let outcomes = every_set(&machine, &self.recording, self.filter)?;
+            let outcomes = every_set(&machine, &recording.path, self.filter)?;
             if as_json {
                 let sets: Vec<Value> = outcomes
                     .iter()
@@ -95,7 +107,7 @@ impl Replay {
             }
             return Ok(());
         }
-        let outcome = self.replay(&machine)?;
+        let outcome = self.replay(&machine, &recording.path)?;
         if as_json {
             say!("{}", report(&machine, &self.recording, &outcome));
         } else {
@@ -126,7 +138,7 @@ impl Replay {
         Ok(())
     }
 
-    fn replay(&self, machine: &Machine) -> anyhow::Result<Outcome> {
+    fn replay(&self, machine: &Machine, recording: &Path) -> anyhow::Result<Outcome> {
         let sensors = Sensors::choose(machine, self.sensors.as_deref())?.filtered_by(self.filter);
         let nodes = (self.nodes.as_ref())
             .map(|choice| NodeColumns::new(machine, &sensors, choice))
@@ -144,7 +156,7 @@ impl Replay {
         let outcome = one_set(
             machine,
             &sensors,
-            &self.recording,
+            recording,
             baselines,
             |sample, estimate, line| {
                 if let (Some(writer), true) = (&mut estimates, written.is_ok()) {
@@ -156,15 +168,16 @@ impl Replay {
             },
         )?;
         written?;
+        let mut files = Vec::new();
         if let Some(writer) = estimates {
-            writer.finish()?;
+            files.push(writer.complete()?);
         }
         if let (Some(page), Some(path)) = (page, &self.report) {
             let recording = self.recording.display().to_string();
-            outcome
-                .page(page, machine, &sensors, &recording)
-                .write(path)?;
+            let page = outcome.page(page, machine, &sensors, &recording);
+            files.push(page.complete(path)?);
         }
+        publish(files)?;
         Ok(outcome)
     }
 }

@@ -7,8 +7,10 @@ use clap::Args;
 use serde_json::json;
 
 use super::output::say;
+use super::plan::{Plan, Replace};
 use super::progress::Progress;
 use crate::machine::{Bearing, Kind, Machine, Rotor};
+use crate::recording::SIMULATED;
 use crate::simulate::{
     Applied, BEARING_EFFECTS, BearingEffect, BearingScenario, BearingSimulation, EFFECTS,
     ROTOR_EFFECTS, ROTOR_SCENARIOS, RotorEffect, RotorScenario, RotorSimulation, Scenario,
@@ -41,11 +43,17 @@ pub struct Simulate {
     /// The recording (.csv, .parquet or .mf4).
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 impl Simulate {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let started = Instant::now();
+        Plan::new(self.replace)
+            .description(&self.machine)
+            .writes("--output", Some(&self.output), SIMULATED)
+            .check(as_json)?;
         let machine = Machine::load(&self.machine)?;
         match machine.kind() {
             Some(Kind::Rotor(rotor)) => return self.run_rotor(&machine, rotor, started, as_json),
@@ -147,22 +155,25 @@ impl Simulate {
     }
 }
 
-/// Scenarios and effects, for the long help.
+/// Scenarios and effects, for the long help. Each description is on a line of its
+/// own: where that is wrapped, it goes on below itself and not below the names.
 fn lists() -> String {
-    let mut text = "Scenarios:\n".to_owned();
-    for (name, what) in Scenario::all().chain(BearingScenario::all()) {
-        text += &format!("  {name:<24}{what}\n");
-    }
-    text += "\nScenarios of a rotor:\n";
-    for (name, what) in ROTOR_SCENARIOS {
-        text += &format!("  {name:<24}{what}\n");
-    }
-    text += "\nEffects, and what strength 1 is:\n";
-    for effect in EFFECTS {
-        text += &format!("  {:<24}{}\n", effect.name, effect.typical);
-    }
-    for (name, what) in ROTOR_EFFECTS.into_iter().chain(BEARING_EFFECTS) {
-        text += &format!("  {name:<24}{what}\n");
-    }
-    text
+    let list = |heading: &str, entries: &[(&str, &str)]| {
+        let line = |(name, what): &(&str, &str)| format!("  {name}\n          {what}\n");
+        let lines: String = entries.iter().map(line).collect();
+        format!("{heading}:\n{lines}\n")
+    };
+    let effects: Vec<_> = EFFECTS.iter().map(|e| (e.name, e.typical)).collect();
+    [
+        list("Scenarios", &Scenario::all().collect::<Vec<_>>()),
+        list(
+            "Scenarios of a bearing",
+            &BearingScenario::all().collect::<Vec<_>>(),
+        ),
+        list("Scenarios of a rotor", &ROTOR_SCENARIOS),
+        list("Effects, and what strength 1 is", &effects),
+        list("Effects of a rotor", &ROTOR_EFFECTS),
+        list("Effects of a bearing", &BEARING_EFFECTS),
+    ]
+    .concat()
 }

@@ -7,8 +7,11 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::demo;
+use super::output::say;
+use super::plan::{Plan, Replace};
 use super::progress::Progress;
 use crate::machine::Machine;
+use crate::report::PAGE;
 use crate::simulate::Applied;
 use crate::tables::{
     Cell, Curve, Individual, OTHERS, Published, SEGMENTS, TABLE_2, TABLE_3, curve, mean_qd, page,
@@ -33,6 +36,8 @@ pub struct Tables {
     /// Write a page with the tables, and with error and innovations over Qd, to FILE.html.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 /// Sets of sensors of table 3.
@@ -46,6 +51,10 @@ impl Tables {
             Some(path) => path.clone(),
             None => demo::example()?.join("machine.toml"),
         };
+        Plan::new(self.replace)
+            .description(&path)
+            .writes("--report", self.report.as_deref(), PAGE)
+            .check(as_json)?;
         let machine = Machine::load(&path)?;
         let effects = Applied::list(&self.effects)?;
         let rows: Vec<Published> = TABLE_2.into_iter().chain(TABLE_3).chain(OTHERS).collect();
@@ -79,27 +88,24 @@ impl Tables {
                 "machine": machine.name, "individuals": self.individuals, "effects": self.effects,
                 "table_2": table2, "table_3": table3, "others": others, "seconds": seconds,
             });
-            println!("{out}");
+            say!("{out}");
         } else {
-            println!(
+            say!(
                 "NMAE [%] of the main shaft: paper | mean +- deviation of {} individuals",
                 self.individuals
             );
-            print!("{:<40}{:>15}", "", "log10 Qd");
-            for segment in SEGMENTS {
-                print!("{segment:>22}");
-            }
-            println!();
+            let segments: String = SEGMENTS.map(|segment| format!("{segment:>22}")).concat();
+            say!("{:<40}{:>15}{segments}", "", "log10 Qd");
             for (i, row) in rows.iter().enumerate() {
                 match i {
-                    0 => println!("table 2"),
-                    _ if i == TABLE_2.len() => println!("table 3"),
-                    _ if i == TABLE_2.len() + TABLE_3.len() => println!("not in the paper"),
+                    0 => say!("table 2"),
+                    _ if i == TABLE_2.len() => say!("table 3"),
+                    _ if i == TABLE_2.len() + TABLE_3.len() => say!("not in the paper"),
                     _ => {}
                 }
-                println!("{}", line(row, &of_row(i)));
+                say!("{}", line(row, &of_row(i)));
             }
-            println!("{seconds:.0} s");
+            say!("{seconds:.0} s");
         }
         Ok(())
     }

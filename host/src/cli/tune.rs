@@ -6,13 +6,28 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
 
+use super::output::{note, say};
+use super::plan::{Plan, Replace};
 use super::progress::Progress;
+use crate::atomic_file::{AtomicFile, Complete, publish};
 use crate::build::Sensors;
 use crate::calibrate::{Description, with_noise};
+use crate::files::content::Content;
 use crate::machine::{Channel, Machine};
+use crate::report::PAGE;
 use crate::tune::{
     LoadNoise, MeasurementNoise, Method, Tuned, common_walk, measure_noise, page, rms,
     sampled_process_noise, tune_loads,
+};
+
+/// First column of a response.
+const FREQUENCY: &str = "f [Hz]";
+
+/// What is written as the response of the estimated to the true loads.
+const RESPONSE: Content = Content {
+    noun: "frequency response",
+    suffixes: &["csv"],
+    is_same: |file| Ok(file.header().starts_with(FREQUENCY.as_bytes())),
 };
 
 /// Draws of the Monte Carlo check of the process noise.
@@ -62,6 +77,8 @@ pub struct Tune {
     /// Write the tuned description to FILE.toml, with its noise map beside it.
     #[arg(short, long, value_name = "FILE")]
     pub(super) output: Option<PathBuf>,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 /// How the noise is chosen.
@@ -122,6 +139,13 @@ fn chosen_walks(sets: &[Set], method: Method) -> Vec<Vec<f64>> {
 
 impl Tune {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        Plan::new(self.replace)
+            .description(&self.machine)
+            .reads(self.recordings.iter().chain(&self.validate))
+            .writes("--response", self.response.as_deref(), RESPONSE)
+            .writes("--report", self.report.as_deref(), PAGE)
+            .writes_description("--output", self.output.as_deref())
+            .check(as_json)?;
         let described = Machine::load(&self.machine)?;
         if let Some(rotor) = &described.rotor {
             return self.run_rotor(&described, rotor, as_json);
@@ -133,7 +157,7 @@ impl Tune {
         let method = self.method.unwrap_or(Choice::Frf).method()?;
         let cutoff_hz = self.cutoff.unwrap_or(described.tuning.cutoff_hz);
         let started = Instant::now();
-        let folder = tempfile::tempdir()?;
+        let folder = crate::files::scratch::Scratch::new()?;
         let noise = if self.keep_r {
             Vec::new()
         } else {
@@ -175,19 +199,21 @@ impl Tune {
         }
         drop(progress);
         let walks = chosen_walks(&sets, method);
+        let mut files = Vec::new();
         if let Some(output) = &self.output {
-            write(&described, &machine, &names, &walks, output)?;
+            files = complete(&described, &machine, &names, &walks, output)?;
         }
         if let Some(path) = &self.response {
-            write_response(&machine, &sets, path)?;
+            files.push(complete_response(&machine, &sets, path)?);
         }
         if let Some(path) = &self.report {
             let tuned: Vec<(&str, &Tuned)> = sets
                 .iter()
                 .map(|set| (set.name.as_str(), &set.tuned))
                 .collect();
-            page(&machine, cutoff_hz, &noise, &tuned).write(path)?;
+            files.push(page(&machine, cutoff_hz, &noise, &tuned).complete(path)?);
         }
+        publish(files)?;
         if as_json {
             let out = json!({
                 "machine": machine.name,
@@ -201,11 +227,11 @@ impl Tune {
                 "machine_out": self.output,
                 "seconds": started.elapsed().as_secs_f64(),
             });
-            println!("{out}");
+            say!("{out}");
         } else {
             print(&machine, &sets);
             for doubt in doubts(&machine, &sets, &walks) {
-                eprintln!("{doubt}");
+                note(format_args!("{doubt}\n"));
             }
         }
         Ok(())
@@ -288,7 +314,7 @@ fn print(machine: &Machine, sets: &[Set]) {
     for load in load_names(machine) {
         header += &format!("{load:>18}");
     }
-    println!("{header}{:>12}{:>12}{:>8}", "misfit", "innovation", "s");
+    say!("{header}{:>12}{:>12}{:>8}", "misfit", "innovation", "s");
     for set in sets {
         for (method, noise) in &set.tuned.methods {
             let mut line = format!("{:<24}{:<13}", set.name, method.name());
@@ -300,19 +326,19 @@ fn print(machine: &Machine, sets: &[Set]) {
             } else {
                 line += &format!("{:>12}{:>12}", "-", "-");
             }
-            println!("{line}{:>8.1}", set.seconds);
+            say!("{line}{:>8.1}", set.seconds);
         }
     }
 }
 
-/// Writes the description with the walks of each set and R.
-fn write(
+/// The description with the walks of each set and R, and its maps, without names yet.
+fn complete(
     described: &Machine,
     machine: &Machine,
     names: &[Option<String>],
     walks: &[Vec<f64>],
     output: &Path,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<Vec<Complete>> {
     let mut description = Description::read(&described.path)?;
     let loads: Vec<&str> = load_names(machine).collect();
     for (name, walk) in names.iter().zip(walks) {
@@ -328,8 +354,7 @@ fn write(
             }
         }
     }
-    description.write_with_gauges(described, machine, output)?;
-    Ok(())
+    Ok(description.with_gauges(described, machine, output)?)
 }
 
 fn noise_report(channel: &Channel, noise: &MeasurementNoise) -> Value {
@@ -341,9 +366,9 @@ fn noise_report(channel: &Channel, noise: &MeasurementNoise) -> Value {
 }
 
 /// `|H|` of each load and set over the frequency.
-fn write_response(machine: &Machine, sets: &[Set], path: &Path) -> anyhow::Result<()> {
+fn complete_response(machine: &Machine, sets: &[Set], path: &Path) -> anyhow::Result<Complete> {
     let loads: Vec<&str> = load_names(machine).collect();
-    let mut text = String::from("f [Hz]");
+    let mut text = String::from(FREQUENCY);
     for set in sets {
         for load in &loads {
             text += &format!(",{} {load} [1]", set.name);
@@ -360,8 +385,7 @@ fn write_response(machine: &Machine, sets: &[Set], path: &Path) -> anyhow::Resul
         }
         text.push('\n');
     }
-    let mut file = crate::atomic_file::AtomicFile::create(path)?;
+    let mut file = AtomicFile::create(path)?;
     std::io::Write::write_all(&mut file, text.as_bytes())?;
-    file.finish()?;
-    Ok(())
+    Ok(file.complete()?)
 }

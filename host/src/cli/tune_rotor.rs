@@ -8,6 +8,7 @@ use serde_json::{Map, Value, json};
 use super::output::say;
 use super::progress::Progress;
 use super::tune::{Choice as Asked, Tune};
+use crate::atomic_file::{Complete, publish};
 use crate::build::Sensors;
 use crate::calibrate::Description;
 use crate::machine::{Machine, Rotor, RotorLoad, six_digits};
@@ -49,12 +50,15 @@ impl Tune {
             })
             .collect::<anyhow::Result<Vec<_>>>()?;
         let chosen = choices.iter().find(|(choice, _)| choice.method == method);
+        let mut files = Vec::new();
         if let (Some(path), Some((choice, _))) = (&self.output, chosen) {
-            write(described, &choice.machine, path)?;
+            files = complete(described, &choice.machine, path)?;
         }
         if let Some(path) = &self.report {
-            page(described, &choices, &recording.display().to_string()).write(path)?;
+            let page = page(described, &choices, &recording.display().to_string());
+            files.push(page.complete(path)?);
         }
+        publish(files)?;
         if as_json {
             let methods: Map<String, Value> = (choices.iter())
                 .map(|(choice, judged)| (choice.method.name().to_owned(), report(choice, judged)))
@@ -134,8 +138,8 @@ fn print(choices: &[(Choice, Evaluation)], recording: &Path, is_tuned_on: bool) 
     say!("judged on {}{note}", recording.display());
 }
 
-/// Writes the description with the noise of `tuned`.
-fn write(described: &Machine, tuned: &Machine, path: &Path) -> anyhow::Result<()> {
+/// The description with the noise of `tuned`, without a name yet.
+fn complete(described: &Machine, tuned: &Machine, path: &Path) -> anyhow::Result<Vec<Complete>> {
     let mut description = Description::read(&described.path)?;
     if let Some(rotor) = &tuned.rotor {
         for (i, load) in rotor.loads.iter().enumerate() {
@@ -154,6 +158,5 @@ fn write(described: &Machine, tuned: &Machine, path: &Path) -> anyhow::Result<()
             description.set_in("rotor.reduction", key, six_digits(value));
         }
     }
-    description.write_with_gauges(described, tuned, path)?;
-    Ok(())
+    Ok(description.with_gauges(described, tuned, path)?)
 }

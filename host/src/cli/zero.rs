@@ -7,8 +7,9 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::output::say;
+use super::plan::{Plan, Replace};
 use crate::calibrate::Description;
-use crate::machine::{Channel, Machine};
+use crate::machine::{Channel, DESCRIPTION, Machine};
 use crate::recording::{Quantity, Reader, Unit, Wanted};
 use crate::strain::{Calibration, MV_PER_V, ShuntReading, Simulates, calibrate};
 
@@ -37,9 +38,11 @@ pub struct Zero {
     /// Day of the calibration, as 2026-03-31.
     #[arg(long, value_name = "DATE")]
     date: String,
-    /// The description with the calibration; may be the same file.
+    /// The description with the calibration.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -50,6 +53,15 @@ enum Arm {
 
 impl Zero {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        Plan::new(self.replace)
+            .description(&self.machine)
+            .reads(
+                [Some(&self.recording), self.shunt.as_ref()]
+                    .into_iter()
+                    .flatten(),
+            )
+            .writes("--output", Some(&self.output), DESCRIPTION)
+            .check(as_json)?;
         let machine = Machine::load(&self.machine)?;
         let place = || format!("{}: channel {:?}", self.machine.display(), self.channel);
         let names = || {

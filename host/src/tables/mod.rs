@@ -81,7 +81,7 @@ pub struct Individual {
     fitted_to: [PathBuf; 2],
     judged_on: PathBuf,
     /// Holds the recordings and the maps.
-    _folder: tempfile::TempDir,
+    _folder: crate::files::scratch::Scratch,
 }
 
 impl Individual {
@@ -90,7 +90,7 @@ impl Individual {
     /// # Errors
     /// When the machine lacks what simulation or calibration needs.
     pub fn new(machine: &Machine, number: u64, effects: &[Applied]) -> Result<Self, TablesError> {
-        let folder = tempfile::tempdir()?;
+        let folder = crate::files::scratch::Scratch::new()?;
         let record = |scenario: &str, seed: u64| {
             let path = folder.path().join(format!("{scenario}.parquet"));
             let scenario = Scenario::by_name(scenario)?;

@@ -3,16 +3,29 @@
 //! Kept as PEM (PKCS #8 and `SubjectPublicKeyInfo`, RFC 8410), so that OpenSSL
 //! makes, reads and guards them as well.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs;
 use std::io::{self, Write};
-use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use ed25519_compact::{KeyPair, Seed};
 use loadtwin_common::sealed::{Identity, MachineId, PublicKey, SIGNED_LEN};
+use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
+use loadtwin_files::bounded;
+use loadtwin_files::content::Content;
 use rand::TryRng;
 use rand::rngs::SysRng;
 use thiserror::Error;
+
+/// Largest file of a key [bytes]; one has 120.
+const LARGEST_KEY: u64 = 1 << 20;
+
+/// What is written as a key.
+pub const KEY: Content = Content {
+    noun: "key",
+    suffixes: &["pem", "key", "pub", "page"],
+    is_same: |_| Ok(false),
+};
 
 /// Why a key cannot be made or read; one line.
 #[derive(Debug, Error)]
@@ -69,6 +82,13 @@ pub struct KeyFiles {
     pub page: PathBuf,
 }
 
+impl KeyFiles {
+    /// Their names.
+    pub fn all(&self) -> [&Path; 3] {
+        [&self.private, &self.public, &self.page]
+    }
+}
+
 impl SigningKey {
     /// A new key from the system's random numbers.
     ///
@@ -122,6 +142,20 @@ impl SigningKey {
         *self.pair.sk.sign(header, None)
     }
 
+    /// The files of the pair whose private key is `private`.
+    pub fn files(private: &Path) -> KeyFiles {
+        let beside = |suffix: &str| {
+            let mut name = private.as_os_str().to_owned();
+            name.push(suffix);
+            PathBuf::from(name)
+        };
+        KeyFiles {
+            private: private.into(),
+            public: beside(".pub"),
+            page: beside(".page"),
+        }
+    }
+
     /// Writes the pair to `private` and `private`.pub, and the key page of the board on
     /// `machine` to `private`.page.
     ///
@@ -129,33 +163,16 @@ impl SigningKey {
     /// `KeyError::Exists` when one of them is there, `KeyError::File`; none is
     /// left behind then.
     pub fn save(&self, private: &Path, machine: &str) -> Result<KeyFiles, KeyError> {
-        let beside = |suffix: &str| {
-            let mut name = private.as_os_str().to_owned();
-            name.push(suffix);
-            PathBuf::from(name)
-        };
-        let files = KeyFiles {
-            private: private.into(),
-            public: beside(".pub"),
-            page: beside(".page"),
-        };
+        let files = Self::files(private);
         let private_pem = self.pair.sk.to_pem();
         let public_pem = self.pair.pk.to_pem();
         let page = self.identity(machine).to_page();
-        let contents: [(&Path, u32, &[u8]); 3] = [
-            (&files.private, 0o600, private_pem.as_bytes()),
-            (&files.public, 0o644, public_pem.as_bytes()),
-            (&files.page, 0o644, &page),
+        let complete = [
+            complete(&files.private, 0o600, private_pem.as_bytes())?,
+            complete(&files.public, 0o644, public_pem.as_bytes())?,
+            complete(&files.page, 0o644, &page)?,
         ];
-        for (i, (path, mode, bytes)) in contents.iter().enumerate() {
-            if let Err(error) = create(path, *mode, bytes) {
-                for (made, ..) in &contents[..i] {
-                    // The first error is the one to tell.
-                    let _ = fs::remove_file(made);
-                }
-                return Err(error);
-            }
-        }
+        publish(complete).map_err(|error| write_error(&error.path, error.source))?;
         Ok(files)
     }
 }
@@ -179,7 +196,8 @@ pub fn identity(key: PublicKey, machine: &str) -> Identity {
 /// # Errors
 /// `KeyError::Exists`, `KeyError::File`.
 pub fn save_page(key: PublicKey, machine: &str, path: &Path) -> Result<(), KeyError> {
-    create(path, 0o644, &identity(key, machine).to_page())
+    let page = complete(path, 0o644, &identity(key, machine).to_page())?;
+    publish([page]).map_err(|error| write_error(&error.path, error.source))
 }
 
 /// Reads a public key.
@@ -197,7 +215,7 @@ pub fn read_public(path: &Path) -> Result<PublicKey, KeyError> {
 }
 
 fn read_text(path: &Path) -> Result<String, KeyError> {
-    fs::read_to_string(path).map_err(|source| file_error(path, source))
+    bounded::read_text(path, LARGEST_KEY).map_err(|source| file_error(path, source))
 }
 
 fn file_error(path: &Path, source: io::Error) -> KeyError {
@@ -207,21 +225,19 @@ fn file_error(path: &Path, source: io::Error) -> KeyError {
     }
 }
 
-fn create(path: &Path, mode: u32, bytes: &[u8]) -> Result<(), KeyError> {
-    let file = OpenOptions::new()
-        .write(true)
-        .create_new(true)
-        .mode(mode)
-        .open(path);
-    let written = match file {
-        Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
-            return Err(KeyError::Exists(path.into()));
-        }
-        Err(e) => return Err(file_error(path, e)),
-        Ok(mut file) => file.write_all(bytes).and_then(|()| File::sync_all(&file)),
+/// A new file without a name yet.
+fn complete(path: &Path, mode: u32, bytes: &[u8]) -> Result<Complete, KeyError> {
+    let write = || {
+        let mut file = AtomicFile::create_new(path, mode)?;
+        file.write_all(bytes)?;
+        file.complete()
     };
-    written.map_err(|source| {
-        let _ = fs::remove_file(path);
-        file_error(path, source)
-    })
+    write().map_err(|source| write_error(path, source))
+}
+
+fn write_error(path: &Path, source: io::Error) -> KeyError {
+    match source.kind() {
+        io::ErrorKind::AlreadyExists => KeyError::Exists(path.into()),
+        _ => file_error(path, source),
+    }
 }

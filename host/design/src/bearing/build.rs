@@ -30,7 +30,7 @@ const LEAST_LOAD_STD: f64 = 0.01;
 /// When the bearing is not calibrated or its calibration cannot be read.
 pub fn calibration(machine: &Machine, bearing: &Bearing) -> Result<Calibration, BuildError> {
     let Some(file) = &bearing.calibration else {
-        let text = std::fs::read_to_string(&machine.path).unwrap_or_default();
+        let text = loadtwin_machine::read_description(&machine.path).unwrap_or_default();
         return Err(BuildError::Machine(MachineError::violation(
             &machine.path,
             &text,

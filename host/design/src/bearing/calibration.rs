@@ -9,6 +9,8 @@ use serde::{Deserialize, Serialize};
 use crate::bearing::baseline::Baseline;
 use crate::bearing::design_matrix::{COEFFICIENTS, DRIFT_TERMS};
 use crate::bearing::physical_parameters::PhysicalParameters;
+use loadtwin_files::content::Content;
+use loadtwin_files::{bounded, mark};
 use loadtwin_machine::MachineError;
 
 /// Coefficients of a gauge's local strain by row, harmonic and feature: real and imaginary part.
@@ -77,6 +79,18 @@ impl GaugeResponse {
     }
 }
 
+/// What is written as the calibration of a bearing.
+pub const CALIBRATION: Content = Content {
+    noun: "calibration",
+    suffixes: &["toml"],
+    is_same: |file| {
+        Ok(mark::is_intact(
+            CALIBRATION.noun,
+            &file.whole(bounded::DESCRIPTION)?,
+        ))
+    },
+};
+
 impl Calibration {
     /// What is assumed before a bearing was calibrated: local strain in phase
     /// with the balls, no bulk strain.
@@ -107,10 +121,7 @@ impl Calibration {
     /// # Errors
     /// When it cannot be read or is none.
     pub fn read(path: &Path, gauges: usize) -> Result<Self, MachineError> {
-        let text = std::fs::read_to_string(path).map_err(|source| MachineError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
+        let text = loadtwin_machine::read_description(path)?;
         let read: Self =
             toml::from_str(&text).map_err(|error| MachineError::syntax(path, &text, &error))?;
         if read.gauge.len() != gauges {

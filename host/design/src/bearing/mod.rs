@@ -12,7 +12,7 @@ mod prediction;
 mod rig_fit;
 
 pub use crate::bearing::build::{calibration, image, model};
-pub use crate::bearing::calibration::{Calibration, GaugeResponse};
+pub use crate::bearing::calibration::{CALIBRATION, Calibration, GaugeResponse};
 pub use crate::bearing::design_matrix::DRIFT_TERMS;
 pub use crate::bearing::phase_tracking::{CalibrationBlock, block_samples, track_phases};
 pub use crate::bearing::physical_parameters::PhysicalParameters;

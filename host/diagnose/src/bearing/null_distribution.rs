@@ -121,7 +121,7 @@ fn written<T>(
     simulation: BearingSimulation,
     read: impl FnOnce(&Path) -> Result<T, DiagnoseError>,
 ) -> Result<T, DiagnoseError> {
-    let folder = tempfile::tempdir()?;
+    let folder = loadtwin_files::scratch::Scratch::new()?;
     let path = folder.path().join("clean.parquet");
     simulation
         .write(&path, |_| ())

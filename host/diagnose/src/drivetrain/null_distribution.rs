@@ -218,7 +218,7 @@ fn simulated(
     let scenario = Scenario::recorded(operating_profile);
     let simulation = Simulation::new(machine, &scenario, seed, None, &[])?;
     let simulation = sensors(simulation.with_reference_noise(&recording.reference_noise));
-    let folder = tempfile::tempdir()?;
+    let folder = loadtwin_files::scratch::Scratch::new()?;
     let path = folder.path().join("clean.parquet");
     simulation.write(&path, |_| ())?;
     let mut fault_free = read_residuals_given(described, &path, recording.torque_source)?;

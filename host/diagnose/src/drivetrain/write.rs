@@ -126,11 +126,11 @@ fn write_shafts(description: &mut Description, was: &[Shaft], is: &[Shaft]) {
 pub fn corrected(
     machine: &Machine,
     diagnosis: &Diagnosis<DrivetrainResiduals>,
-) -> Result<(Machine, Vec<&'static str>, tempfile::TempDir), DiagnoseError> {
+) -> Result<(Machine, Vec<&'static str>, loadtwin_files::scratch::Scratch), DiagnoseError> {
     let selection = &diagnosis.selection;
     let residuals = &diagnosis.recordings[0].residuals;
     let mut changed = machine.clone();
-    let folder = tempfile::tempdir()?;
+    let folder = loadtwin_files::scratch::Scratch::new()?;
     let map_path = folder.path().join("maps.csv");
     let mut maps = Vec::new();
     let mut mended = vec![false; selection.found.len()];

@@ -111,7 +111,7 @@ fn left(
         angle: turning.angle.clone(),
         speed: turning.speed.clone(),
     };
-    let folder = tempfile::tempdir()?;
+    let folder = loadtwin_files::scratch::Scratch::new()?;
     let path = folder.path().join("clean.parquet");
     RotorSimulation::along(machine, real, scenario, course)?.write(&path, |_| ())?;
     let recorded = RotorRecording::read(described, rotor, sensors, &path)?;

@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
-use loadtwin_files::atomic_file::AtomicFile;
-use loadtwin_machine::{Channel, six_digits, write_columns};
+use loadtwin_files::atomic_file::{AtomicFile, Complete, PublishError, publish};
+use loadtwin_files::{bounded, mark};
+use loadtwin_machine::{Channel, DESCRIPTION, complete_columns, six_digits};
 
 /// Why a description cannot be changed.
 #[derive(Debug, Error)]
@@ -30,6 +31,15 @@ pub enum DescriptionError {
     },
 }
 
+impl From<PublishError> for DescriptionError {
+    fn from(error: PublishError) -> Self {
+        Self::File {
+            path: error.path,
+            source: error.source,
+        }
+    }
+}
+
 /// A machine description as text, with its comments.
 pub struct Description {
     document: DocumentMut,
@@ -41,9 +51,11 @@ impl Description {
     /// # Errors
     /// When it cannot be read or is no TOML.
     pub fn read(path: &Path) -> Result<Self, DescriptionError> {
-        let text = std::fs::read_to_string(path).map_err(|source| DescriptionError::File {
-            path: path.to_owned(),
-            source,
+        let text = bounded::read_text(path, bounded::DESCRIPTION).map_err(|source| {
+            DescriptionError::File {
+                path: path.to_owned(),
+                source,
+            }
         })?;
         let document = text
             .parse::<DocumentMut>()
@@ -217,7 +229,24 @@ impl Description {
     /// # Errors
     /// When it cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), DescriptionError> {
-        write(path, &self.document.to_string())
+        Ok(publish([self.complete(path)?])?)
+    }
+
+    /// As [`Description::write`], but that the file has no name before it is published.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn complete(&self, path: &Path) -> Result<Complete, DescriptionError> {
+        let write = || {
+            let mut file = AtomicFile::create(path)?;
+            let text = mark::marked(DESCRIPTION.noun, &self.document.to_string());
+            file.write_all(text.as_bytes())?;
+            file.complete()
+        };
+        write().map_err(|source| DescriptionError::File {
+            path: path.to_owned(),
+            source,
+        })
     }
 }
 
@@ -265,8 +294,20 @@ pub fn map_file(
     columns: &[(&Channel, Vec<f64>)],
     per: &str,
 ) -> Result<(), DescriptionError> {
+    Ok(publish(complete_map(path, columns, per)?)?)
+}
+
+/// As [`map_file`], but that the file has no name before it is published.
+///
+/// # Errors
+/// When the file cannot be written.
+pub(super) fn complete_map(
+    path: &Path,
+    columns: &[(&Channel, Vec<f64>)],
+    per: &str,
+) -> Result<Option<Complete>, DescriptionError> {
     if columns.is_empty() {
-        return Ok(());
+        return Ok(None);
     }
     let columns: Vec<(String, Vec<f64>)> = columns
         .iter()
@@ -275,18 +316,9 @@ pub fn map_file(
             (title, values.clone())
         })
         .collect();
-    write_columns(path, &columns).map_err(|source| DescriptionError::File {
+    let file = complete_columns(path, &columns).map_err(|source| DescriptionError::File {
         path: path.to_owned(),
         source,
-    })
-}
-
-fn write(path: &Path, text: &str) -> Result<(), DescriptionError> {
-    let failed = |source| DescriptionError::File {
-        path: path.to_owned(),
-        source,
-    };
-    let mut file = AtomicFile::create(path).map_err(failed)?;
-    file.write_all(text.as_bytes()).map_err(failed)?;
-    file.finish().map_err(failed)
+    })?;
+    Ok(Some(file))
 }

@@ -1,10 +1,11 @@
 //! A machine with the gauges as measured, and its description.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use crate::calibrate::description::{Description, map_file};
+use crate::calibrate::description::{Description, DescriptionError, complete_map, map_file};
 use crate::calibrate::measurement_noise::{MeasurementNoise, NOISE_BINS, rms, step_function};
 use crate::calibrate::{CalibrateError, Gauge, MapSource};
+use loadtwin_files::atomic_file::{Complete, publish};
 use loadtwin_machine::{Channel, Creep, Hysteresis, MAP_ENTRIES, Machine, Thermal, resampled};
 
 /// The machine with offset, sensitivity and noise of its gauges as fitted; its
@@ -86,12 +87,27 @@ impl Description {
         changed: &Machine,
         path: &Path,
     ) -> Result<(), CalibrateError> {
-        let stem = path
-            .file_stem()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned();
-        let (map_name, noise_name) = (format!("{stem}-maps.csv"), format!("{stem}-noise.csv"));
+        let files = self.with_gauges(described, changed, path)?;
+        Ok(publish(files).map_err(DescriptionError::from)?)
+    }
+
+    /// As [`Description::write_with_gauges`], but that the files have no names before
+    /// they are published, the maps first.
+    ///
+    /// # Errors
+    /// When a map cannot be read or a file cannot be written.
+    pub fn with_gauges(
+        &mut self,
+        described: &Machine,
+        changed: &Machine,
+        path: &Path,
+    ) -> Result<Vec<Complete>, CalibrateError> {
+        let [map_path, noise_path] = maps_beside(path);
+        let name = |path: &Path| {
+            let name = path.file_name().unwrap_or_default();
+            name.to_string_lossy().into_owned()
+        };
+        let (map_name, noise_name) = (name(&map_path), name(&noise_path));
         let (mut maps, mut noises) = (Vec::new(), Vec::new());
         for (was, is) in described.channels.iter().zip(&changed.channels) {
             let name = &was.name;
@@ -147,10 +163,21 @@ impl Description {
                 noises.push((is, step_function(&noise, NOISE_BINS)));
             }
         }
-        map_file(&path.with_file_name(map_name), &maps, "/Nm")?;
-        map_file(&path.with_file_name(noise_name), &noises, "")?;
-        Ok(self.write(path)?)
+        let maps = complete_map(&map_path, &maps, "/Nm")?;
+        let noises = complete_map(&noise_path, &noises, "")?;
+        let description = self.complete(path)?;
+        Ok(maps
+            .into_iter()
+            .chain(noises)
+            .chain([description])
+            .collect())
     }
+}
+
+/// The maps beside a description that is written to `path`: sensitivity, noise.
+pub fn maps_beside(path: &Path) -> [PathBuf; 2] {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    ["maps", "noise"].map(|what| path.with_file_name(format!("{stem}-{what}.csv")))
 }
 
 fn in_unit(channel: &Channel, si: &[f64]) -> Vec<f64> {

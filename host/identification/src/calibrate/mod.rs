@@ -22,7 +22,7 @@ use thiserror::Error;
 
 pub use crate::calibrate::description::{Description, DescriptionError, map_file};
 pub use crate::calibrate::fault::GaugeFault;
-pub use crate::calibrate::gauge_model::{calibrated, with_noise};
+pub use crate::calibrate::gauge_model::{calibrated, maps_beside, with_noise};
 pub use crate::calibrate::moments::{BINS, Moments, Sums};
 pub use crate::calibrate::motion::Motion;
 pub use crate::calibrate::page::{Proposal, page};
