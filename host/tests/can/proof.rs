@@ -316,7 +316,7 @@ fn a_node_answers_with_the_bits_of_the_machine_through_bus_off() {
             .collect::<VecDeque<_>>();
         let args = NodeArgs {
             interface: String::new(),
-            idle: Some(0.5),
+            idle: Some(Duration::from_millis(500)),
         };
         let mut wire = Vec::new();
         let summary =

@@ -1,0 +1,6 @@
+//! Outputs of the real binary: never an input, never another's file, complete or absent.
+
+mod bench;
+mod interrupted;
+mod refused;
+mod streams;
