@@ -59,6 +59,14 @@ pub struct Build {
 }
 
 impl Build {
+    fn write(&self, image: &[u8]) -> anyhow::Result<()> {
+        let written = AtomicFile::create(&self.output).and_then(|mut file| {
+            file.write_all(image)?;
+            file.finish()
+        });
+        written.with_context(|| self.output.display().to_string())
+    }
+
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let started = std::time::Instant::now();
         Plan::new(self.replace)
@@ -80,11 +88,7 @@ impl Build {
         let issue = self.issue.map_or_else(seconds_since_1970, Ok)?;
         let key = self.key.as_deref().map(SigningKey::read).transpose()?;
         let image = seal(&payload, machine.id(), issue, self.replaces, key.as_ref())?;
-        let written = AtomicFile::create(&self.output).and_then(|mut file| {
-            file.write_all(&image)?;
-            file.finish()
-        });
-        written.with_context(|| self.output.display().to_string())?;
+        self.write(&image)?;
         let plan = match machine.kind() {
             Some(Kind::Rotor(rotor)) => {
                 Some(RotorFilterDesign::new(&machine, rotor, &sensors.channels)?)

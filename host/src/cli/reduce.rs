@@ -56,8 +56,7 @@ impl Reduce {
             .writes("--patches", self.patches.as_deref(), MAPS)
     }
 
-    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
-        let started = Instant::now();
+    fn check_entries(&self) -> anyhow::Result<()> {
         for (name, entries) in [
             ("--entries", self.entries),
             ("--patch-entries", self.patch_entries),
@@ -67,6 +66,12 @@ impl Reduce {
                 "{name} {entries}: allowed: 16 to 4096"
             );
         }
+        Ok(())
+    }
+
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let started = Instant::now();
+        self.check_entries()?;
         let length = self
             .length
             .parse::<Unit>()
