@@ -211,12 +211,15 @@ impl Signal<'_> {
         if reaches && rows.windows(2).all(|r| r[1].0 - r[0].0 <= DENSE) {
             return windowed_sinc(&rows);
         }
+        if let Some((_, value)) = rows.iter().find(|(u, _)| u.abs() <= SAME) {
+            return *value;
+        }
         let near = rows.iter().filter(|(u, _)| u.abs() < 1.0);
         let (mut below, mut above) = (false, false);
         let (mut s0, mut s1, mut s2, mut y0, mut y1) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for &(u, v) in near {
-            below |= u <= SAME;
-            above |= u >= -SAME;
+            below |= u < 0.0;
+            above |= u > 0.0;
             let w = 1.0 - u.abs();
             (s0, s1, s2) = (s0 + w, s1 + w * u, s2 + w * u * u);
             (y0, y1) = (y0 + w * v, y1 + w * u * v);
@@ -224,12 +227,8 @@ impl Signal<'_> {
         if !(below && above) {
             return self.between(None);
         }
-        let determinant = s0 * s2 - s1 * s1;
-        if determinant > 0.0 {
-            (s2 * y0 - s1 * y1) / determinant
-        } else {
-            y0 / s0
-        }
+        // Rows on both sides, none on the tick: the determinant is positive.
+        (s2 * y0 - s1 * y1) / (s0 * s2 - s1 * s1)
     }
 
     /// Straight between the two rows about the tick, of counts that begin anew

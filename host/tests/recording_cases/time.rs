@@ -226,7 +226,17 @@ fn another_rate_is_refused_from_where_it_begins() {
 fn resampled_rows_give_the_plain_error() {
     let plain = plain();
     let layout = "timing = 'resample'";
-    same(&base(), layout, &plain, "rows on the clock");
+    let plain_rows = base();
+    for start in [0.0, 0.1, 1e5, 1_714_730_400.0] {
+        let mut table = base();
+        table.t.iter_mut().for_each(|t| *t += start);
+        same(
+            &table,
+            layout,
+            &plain,
+            &format!("rows on the clock, from {start} s on"),
+        );
+    }
     let close = |table: &Table, what: &str| {
         let found = table
             .replay(&machine(layout))
@@ -259,7 +269,7 @@ fn resampled_rows_give_the_plain_error() {
             let mut table = base();
             for row in (0..2999).step_by(50).rev() {
                 let values = if filled {
-                    between(&base(), row as f64 + after)
+                    between(&plain_rows, row as f64 + after)
                 } else {
                     [f64::NAN; 6]
                 };
@@ -278,7 +288,7 @@ fn resampled_rows_give_the_plain_error() {
             for k in (1..times).rev() {
                 let at = row as f64 + k as f64 / times as f64;
                 table.t.insert(row + 1, at * PERIOD_S);
-                table.rows.insert(row + 1, between(&base(), at));
+                table.rows.insert(row + 1, between(&plain_rows, at));
             }
         }
         close(&table, &format!("{times} times the rate from 3 s on"));
