@@ -268,8 +268,11 @@ fn the_calibrated_description_estimates_better_and_keeps_its_comments() {
     {
         assert!(after.contains(comment), "{comment}");
     }
-    for set in ["torque-arm-3", "ring-gear-1", "high-speed-housing-1"] {
+    for set in ["torque-arm-1", "ring-gear-1", "high-speed-housing-1"] {
         let (was, is) = (nmae(&from, set, &start_stop), nmae(&to, set, &start_stop));
         assert!(is < 10.0 && is < 0.7 * was, "{set}: {was} -> {is}");
     }
+    // Of three gauges the line leaves out the one that contradicts, calibrated or not.
+    let is = nmae(&to, "torque-arm-3", &start_stop);
+    assert!(is < 1.5, "torque-arm-3: {is}");
 }

@@ -46,7 +46,8 @@ fn each_set_loses_less_than_a_tenth_of_a_point() {
         // From the first index pulse after the start until shortly before the stop.
         let share = steady.steady_samples() as f64 / steady.samples() as f64;
         println!("{}: {share:.2} by steady gains", set.name);
-        assert!(share > 0.6, "{}: {share}", set.name);
+        // Less where a gauge is left out for a while: the gains are those of the whole set.
+        assert!(share > 0.55, "{}: {share}", set.name);
         for ((name, full), (_, steady)) in full.loads().zip(steady.loads()) {
             for (segment, full) in &full.nmae_percent {
                 let (full, steady) = (full.unwrap(), steady.nmae_percent[segment].unwrap());
