@@ -141,7 +141,7 @@ fn we_read_what_asammdf_writes() {
         }
         assert_eq!(i, ROWS, "{name}");
 
-        // The slow channel alone is a recording too; both together are none.
+        // The slow channel alone is a recording too; as a sensor beside the others it is none.
         let slow = [wanted("oil", "°C")];
         let mut reader = Reader::open(&path, &CsvLayout::default(), &slow).unwrap();
         let block = reader.next().unwrap().unwrap();
@@ -155,9 +155,23 @@ fn we_read_what_asammdf_writes() {
             .err()
             .unwrap();
         assert!(
-            matches!(&error.problem, Problem::OtherGroup { column, .. } if column == "oil"),
+            matches!(&error.problem, Problem::OtherRate { column, .. } if column == "oil"),
             "{error}"
         );
+        // A thermometer may be slower than the sensors.
+        let slow = Wanted {
+            required: false,
+            ..wanted("oil", "°C")
+        };
+        let mut reader =
+            Reader::open(&path, &CsvLayout::default(), &[wanted("ta1", "m/m"), slow]).unwrap();
+        let [note] = reader.notes() else {
+            panic!("{name}: {:?}", reader.notes());
+        };
+        assert!(note.contains("is interpolated to 0.002"), "{note}");
+        let block = reader.next().unwrap().unwrap();
+        let oil = block.columns[1].as_ref().unwrap();
+        assert!((oil[250] - 20.5).abs() < 1e-9, "{name}: {}", oil[250]);
         let text = [wanted("note", "1")];
         let line = match Reader::open(&path, &CsvLayout::default(), &text) {
             Ok(_) => panic!("{name}: text read as numbers"),

@@ -123,8 +123,8 @@ fn every_fault_gets_one_line_with_its_place() {
             "column `ta1` is missing; found: t, ta2, tb; did you mean `ta2`?",
         ),
         (
-            "time [s],ta1 [µm/m]\n0,1\n1,2\n",
-            "column `t` is missing; found: time, ta1",
+            "when [s],ta1 [µm/m]\n0,1\n1,2\n",
+            "column `t` is missing; found: when, ta1",
         ),
         (
             "t [s],ta1 [mm]\n0,1\n1,2\n",
@@ -136,7 +136,8 @@ fn every_fault_gets_one_line_with_its_place() {
         ),
         (
             "t [s],ta1\n0,1\n1,2\n",
-            "column `ta1` has no unit; allowed: a unit of strain (m/m, µm/m)",
+            "column `ta1` has no unit; allowed: a unit of strain (m/m, µm/m), in the file or as \
+             `unit` of the channel under [recording.channels]",
         ),
         (
             "t [Nm],ta1 [µm/m]\n0,1\n1,2\n",
@@ -144,7 +145,8 @@ fn every_fault_gets_one_line_with_its_place() {
         ),
         (
             "t [s],ta1 [µm/m],ta1 [m/m]\n0,1,2\n1,2,3\n",
-            "column `ta1` is there twice; allowed: one column of each name",
+            "column `ta1` is there twice; allowed: one column of each name that is \
+             read",
         ),
         (
             "0,1\n1,2\n",
@@ -198,6 +200,12 @@ fn every_fault_gets_one_line_with_its_place() {
     ] {
         assert_eq!(bench.refused(text, &ta1), expected, "{text}");
     }
+}
+
+#[test]
+fn bytes_that_are_no_text_are_named_with_their_place() {
+    let ta1 = [wanted("ta1", "m/m")];
+    let bench = Bench::new();
     let header = "t [s],ta1 [µm/m]\n".as_bytes();
     assert_eq!(
         bench.refused([header, b"0,1\n1,\xb5\n"].concat(), &ta1),
@@ -205,8 +213,9 @@ fn every_fault_gets_one_line_with_its_place() {
          sample is missing"
     );
     assert_eq!(
-        bench.refused(b"t [s],ta1 [\xb5m/m]\n0,1\n1,2\n", &ta1),
-        "line 1 is not text, found `t [s],ta1 [\\xb5m/m]`; allowed: CSV in UTF-8, Parquet, MDF4"
+        bench.refused(b"t [s],ta1\x01 [m/m]\n0,1\n1,2\n", &ta1),
+        "line 1 is not text, found `t [s],ta1\\u{1} [m/m]`; allowed: CSV, Parquet, MDF4 (`encoding` \
+         under [recording] names another encoding of text)"
     );
 }
 
@@ -216,6 +225,7 @@ fn a_layout_that_cannot_be_is_refused() {
         ("delimiter = '.'", "delimiter = '.'"),
         ("delimiter = 'µ'", "delimiter = 'µ'"),
         ("decimal_comma = true", "decimal_comma = true"),
+        ("encoding = 'klingon'", "encoding = \"klingon\""),
     ] {
         let line = Bench::with(layout).refused("t [s]\n0\n1\n", &[]);
         let expected = format!("cannot be read with [recording] {field}; allowed: ");

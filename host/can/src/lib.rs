@@ -53,6 +53,17 @@ pub enum CanError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// A log in which no line is a frame.
+    #[error(
+        "{path}: {lines} of {lines} lines are no candump log; allowed: what `candump -L` writes, as \
+         `(1436509052.249713) can0 501#00112233`"
+    )]
+    NoLog {
+        /// The log.
+        path: std::path::PathBuf,
+        /// Its lines.
+        lines: u64,
+    },
     /// The bus failed for good.
     #[error(transparent)]
     Bus(#[from] bus::BusError),

@@ -54,6 +54,11 @@ impl<R: Read> LogBus<R> {
         }
     }
 
+    /// Lines read so far, where none of them is a frame.
+    pub fn lines_without_frames(&self) -> Option<u64> {
+        (self.malformed > 0 && self.malformed == self.lines).then_some(self.malformed)
+    }
+
     /// Lines that are no frame, and the number of the first.
     pub fn malformed(&self) -> (u64, Option<u64>) {
         (self.malformed, self.first_malformed)
@@ -63,8 +68,9 @@ impl<R: Read> LogBus<R> {
 impl<R: Read> Bus for LogBus<R> {
     fn receive(&mut self, _timeout: Duration) -> Result<Option<Received>, BusError> {
         loop {
-            self.lines += 1;
-            match self.reader.next_record() {
+            let record = self.reader.next_record();
+            self.lines += u64::from(!matches!(record, Ok(None)));
+            match record {
                 Ok(None) => return Err(BusError::Ended),
                 Ok(Some(record)) => {
                     if self
@@ -200,6 +206,24 @@ impl LogWriter {
 mod tests {
     use super::*;
     use crate::standard;
+
+    #[test]
+    fn a_log_of_another_program_has_no_frames() {
+        let view = " (1436509052.249713)  vcan0  501   [2]  00 11\n".repeat(3);
+        let mut bus = LogBus::new(view.as_bytes(), None);
+        assert!(matches!(bus.receive(Duration::ZERO), Err(BusError::Ended)));
+        assert_eq!(bus.lines_without_frames(), Some(3));
+        let mut empty = LogBus::new(&b""[..], None);
+        assert!(matches!(
+            empty.receive(Duration::ZERO),
+            Err(BusError::Ended)
+        ));
+        assert_eq!(empty.lines_without_frames(), None);
+        let mixed = "(1.0) vcan0 501#00\n".to_owned() + &view;
+        let mut mixed = LogBus::new(mixed.as_bytes(), None);
+        while mixed.receive(Duration::ZERO).is_ok() {}
+        assert_eq!(mixed.lines_without_frames(), None);
+    }
 
     #[test]
     fn lines_of_every_kind_are_read_and_the_rest_is_counted() {

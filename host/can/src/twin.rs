@@ -103,7 +103,7 @@ pub fn run<B: Bus>(
 /// Compares a log taken earlier.
 ///
 /// # Errors
-/// When the model is refused or the log cannot be read.
+/// When the model is refused, or the log cannot be read or has no frame.
 pub fn prove(
     model: &Model<'_>,
     args: &ProveArgs,
@@ -115,6 +115,12 @@ pub fn prove(
     let mut summary = compare(model, &mut link, view, |_, _, _| {
         Ok(!stop.load(Ordering::Relaxed))
     })?;
+    if let Some(lines) = link.bus().lines_without_frames() {
+        return Err(CanError::NoLog {
+            path: args.log.clone(),
+            lines,
+        });
+    }
     (summary.malformed_lines, summary.first_malformed_line) = link.bus().malformed();
     Ok(summary)
 }

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use loadtwin_recording::RecordingError;
 use thiserror::Error;
 use toml::de::{DeTable, DeValue};
 
@@ -42,6 +43,9 @@ pub enum MachineError {
         /// What is allowed.
         allowed: String,
     },
+    /// The layout of recordings is in a file that cannot be used.
+    #[error(transparent)]
+    Layout(#[from] Box<RecordingError>),
 }
 
 /// A value out of its range, before its place in the file is known.

@@ -106,7 +106,7 @@ pub struct Machine {
     /// How the filter is tuned.
     #[serde(default)]
     pub tuning: Tuning,
-    /// How recordings without header are laid out.
+    /// How recordings are laid out, where it is not by the usual header.
     #[serde(default)]
     pub recording: CsvLayout,
     /// Where the description was read from; files that it names are relative to it.
@@ -258,7 +258,23 @@ impl Machine {
             .and_then(|()| machine.check())
             .map_err(|violation| MachineError::violation(path, &text, violation))?;
         path.clone_into(&mut machine.path);
+        let folder = path.parent().unwrap_or(Path::new(""));
+        machine.recording = machine.recording.resolved(folder).map_err(Box::new)?;
+        machine.recording.rate_hz = Some(machine.rate_hz);
         Ok(machine)
+    }
+
+    /// The same with the recording layout in `path` in place of its own, of which only the
+    /// `channels` are kept.
+    ///
+    /// # Errors
+    /// When the file cannot be read, is no TOML, or has a field that is not known.
+    pub fn with_layout(mut self, path: &Path) -> Result<Self, MachineError> {
+        let channels = std::mem::take(&mut self.recording.channels);
+        self.recording = CsvLayout::load(path).map_err(Box::new)?;
+        self.recording.channels.extend(channels);
+        self.recording.rate_hz = Some(self.rate_hz);
+        Ok(self)
     }
 
     /// Fills in the rotor from the model of ROSS that it names.

@@ -69,7 +69,10 @@ pub enum Problem {
         found: u64,
     },
     /// Neither Parquet nor MDF4 by its first bytes, and not text either.
-    #[error("line {line} is not text, found `{found}`; allowed: CSV in UTF-8, Parquet, MDF4")]
+    #[error(
+        "line {line} is not text, found `{found}`; allowed: CSV, Parquet, MDF4 (`encoding` under \
+         [recording] names another encoding of text)"
+    )]
     NotText {
         /// Line, from 1.
         line: u64,
@@ -77,7 +80,7 @@ pub enum Problem {
         found: String,
     },
     /// A text file without line ends.
-    #[error("line {line} is longer than {limit} bytes; allowed: CSV in UTF-8, Parquet, MDF4")]
+    #[error("line {line} is longer than {limit} bytes; allowed: CSV, Parquet, MDF4")]
     LineTooLong {
         /// Line, from 1.
         line: u64,
@@ -96,7 +99,7 @@ pub enum Problem {
         found: String,
     },
     /// Two columns of one name.
-    #[error("column `{name}` is there twice; allowed: one column of each name")]
+    #[error("column `{name}` is there twice; allowed: one column of each name that is read")]
     Duplicate {
         /// The name.
         name: String,
@@ -112,7 +115,10 @@ pub enum Problem {
         nearest: Option<String>,
     },
     /// A column without a unit.
-    #[error("column `{column}` has no unit; allowed: {allowed}")]
+    #[error(
+        "column `{column}` has no unit; allowed: {allowed}, in the file or as `unit` of the \
+         channel under [recording.channels]"
+    )]
     NoUnit {
         /// The column.
         column: String,
@@ -129,8 +135,19 @@ pub enum Problem {
         /// Units of the quantity wanted.
         allowed: String,
     },
-    /// A column of text, dates or lists.
-    #[error("column `{column}` holds {found}; allowed: numbers")]
+    /// A file of a format that is not read.
+    #[error("is a file of the format {name}; allowed: CSV, Parquet, MDF4; {remedy}")]
+    Foreign {
+        /// Name of the format.
+        name: &'static str,
+        /// What converts it.
+        remedy: &'static str,
+    },
+    /// A column of text or lists.
+    #[error(
+        "column `{column}` holds {found}; allowed: numbers, Booleans, times (`type` of the channel \
+         under [recording.channels] reads text as one of them)"
+    )]
     NotNumeric {
         /// The column.
         column: String,
@@ -235,16 +252,32 @@ pub enum Problem {
         /// Step expected.
         allowed_s: f64,
     },
-    /// The wanted channels do not share one time channel.
+    /// The sensors of an MDF4 file are recorded at different rates.
     #[error(
-        "column `{column}` is not in the channel group of `{other}`; allowed: all wanted channels \
-         in one group with one time channel"
+        "column `{column}` has a sample every {found_s:.6} s, `{other}` \
+         every {allowed_s:.6} s; allowed: all sensors at one rate (a reference or a thermometer \
+         may have another)"
     )]
-    OtherGroup {
+    OtherRate {
         /// The channel.
         column: String,
         /// A channel of the group chosen.
         other: String,
+        /// Its step.
+        found_s: f64,
+        /// The step of the group chosen.
+        allowed_s: f64,
+    },
+    /// Several channel groups have a channel over the same time.
+    #[error(
+        "column `{column}` is in the channel groups {groups} over the same time; allowed: one, \
+         named as `group` of the channel under [recording.channels]"
+    )]
+    Ambiguous {
+        /// The channel.
+        column: String,
+        /// Numbers of the groups, from 1.
+        groups: String,
     },
     /// The layout asked for cannot be.
     #[error("cannot be read with [recording] {field} = {found}; allowed: {allowed}")]
@@ -255,6 +288,14 @@ pub enum Problem {
         found: String,
         /// What it may be.
         allowed: &'static str,
+    },
+    /// A layout file that is no TOML, or has a field that is not known.
+    #[error("line {line}: {found}")]
+    LayoutFile {
+        /// Line, from 1.
+        line: usize,
+        /// What its parser says, one line.
+        found: String,
     },
     /// A Parquet or MDF4 file that is damaged or cut off.
     #[error("is not a whole {format} file: {found}")]

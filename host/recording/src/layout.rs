@@ -1,20 +1,35 @@
-//! How a recording is laid out, as the machine description says it.
+//! How a recording is laid out: what the logger that wrote it does.
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use loadtwin_files::bounded::{DESCRIPTION, read_text};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::error::Problem;
+use super::error::{Problem, RecordingError};
 use super::unit::Unit;
 
-/// Layout of a recording, the table `[recording]` of a machine description.
+/// Layout of a recording: the table `[recording]` of a machine description, or
+/// a file of its own that several machines share.
 ///
 /// The defaults read what `loadtwin` writes: comma-separated, `#` comments, a
-/// header `t [s],ta1 [µm/m],...`. Only the text format needs the first five
-/// fields; the other two hold for Parquet and MDF4 as well.
+/// header `t [s],ta1 [µm/m],...`. What is absent is recognised where the file
+/// leaves no doubt, and reported. `delimiter`, `comment`, `skip_lines`,
+/// `columns`, `decimal_comma`, `encoding` and `row_period_ms` are for text; the
+/// others hold for Parquet and MDF4 as well.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CsvLayout {
-    /// Separator of the columns: one ASCII character, `,` unless given.
-    pub delimiter: char,
+    /// A layout file (TOML, these same fields at its top level), relative to
+    /// the machine description. It replaces all other fields of this table but
+    /// `channels`, which are added to its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub layout: Option<PathBuf>,
+    /// Separator of the columns: one ASCII character. Absent: the one of `,`,
+    /// `;`, tab and `|` that makes a table of numbers, or that of a first line
+    /// `sep=;`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub delimiter: Option<char>,
     /// A line that begins with this is a comment: `#` unless given.
     pub comment: String,
     /// Lines to leave out at the top of the file, comments included. Where
@@ -23,8 +38,15 @@ pub struct CsvLayout {
     /// Names and units of the columns, each `name [unit]`, for files without
     /// such a header. The time is `t`. An empty name leaves a column out.
     pub columns: Vec<String>,
-    /// Numbers have a decimal comma: `1,5`. Needs another `delimiter`.
-    pub decimal_comma: bool,
+    /// Numbers have a decimal comma: `1,5`. Needs another `delimiter`. Absent:
+    /// so where the first rows have commas in their numbers and no points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub decimal_comma: Option<bool>,
+    /// How the text is encoded: `utf-8`, `utf-16le`, `utf-16be`, `windows-1252`
+    /// or another name of the WHATWG Encoding Standard. Absent: by the byte
+    /// order mark, else UTF-8, else Windows-1252.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub encoding: Option<String>,
     /// What a `NaN` written in a channel means. An empty cell (in Parquet a
     /// null) is always a missing sample.
     pub written_nan: WrittenNan,
@@ -37,6 +59,14 @@ pub struct CsvLayout {
     pub row_period_ms: Option<f64>,
     /// What the times of the rows are: `clocked` unless given.
     pub timing: Timing,
+    /// How the file calls and writes a channel, by the channel's name in the
+    /// machine description; the time is `t`.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub channels: BTreeMap<String, ChannelLayout>,
+    /// Sample rate that the machine description states [Hz]; of several groups
+    /// of an MDF4 file that have a channel, the one of this rate is read.
+    #[serde(skip)]
+    pub rate_hz: Option<f64>,
 }
 
 /// What the times of a recording's rows are.
@@ -60,15 +90,19 @@ pub enum Timing {
 impl Default for CsvLayout {
     fn default() -> Self {
         Self {
-            delimiter: ',',
+            layout: None,
+            delimiter: None,
             comment: "#".into(),
             skip_lines: 0,
             columns: Vec::new(),
-            decimal_comma: false,
+            decimal_comma: None,
+            encoding: None,
             written_nan: WrittenNan::Refuse,
             largest_gap: 0,
             row_period_ms: None,
             timing: Timing::Clocked,
+            channels: BTreeMap::new(),
+            rate_hz: None,
         }
     }
 }
@@ -85,6 +119,118 @@ impl CsvLayout {
             _ => Ok(()),
         }
     }
+
+    /// Reads a layout file.
+    ///
+    /// # Errors
+    /// When it cannot be read, is no TOML, or has a field that is not known.
+    pub fn load(path: &Path) -> Result<Self, RecordingError> {
+        let failed = |problem| RecordingError {
+            file: path.to_owned(),
+            problem,
+        };
+        let text = read_text(path, DESCRIPTION).map_err(|e| failed(e.into()))?;
+        let layout: Self = toml::from_str(&text).map_err(|error| {
+            let before = error.span().map_or("", |span| &text[..span.start]);
+            failed(Problem::LayoutFile {
+                line: 1 + before.matches('\n').count(),
+                found: error.message().replace('\n', "; "),
+            })
+        })?;
+        if let Some(other) = &layout.layout {
+            return Err(failed(Problem::Layout {
+                field: "layout",
+                found: format!("{:?}", other.display().to_string()),
+                allowed: "no further file in a layout file",
+            }));
+        }
+        Ok(layout)
+    }
+
+    /// The layout in the file that this one names, with its own channels added;
+    /// itself where it names none. `folder` is where the file is looked for.
+    ///
+    /// # Errors
+    /// As [`CsvLayout::load`], and when it has other fields than `channels`.
+    pub fn resolved(mut self, folder: &Path) -> Result<Self, RecordingError> {
+        let Some(file) = self.layout.take() else {
+            return Ok(self);
+        };
+        let channels = std::mem::take(&mut self.channels);
+        let rate_hz = self.rate_hz.take();
+        if self != Self::default() {
+            return Err(RecordingError {
+                file: folder.join(&file),
+                problem: Problem::Layout {
+                    field: "layout",
+                    found: format!("{:?}", file.display().to_string()),
+                    allowed: "with no other field than `channels`; the others belong into that file",
+                },
+            });
+        }
+        let mut shared = Self::load(&folder.join(file))?;
+        shared.channels.extend(channels);
+        shared.rate_hz = rate_hz;
+        Ok(shared)
+    }
+
+    /// How the file writes channel `name`, where the layout says it.
+    pub(super) fn channel(&self, name: &str) -> Option<&ChannelLayout> {
+        self.channels.get(name)
+    }
+
+    /// How the file calls channel `name`.
+    pub(super) fn column_of<'a>(&'a self, name: &'a str) -> &'a str {
+        let layout = self.channel(name).and_then(|c| c.column.as_deref());
+        layout.unwrap_or(name)
+    }
+
+    /// The channels that file column `column` may stand for.
+    pub(super) fn layout_of_column(&self, column: &str) -> Option<&ChannelLayout> {
+        self.channels
+            .iter()
+            .find(|(name, channel)| channel.column.as_ref().unwrap_or(name) == column)
+            .map(|(_, channel)| channel)
+    }
+}
+
+/// How a logger writes one channel.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ChannelLayout {
+    /// Name of its column (in MDF4 of its channel), without the unit. Absent:
+    /// the name of the channel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub column: Option<String>,
+    /// Unit of its values, in place of the one that the file states.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unit: Option<Unit>,
+    /// What its values are. Absent: by the type of the column, in text by the
+    /// first rows.
+    #[serde(rename = "type", skip_serializing_if = "Option::is_none")]
+    pub kind: Option<ColumnType>,
+    /// How a `timestamp` is written in text, as `strftime` has it:
+    /// `%d.%m.%Y %H:%M:%S%.f`. Absent: ISO 8601.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub format: Option<String>,
+    /// Channel group of an MDF4 file that it is read from: its acquisition name
+    /// or its number, from 1. Absent: the group that has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub group: Option<String>,
+}
+
+/// What the values of a column are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum ColumnType {
+    /// Numbers, also where they are written as text.
+    Number,
+    /// True and false, read as 1 and 0.
+    Boolean,
+    /// Points in time, read as seconds since the first row.
+    Timestamp,
+    /// Times as `hours:minutes:seconds`, read as seconds.
+    Duration,
 }
 
 /// What a `NaN` in a channel of a recording means.
@@ -183,6 +329,19 @@ mod tests {
         let error = toml::from_str::<CsvLayout>("delimeter = ';'").unwrap_err();
         assert!(error.to_string().contains("delimeter"), "{error}");
         let layout: CsvLayout = toml::from_str("delimiter = ';'\nlargest_gap = 2").unwrap();
-        assert_eq!((layout.delimiter, layout.largest_gap), (';', 2));
+        assert_eq!((layout.delimiter, layout.largest_gap), (Some(';'), 2));
+    }
+
+    #[test]
+    fn channels_by_name() {
+        let text =
+            "[channels]\nta1 = { column = 'CH 1', unit = 'µm/m' }\nt = { type = 'timestamp' }";
+        let layout: CsvLayout = toml::from_str(text).unwrap();
+        assert_eq!(layout.column_of("ta1"), "CH 1");
+        assert_eq!(layout.column_of("t"), "t");
+        let time = layout.channel("t").and_then(|c| c.kind);
+        assert_eq!(time, Some(ColumnType::Timestamp));
+        assert!(layout.layout_of_column("CH 1").is_some());
+        assert!(layout.layout_of_column("ta1").is_none());
     }
 }

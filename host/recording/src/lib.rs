@@ -3,7 +3,7 @@
 //!
 //! | format | recognised by | unit of a column | read | written |
 //! |---|---|---|---|---|
-//! | CSV | neither of the others | header `name [unit]`, or [`CsvLayout`] | streamed | streamed |
+//! | CSV | none of the others | header `name [unit]`, or [`CsvLayout`] | streamed | streamed |
 //! | Parquet | `PAR1` | field metadata `unit`, or a name `name [unit]` | streamed | streamed |
 //! | MDF4 | `MDF     ` | unit of the channel | streamed | from memory, bounded |
 //!
@@ -14,9 +14,11 @@
 
 mod csv;
 mod error;
+mod foreign;
 mod grid;
 mod layout;
 mod mdf;
+mod named;
 mod parquet;
 mod reader;
 mod resample;
@@ -27,8 +29,9 @@ mod writer;
 
 use error::clipped;
 pub use error::{Problem, RecordingError, Row};
-pub use layout::{Column, CsvLayout, Role, Timing, Wanted, WrittenNan};
+pub use layout::{ChannelLayout, Column, ColumnType, CsvLayout, Role, Timing, Wanted, WrittenNan};
 pub use reader::{Block, Reader};
+pub use source::columns;
 pub use unit::{Conversion, Quantity, Unit, UnknownUnit};
 pub use writer::{OutputColumn, SIMULATED, SUFFIXES, Writer};
 

@@ -7,7 +7,7 @@ use super::grid::{Gap, Grid, Misplaced};
 use super::layout::{Column, CsvLayout, Role, Timing, Wanted};
 use super::resample::Resampler;
 use super::selection::Selection;
-use super::source::{Format, Rows, Source};
+use super::source::{Opened, Rows, Source};
 
 /// Time that no clock shows, 30 000 years [s]: nanoseconds since 1970 read as
 /// seconds are later.
@@ -61,6 +61,7 @@ impl Block {
 pub struct Reader {
     file: PathBuf,
     columns: Vec<Column>,
+    notes: Vec<String>,
     source: Source,
     selection: Selection,
     timing: Timing,
@@ -124,10 +125,11 @@ impl Reader {
         roles: &[Role],
     ) -> Result<Self, Problem> {
         layout.check()?;
-        let format = Format::open(path, layout, wanted)?;
-        let selection = Selection::try_new(format.columns(), wanted, roles)?;
-        let columns = format.columns().to_vec();
-        let source = Source::start(format, selection.picks.clone())?;
+        let names: Vec<_> = wanted.iter().map(|w| (w.name, w.required)).collect();
+        let opened = Opened::open(path, layout, &names)?;
+        let columns = opened.columns;
+        let selection = Selection::try_new(&columns, wanted, roles)?;
+        let source = Source::start(opened.format, selection.picks.clone())?;
         let mut last_t = None;
         let first = read_rows(&source, &selection, 0, &mut last_t)?;
         let grid = match layout.timing {
@@ -140,6 +142,7 @@ impl Reader {
         Ok(Self {
             file: path.to_path_buf(),
             columns,
+            notes: opened.notes,
             source,
             selection,
             timing: layout.timing,
@@ -200,6 +203,12 @@ impl Reader {
     /// All columns of the recording, wanted or not, the time among them.
     pub fn columns(&self) -> &[Column] {
         &self.columns
+    }
+
+    /// What was recognised, joined or resampled to read the recording, one line
+    /// each; empty where it is written as the layout says.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     /// Part of the recording that was read so far, 0 to 1.

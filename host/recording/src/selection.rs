@@ -1,6 +1,4 @@
 //! The columns that the caller wants, found among those of the recording.
-use std::collections::HashMap;
-
 use super::error::Problem;
 use super::layout::{Column, Role, Wanted};
 use super::unit::{Conversion, Unit};
@@ -26,17 +24,13 @@ impl Selection {
         wanted: &[Wanted<'_>],
         roles: &[Role],
     ) -> Result<Self, Problem> {
-        let mut index = HashMap::new();
-        for (i, column) in columns.iter().enumerate() {
-            if !column.name.is_empty() && index.insert(column.name.as_str(), i).is_some() {
-                return Err(Problem::Duplicate {
-                    name: shown(&column.name),
-                });
+        let find = |name: &str| {
+            let mut same = (0..columns.len()).filter(|&i| columns[i].name == name);
+            match (same.next(), same.next()) {
+                (Some(i), None) => Ok(i),
+                (Some(_), Some(_)) => Err(Problem::Duplicate { name: shown(name) }),
+                (None, _) => Err(missing(columns, name)),
             }
-        }
-        let find = |name: &str| match index.get(name) {
-            Some(&i) => Ok(i),
-            None => Err(missing(columns, name)),
         };
         let time = find(TIME)?;
         let mut selection = Self {
@@ -50,7 +44,7 @@ impl Selection {
             let place = match find(w.name) {
                 Ok(i) if role == Role::Pulse => Some((selection.pick(i, role), Conversion::Same)),
                 Ok(i) => Some((selection.pick(i, role), conversion(&columns[i], w.unit)?)),
-                Err(_) if !w.required => None,
+                Err(Problem::Missing { .. }) if !w.required => None,
                 Err(problem) => return Err(problem),
             };
             selection.order.push(place);

@@ -2,7 +2,7 @@
 //! on the rows before.
 use std::cell::Cell;
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -10,9 +10,11 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Once};
 
 use super::csv::Csv;
-use super::error::{Problem, Row};
-use super::layout::{Column, CsvLayout, Wanted};
+use super::error::{Problem, RecordingError, Row};
+use super::foreign::{HEAD, recognise};
+use super::layout::{Column, CsvLayout};
 use super::mdf::Mdf;
+use super::named::named;
 use super::parquet::Parquet;
 use super::{BLOCK_ROWS, clipped};
 
@@ -57,18 +59,76 @@ pub(super) enum Format {
     Mdf(Box<Mdf>),
 }
 
-impl Format {
-    /// Recognises the format by the first bytes of the file, not by its name.
+/// A recording of a known format, opened, and its columns by the names of channels.
+pub(super) struct Opened {
+    pub(super) format: Format,
+    pub(super) columns: Vec<Column>,
+    /// What the reader of the recording should know, one line each.
+    pub(super) notes: Vec<String>,
+}
+
+impl Opened {
     pub(super) fn open(
         path: &Path,
         layout: &CsvLayout,
-        wanted: &[Wanted<'_>],
+        wanted: &[(&str, bool)],
     ) -> Result<Self, Problem> {
+        let format = Format::open(path, layout, wanted)?;
+        let notes = match &format {
+            Format::Csv(csv) => csv.note().into_iter().collect(),
+            Format::Parquet(_) => Vec::new(),
+            Format::Mdf(mdf) => mdf.notes().to_vec(),
+        };
+        let columns = match &format {
+            // Its channels were looked up by the layout.
+            Format::Mdf(mdf) => mdf.columns().to_vec(),
+            other => named(other.columns(), layout),
+        };
+        Ok(Self {
+            format,
+            columns,
+            notes,
+        })
+    }
+}
+
+/// The columns of a recording, with the units that they are written in.
+///
+/// `wanted` are the names that will be asked of a [`super::Reader`], and whether
+/// each is required: of a file of several groups, those are found in the groups
+/// that the reader takes them from.
+///
+/// # Errors
+/// [`RecordingError`] when the file cannot be read, or is no recording.
+pub fn columns(
+    path: &Path,
+    layout: &CsvLayout,
+    wanted: &[(&str, bool)],
+) -> Result<Vec<Column>, RecordingError> {
+    match Opened::open(path, layout, wanted) {
+        Ok(opened) => Ok(opened.columns),
+        Err(problem) => Err(RecordingError {
+            file: path.to_path_buf(),
+            problem,
+        }),
+    }
+}
+
+impl Format {
+    /// Recognises the format by the first bytes of the file, not by its name.
+    fn open(path: &Path, layout: &CsvLayout, wanted: &[(&str, bool)]) -> Result<Self, Problem> {
         let file = File::open(path)?;
         // A pipe can only be read once, and neither of these through a pipe.
         let mut start = Vec::new();
         if file.metadata()?.is_file() {
-            (&file).take(8).read_to_end(&mut start)?;
+            (&file).take(HEAD as u64).read_to_end(&mut start)?;
+            (&file).seek(SeekFrom::Start(0))?;
+        }
+        if let Some(foreign) = recognise(&start) {
+            return Err(Problem::Foreign {
+                name: foreign.name,
+                remedy: foreign.remedy,
+            });
         }
         if start.starts_with(b"PAR1") {
             contained("Parquet", || Parquet::open(file, layout)).map(Self::Parquet)
@@ -80,7 +140,7 @@ impl Format {
         }
     }
 
-    pub(super) fn columns(&self) -> &[Column] {
+    fn columns(&self) -> &[Column] {
         match self {
             Self::Csv(csv) => csv.columns(),
             Self::Parquet(parquet) => parquet.columns(),

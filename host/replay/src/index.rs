@@ -6,7 +6,7 @@ use thiserror::Error;
 
 use super::ReplayError;
 use loadtwin_machine::{Encoder, Index, IndexSignal, Machine};
-use loadtwin_recording::{Quantity, Reader, Role, Unit, Wanted};
+use loadtwin_recording::{Quantity, Reader, Role, Unit, Wanted, columns as columns_of};
 
 /// Rows that show what the column holds, once one of them has a pulse.
 const ROWS: usize = 1 << 20;
@@ -166,9 +166,10 @@ impl Rows {
             unit: Unit::ONE,
             required: true,
         }];
-        let found = Reader::open(path, &machine.recording, &[])?;
+        let names = [(index.name.as_str(), true), (index.encoder.as_str(), false)];
+        let found = columns_of(path, &machine.recording, &names)?;
         let quantity = |name: &str| {
-            let column = found.columns().iter().find(|c| c.name == name)?;
+            let column = found.iter().find(|c| c.name == name)?;
             let unit = column.unit.as_deref()?.parse::<Unit>().ok()?;
             Some(unit.quantity())
         };

@@ -75,7 +75,7 @@ pub enum ReplayError {
 /// Runs the estimator of `machine` with `sensors` on the recording in `path`
 /// and shows each sample and its estimate to `each`, with the part done, 0 to 1. Where estimates lag
 /// ([`Line::lag`]), a sample is shown when the estimate of it is there, with what was said of
-/// its sensors as it came.
+/// its sensors as it came. Handed back is what [`Samples::notes`] has to say.
 ///
 /// # Errors
 /// When the machine or the recording cannot be used.
@@ -84,7 +84,7 @@ pub fn run(
     sensors: &Sensors,
     path: &Path,
     mut each: impl FnMut(&Sample<'_>, &Estimate, f64),
-) -> Result<(), ReplayError> {
+) -> Result<Vec<String>, ReplayError> {
     run_line(machine, sensors, path, |sample, estimate, _, part| {
         each(sample, estimate, part);
     })
@@ -99,7 +99,7 @@ pub fn run_line(
     sensors: &Sensors,
     path: &Path,
     mut each: impl FnMut(&Sample<'_>, &Estimate, &Line<'_>, f64),
-) -> Result<(), ReplayError> {
+) -> Result<Vec<String>, ReplayError> {
     let payload = build::image(machine, sensors)?;
     let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
     let mut line = HeldBack::new(Line::try_build(image).map_err(ReplayError::Image)?);
@@ -113,7 +113,7 @@ pub fn run_line(
         })?;
         if !more {
             line.finish(|sample, estimate, line| each(sample, estimate, line, progress));
-            return Ok(());
+            return Ok(samples.notes());
         }
     }
 }

@@ -10,7 +10,7 @@ use super::displacements::displacement_columns;
 use super::index::{Pulse, Pulses};
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{Channel, Encoder, Kind, Machine, Reference, Segment};
-use loadtwin_recording::{Block, Quantity, Reader, Role, Unit, Wanted};
+use loadtwin_recording::{Block, Quantity, Reader, Role, Unit, Wanted, columns};
 
 /// A recording, sample by sample.
 pub struct Samples {
@@ -27,6 +27,8 @@ pub struct Samples {
     machine_segments: Vec<Segment>,
     /// Time from which the segments count [s], once the first row is read.
     segments_from_s: Option<f64>,
+    /// Words and counts that were no whole numbers.
+    fractional: u64,
     tick: u32,
 }
 
@@ -106,9 +108,17 @@ impl Samples {
     /// another rate than the machine.
     pub fn open(machine: &Machine, sensors: &Sensors, path: &Path) -> Result<Self, ReplayError> {
         let layout = &machine.recording;
-        let found = Reader::open(path, layout, &[])?;
+        let sensors_named = (sensors.channels.iter().map(|c| &c.name))
+            .chain(sensors.encoders.iter().map(|e| &e.name))
+            .chain(machine.index.iter().map(|i| &i.name));
+        let references_named = machine.references.iter().map(|r| &r.name);
+        let names: Vec<(&str, bool)> = sensors_named
+            .map(|name| (name.as_str(), true))
+            .chain(references_named.map(|name| (name.as_str(), false)))
+            .collect();
+        let found = columns(path, layout, &names)?;
         let quantity = |name: &str| {
-            let column = found.columns().iter().find(|column| column.name == name)?;
+            let column = found.iter().find(|column| column.name == name)?;
             column
                 .unit
                 .as_deref()?
@@ -190,6 +200,7 @@ impl Samples {
             forms,
             motions,
             period_s: 1.0 / machine.rate_hz,
+            fractional: 0,
             tick: 0,
         })
     }
@@ -197,6 +208,19 @@ impl Samples {
     /// Part of the recording that was read so far, 0 to 1.
     pub fn progress(&self) -> f64 {
         self.reader.progress()
+    }
+
+    /// What was recognised, joined, resampled or rounded to read the recording so far, one line
+    /// each.
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = self.reader.notes().to_vec();
+        if self.fractional > 0 {
+            notes.push(format!(
+                "{} counts are no whole numbers (means of several conversions?) and are rounded",
+                self.fractional
+            ));
+        }
+        notes
     }
 
     /// Hands the samples of the next block to `each`; false at the end.
@@ -245,6 +269,11 @@ impl Samples {
             ..RawSample::default()
         };
         self.tick = self.tick.wrapping_add(1);
+        let mut fractional = 0;
+        let mut whole = |value: f64| {
+            fractional += u64::from(value.fract() != 0.0);
+            value.round()
+        };
         let mut columns = block
             .columns
             .iter()
@@ -253,7 +282,7 @@ impl Samples {
             let value = columns.next().unwrap_or(f64::NAN);
             if !value.is_nan() {
                 let word = match form {
-                    Form::Word => value as i32,
+                    Form::Word => whole(value) as i32,
                     Form::Ratio => channel.word_of_ratio(value),
                     Form::Reading => channel.word(value),
                 };
@@ -266,6 +295,9 @@ impl Samples {
         for (k, (encoder, motion)) in motions.enumerate() {
             let value = columns.next().unwrap_or(f64::NAN);
             if !value.is_nan() {
+                if matches!(motion, Motion::Count) {
+                    whole(value);
+                }
                 let count = motion.count(value, self.period_s, encoder);
                 raw.set_encoder(k, count);
                 if self.index.as_ref().is_some_and(|index| index.encoder == k) {
@@ -283,6 +315,7 @@ impl Samples {
                 (None, _) => None,
             };
         }
+        self.fractional += fractional;
         raw
     }
 }

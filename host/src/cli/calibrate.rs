@@ -6,6 +6,7 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
+use super::layout::LayoutFile;
 use super::output::say;
 use super::plan::{Plan, Replace};
 use super::progress::Progress;
@@ -58,6 +59,8 @@ pub struct Calibrate {
     largest_mae: f64,
     #[command(flatten)]
     replace: Replace,
+    #[command(flatten)]
+    layout: LayoutFile,
 }
 
 /// Sensitivity over the carrier angle that the output gets.
@@ -84,9 +87,10 @@ impl Calibrate {
         );
         let plan = Plan::new(self.replace)
             .description(&self.machine)
+            .reads(self.layout.file())
             .reads(&self.recordings)
             .writes("--report", self.report.as_deref(), PAGE);
-        let machine = Machine::load(&self.machine)?;
+        let machine = self.layout.machine(&self.machine)?;
         if let Some(Kind::Bearing(bearing)) = machine.kind() {
             plan.writes("--output", self.output.as_deref(), CALIBRATION)
                 .check(as_json)?;

@@ -10,6 +10,7 @@ use loadtwin_common::raw::RawSample;
 use loadtwin_common::sealed;
 use serde::Serialize;
 
+use super::layout::LayoutFile;
 use super::output::{print as output, say};
 use super::plan::{Plan, Replace};
 use super::progress::Progress;
@@ -96,6 +97,8 @@ pub struct Send {
     /// Set of sensors; the first of the description where absent.
     #[arg(long, value_name = "NAME")]
     sensors: Option<String>,
+    #[command(flatten)]
+    layout: LayoutFile,
 }
 
 /// Recompute what a machine sends and compare it bit for bit.
@@ -173,7 +176,7 @@ impl Node {
 impl Send {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let recording = spooled(&self.recording)?;
-        let machine = Machine::load(&self.machine)?;
+        let machine = self.layout.machine(&self.machine)?;
         let sensors = Sensors::choose(&machine, self.sensors.as_deref())?;
         let image = build::image(&machine, &sensors)?;
         let model = Model::from_bytes(&image)?;

@@ -7,6 +7,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::balance;
+use super::layout::LayoutFile;
 use super::output::{note, say};
 use super::plan::{Plan, Replace};
 use super::progress::Progress;
@@ -49,6 +50,8 @@ pub struct Diagnose {
     cutoff_hz: Option<f64>,
     #[command(flatten)]
     replace: Replace,
+    #[command(flatten)]
+    layout: LayoutFile,
 }
 
 impl Diagnose {
@@ -56,11 +59,12 @@ impl Diagnose {
         let started = Instant::now();
         Plan::new(self.replace)
             .description(&self.machine)
+            .reads(self.layout.file())
             .reads(self.recordings.iter().chain(&self.validate))
             .writes_description("--output", self.output.as_deref())
             .writes("--report", self.report.as_deref(), PAGE)
             .check(as_json)?;
-        let machine = Machine::load(&self.machine)?;
+        let machine = self.layout.machine(&self.machine)?;
         if machine.balance.is_some() {
             return self.run_balance(&machine, as_json);
         }

@@ -7,6 +7,7 @@ mod can;
 mod demo;
 mod diagnose;
 mod key;
+mod layout;
 mod manual;
 mod output;
 mod plan;

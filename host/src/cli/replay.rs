@@ -9,6 +9,7 @@ use loadtwin_common::fault::Fault;
 use loadtwin_common::line::Line;
 use serde_json::{Value, json};
 
+use super::layout::LayoutFile;
 use super::output::say;
 use super::plan::{Plan, Replace};
 use super::progress::Progress;
@@ -53,6 +54,8 @@ pub struct Replay {
     report: Option<PathBuf>,
     #[command(flatten)]
     replace: Replace,
+    #[command(flatten)]
+    layout: LayoutFile,
 }
 
 /// What one replay found.
@@ -64,6 +67,8 @@ pub(super) struct Outcome {
     pub(super) phasor: Phasor,
     pub(super) speeds: Speeds,
     pub(super) baselines: Option<Baselines>,
+    /// How the recording was read, where it is not as usual.
+    pub(super) reading: Vec<String>,
     pub(super) seconds: f64,
 }
 
@@ -89,11 +94,12 @@ impl Replay {
         let recording = spooled(&self.recording)?;
         Plan::new(self.replace)
             .description(&self.machine)
+            .reads(self.layout.file())
             .reads([&recording.path])
             .writes("--estimates", self.estimates.as_deref(), ESTIMATES)
             .writes("--report", self.report.as_deref(), PAGE)
             .check(as_json)?;
-        let machine = Machine::load(&self.machine)?;
+        let machine = self.layout.machine(&self.machine)?;
         if self.all_sensors {
             let outcomes = every_set(&machine, &recording.path, self.filter)?;
             if as_json {
@@ -118,10 +124,8 @@ impl Replay {
                     outcome.figures.steady_samples() as f64 / outcome.figures.samples() as f64;
                 say!("by steady gains: {:.1} % of the samples", 100.0 * share);
             }
-            for note in outcome
-                .speeds
-                .note()
-                .into_iter()
+            for note in (outcome.reading.iter().cloned())
+                .chain(outcome.speeds.note())
                 .chain(outcome.figures.note())
                 .chain(outcome.figures.segment_note())
                 .chain(outcome.displacements.note())
@@ -208,7 +212,7 @@ fn one_set(
     let mut displacements = Displacements::new(machine, sensors)?;
     let mut phasor = Phasor::new(machine, sensors);
     let mut speeds = Speeds::new(machine);
-    replay::run_line(
+    let reading = replay::run_line(
         machine,
         sensors,
         recording,
@@ -234,6 +238,7 @@ fn one_set(
         phasor,
         speeds,
         baselines,
+        reading,
         seconds: started.elapsed().as_secs_f64(),
     })
 }
@@ -286,6 +291,7 @@ pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> 
         "samples_per_second": figures.samples() as f64 / outcome.seconds,
         "loads": loads,
         "nis_mean": figures.nis_mean(),
+        "reading_notes": outcome.reading,
         "flags": figures.flags(),
         "virtual": outcome.displacements.nodes(),
         "speed_note": outcome.speeds.note(),

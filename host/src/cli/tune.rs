@@ -6,6 +6,7 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
 
+use super::layout::LayoutFile;
 use super::output::{note, say};
 use super::plan::{Plan, Replace};
 use super::progress::Progress;
@@ -79,6 +80,8 @@ pub struct Tune {
     pub(super) output: Option<PathBuf>,
     #[command(flatten)]
     replace: Replace,
+    #[command(flatten)]
+    layout: LayoutFile,
 }
 
 /// How the noise is chosen.
@@ -141,12 +144,13 @@ impl Tune {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         Plan::new(self.replace)
             .description(&self.machine)
+            .reads(self.layout.file())
             .reads(self.recordings.iter().chain(&self.validate))
             .writes("--response", self.response.as_deref(), RESPONSE)
             .writes("--report", self.report.as_deref(), PAGE)
             .writes_description("--output", self.output.as_deref())
             .check(as_json)?;
-        let described = Machine::load(&self.machine)?;
+        let described = self.layout.machine(&self.machine)?;
         if let Some(rotor) = &described.rotor {
             return self.run_rotor(&described, rotor, as_json);
         }

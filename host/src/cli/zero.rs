@@ -6,11 +6,12 @@ use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
+use super::layout::LayoutFile;
 use super::output::say;
 use super::plan::{Plan, Replace};
 use crate::calibrate::Description;
 use crate::machine::{Channel, DESCRIPTION, Machine};
-use crate::recording::{Quantity, Reader, Unit, Wanted};
+use crate::recording::{Quantity, Reader, Unit, Wanted, columns};
 use crate::strain::{Calibration, MV_PER_V, ShuntReading, Simulates, calibrate};
 
 /// Zero a strain bridge, and adjust its gauge factor by a shunt resistor.
@@ -43,6 +44,8 @@ pub struct Zero {
     output: PathBuf,
     #[command(flatten)]
     replace: Replace,
+    #[command(flatten)]
+    layout: LayoutFile,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -55,6 +58,7 @@ impl Zero {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         Plan::new(self.replace)
             .description(&self.machine)
+            .reads(self.layout.file())
             .reads(
                 [Some(&self.recording), self.shunt.as_ref()]
                     .into_iter()
@@ -62,7 +66,7 @@ impl Zero {
             )
             .writes("--output", Some(&self.output), DESCRIPTION)
             .check(as_json)?;
-        let machine = Machine::load(&self.machine)?;
+        let machine = self.layout.machine(&self.machine)?;
         let place = || format!("{}: channel {:?}", self.machine.display(), self.channel);
         let names = || {
             machine
@@ -132,8 +136,7 @@ impl Zero {
 /// Bridge output of `channel` over a recording [V/V]; missing samples left out.
 fn ratios(machine: &Machine, channel: &Channel, path: &Path) -> anyhow::Result<Vec<f64>> {
     let layout = &machine.recording;
-    let counts = Reader::open(path, layout, &[])?
-        .columns()
+    let counts = columns(path, layout, &[(&channel.name, true)])?
         .iter()
         .find(|column| column.name == channel.name)
         .and_then(|column| column.unit.as_deref()?.parse::<Unit>().ok())

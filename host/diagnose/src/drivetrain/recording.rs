@@ -7,7 +7,7 @@ use crate::diagnosis::DiagnoseError;
 use crate::smoothing::moving_mean;
 use loadtwin_identification::calibrate::Motion;
 use loadtwin_machine::{Encoder, Machine};
-use loadtwin_recording::{Quantity, Reader, Role, Unit, Wanted};
+use loadtwin_recording::{Quantity, Reader, Role, Unit, Wanted, columns};
 
 /// Everything that a recording holds of a machine.
 pub(crate) struct DrivetrainRecording {
@@ -46,9 +46,13 @@ impl DrivetrainRecording {
         let loads = (0..loads)
             .map(|j| (0..n).map(|i| motion.load(j, i)).collect())
             .collect();
-        let found = Reader::open(path, &machine.recording, &[])?;
+        let channels = machine.channels.iter().map(|c| &c.name);
+        let names: Vec<_> = (channels.chain(machine.encoders.iter().map(|e| &e.name)))
+            .map(|name| (name.as_str(), true))
+            .collect();
+        let found = columns(path, &machine.recording, &names)?;
         let unit = |name: &str, si: Unit| {
-            let column = found.columns().iter().find(|c| c.name == name);
+            let column = found.iter().find(|c| c.name == name);
             let written = column
                 .and_then(|c| c.unit.as_deref())
                 .and_then(|u| u.parse::<Unit>().ok());
@@ -68,10 +72,7 @@ impl DrivetrainRecording {
             .collect();
         let is_angle = |e: &Encoder| {
             unit(&e.name, Unit::RADIAN) != Unit::COUNTS
-                && found
-                    .columns()
-                    .iter()
-                    .any(|c| c.name == e.name && c.unit.is_some())
+                && found.iter().any(|c| c.name == e.name && c.unit.is_some())
         };
         let angles: Vec<bool> = machine.encoders.iter().map(is_angle).collect();
         let mut roles = vec![Role::Continuous; wanted.len()];

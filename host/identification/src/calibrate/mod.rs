@@ -32,7 +32,7 @@ pub use crate::calibrate::surface::Surface;
 pub use measurement_noise::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
 
 use loadtwin_machine::{Channel, Machine, MachineError, Senses, earlier};
-use loadtwin_recording::{Quantity, Reader, RecordingError, Unit, Wanted};
+use loadtwin_recording::{Column, Quantity, Reader, RecordingError, Unit, Wanted, columns};
 use loadtwin_replay::ReplayError;
 
 /// Least standard deviation of what a gauge senses, as part of its root mean
@@ -163,7 +163,7 @@ impl Observations {
         )?;
         let words: Vec<bool> = jobs
             .iter()
-            .map(|(channel, ..)| is_words(&reader, channel))
+            .map(|(channel, ..)| is_words(reader.columns(), channel))
             .collect();
         let mut row = 0;
         while let Some(block) = reader.next().transpose()? {
@@ -258,14 +258,22 @@ fn warming(machine: &Machine, recording: &Path) -> Result<Option<Vec<f64>>, Cali
     if machine.channels.iter().all(|c| c.thermal.is_none()) {
         return Ok(None);
     }
-    let wanted = Wanted {
+    // Beside a gauge: a thermometer may have a rate of its own.
+    let layout = &machine.recording;
+    let names: Vec<_> = (machine.channels.iter())
+        .map(|c| (c.name.as_str(), true))
+        .collect();
+    let found = columns(recording, layout, &names)?;
+    let is_there = |channel: &&Channel| found.iter().any(|column| column.name == channel.name);
+    let gauge = machine.channels.iter().find(is_there);
+    let mut wanted: Vec<Wanted<'_>> = gauge.map(|g| as_written(g, &found)).into_iter().collect();
+    wanted.push(Wanted {
         name: &thermometer.name,
         unit: thermometer.unit.si(),
         required: false,
-    };
+    });
     let mut temperatures = Vec::new();
-    let reader = Reader::open(recording, &machine.recording, &[wanted])?
-        .expect_period(1.0 / machine.rate_hz)?;
+    let reader = Reader::open(recording, layout, &wanted)?.expect_period(1.0 / machine.rate_hz)?;
     for block in reader {
         let mut block = block?;
         let Some(column) = block.columns.pop().flatten() else {
@@ -278,13 +286,25 @@ fn warming(machine: &Machine, recording: &Path) -> Result<Option<Vec<f64>>, Cali
     ))
 }
 
-fn is_words(reader: &Reader, channel: &Channel) -> bool {
-    reader
-        .columns()
+fn is_words(columns: &[Column], channel: &Channel) -> bool {
+    columns
         .iter()
         .find(|column| column.name == channel.name)
         .and_then(|column| column.unit.as_deref()?.parse::<Unit>().ok())
         .is_some_and(|unit| unit.quantity() == Quantity::Counts)
+}
+
+/// A channel in SI, or in words where a recording of the columns `found` has those.
+fn as_written<'a>(channel: &'a Channel, found: &[Column]) -> Wanted<'a> {
+    Wanted {
+        name: &channel.name,
+        unit: if is_words(found, channel) {
+            Unit::COUNTS
+        } else {
+            channel.unit.si()
+        },
+        required: true,
+    }
 }
 
 /// Opens `recording` for `channels`, each in SI or in words.
@@ -293,17 +313,12 @@ fn open<'a>(
     recording: &Path,
     channels: impl Iterator<Item = &'a Channel>,
 ) -> Result<Reader, CalibrateError> {
-    let found = Reader::open(recording, &machine.recording, &[])?;
+    let channels: Vec<&Channel> = channels.collect();
+    let names: Vec<_> = channels.iter().map(|c| (c.name.as_str(), true)).collect();
+    let found = columns(recording, &machine.recording, &names)?;
     let wanted: Vec<Wanted<'_>> = channels
-        .map(|channel| Wanted {
-            name: &channel.name,
-            unit: if is_words(&found, channel) {
-                Unit::COUNTS
-            } else {
-                channel.unit.si()
-            },
-            required: true,
-        })
+        .iter()
+        .map(|channel| as_written(channel, &found))
         .collect();
     Ok(Reader::open(recording, &machine.recording, &wanted)?
         .expect_period(1.0 / machine.rate_hz)?)

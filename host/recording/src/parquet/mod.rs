@@ -1,29 +1,36 @@
 //! Recordings as Parquet: a unit in the metadata of each field, nulls where a
 //! sample is missing.
+mod page_size;
+mod values;
+
 use std::fs::File;
+use std::sync::Arc;
 
-use arrow_array::cast::AsArray;
-use arrow_array::types::{
-    ArrowPrimitiveType, Float32Type, Float64Type, Int8Type, Int16Type, Int32Type, Int64Type,
-    UInt8Type, UInt16Type, UInt32Type, UInt64Type,
-};
 use arrow_array::{Array, ArrayRef};
-use arrow_schema::DataType;
+use arrow_schema::{DataType, Field, Fields, Schema};
 use parquet::arrow::ProjectionMask;
-use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
+use parquet::arrow::arrow_reader::{
+    ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReaderBuilder,
+};
 
+use super::csv::Kind;
 use super::error::{FINITE, FINITE_TIME, NO_NAN};
 use super::error::{Problem, Row};
 use super::layout::{Column, CsvLayout, WrittenNan};
 use super::source::{Output, Rows};
 use super::{BLOCK_ROWS, clipped, shown};
+use page_size::Bounded;
+use values::{Values, is_number, is_text, is_time, unit};
 
 /// Key of the unit in a field's metadata.
 pub(super) const UNIT: &str = "unit";
 
 pub(super) struct Parquet {
-    builder: ParquetRecordBatchReaderBuilder<File>,
+    file: File,
+    metadata: ArrowReaderMetadata,
     columns: Vec<Column>,
+    /// How columns of text are read, where the layout says it.
+    kinds: Vec<Option<Kind>>,
     nan_is_missing: bool,
 }
 
@@ -36,22 +43,27 @@ fn damaged(error: impl std::fmt::Display) -> Problem {
 
 impl Parquet {
     pub(super) fn open(file: File, layout: &CsvLayout) -> Result<Self, Problem> {
-        let builder = ParquetRecordBatchReaderBuilder::try_new(file).map_err(damaged)?;
-        let columns =
-            builder
-                .schema()
-                .fields()
-                .iter()
-                .map(|field| match field.metadata().get(UNIT) {
-                    Some(unit) => Column {
-                        name: field.name().clone(),
-                        unit: Some(unit.clone()),
-                    },
-                    None => Column::from_header(field.name()),
-                });
+        let metadata = ArrowReaderMetadata::load(&file, ArrowReaderOptions::default())
+            .and_then(plain)
+            .map_err(damaged)?;
+        let fields = metadata.schema().fields();
+        let columns: Vec<Column> = fields.iter().map(|field| column(field)).collect();
+        let kinds = columns.iter().zip(fields).map(|(column, field)| {
+            let channel = layout.layout_of_column(&column.name);
+            let kind = channel.and_then(|channel| channel.kind);
+            (kind.filter(|_| is_text(field.data_type()))).map(|kind| Kind::of(kind, channel))
+        });
+        let kinds: Vec<Option<Kind>> = kinds.collect();
+        let with_unit = |(mut column, kind): (Column, &Option<Kind>)| {
+            let unit = kind.as_ref().and_then(Kind::unit);
+            column.unit = unit.map(Into::into).or(column.unit);
+            column
+        };
         Ok(Self {
-            columns: columns.collect(),
-            builder,
+            columns: columns.into_iter().zip(&kinds).map(with_unit).collect(),
+            kinds,
+            file,
+            metadata,
             nan_is_missing: layout.written_nan == WrittenNan::Missing,
         })
     }
@@ -63,22 +75,26 @@ impl Parquet {
     /// Delivers all rows; column `picks[k]` of the file becomes their column `k`.
     pub(super) fn run(self, picks: &[usize], output: &Output) -> Result<(), Problem> {
         let Self {
-            builder,
+            file,
+            metadata,
             columns,
+            mut kinds,
             nan_is_missing,
         } = self;
         for &column in picks {
-            let data_type = builder.schema().field(column).data_type();
-            if !is_number(data_type) {
+            let data_type = metadata.schema().field(column).data_type();
+            let is_stated = is_text(data_type) && kinds[column].is_some();
+            if !is_number(data_type) && !is_stated {
                 return Err(Problem::NotNumeric {
                     column: shown(&columns[column].name),
                     found: shown(data_type.to_string()),
                 });
             }
         }
-        let total = builder.metadata().file_metadata().num_rows();
-        let mask = ProjectionMask::roots(builder.parquet_schema(), picks.iter().copied());
-        let batches = builder
+        let total = metadata.metadata().file_metadata().num_rows();
+        let mask = ProjectionMask::roots(metadata.parquet_schema(), picks.iter().copied());
+        let bounded = Bounded::new(file, picks.len());
+        let batches = ParquetRecordBatchReaderBuilder::new_with_metadata(bounded, metadata)
             .with_projection(mask)
             .with_batch_size(BLOCK_ROWS)
             .build()
@@ -89,11 +105,14 @@ impl Parquet {
 
         let mut done = 0;
         let mut rows = Rows::with_columns(picks.len());
+        let mut sources: Vec<Values> = (picks.iter())
+            .map(|&column| Values::new(shown(&columns[column].name), kinds[column].take()))
+            .collect();
         for batch in batches {
             let batch = batch.map_err(damaged)?;
             for (&k, values) in in_file_order.iter().zip(batch.columns()) {
                 let from = rows.columns[k].len();
-                append(values, &mut rows.columns[k])?;
+                sources[k].append(values, &mut rows.columns[k])?;
                 check(
                     values,
                     &rows.columns[k][from..],
@@ -130,35 +149,44 @@ impl Parquet {
     }
 }
 
-/// Appends the values as f64, NaN where there is none.
-fn append(values: &ArrayRef, to: &mut Vec<f64>) -> Result<(), Problem> {
-    match values.data_type() {
-        DataType::Float64 => extend::<Float64Type>(values, to, |v| v),
-        DataType::Float32 => extend::<Float32Type>(values, to, f64::from),
-        DataType::Int8 => extend::<Int8Type>(values, to, f64::from),
-        DataType::Int16 => extend::<Int16Type>(values, to, f64::from),
-        DataType::Int32 => extend::<Int32Type>(values, to, f64::from),
-        DataType::Int64 => extend::<Int64Type>(values, to, |v| v as f64),
-        DataType::UInt8 => extend::<UInt8Type>(values, to, f64::from),
-        DataType::UInt16 => extend::<UInt16Type>(values, to, f64::from),
-        DataType::UInt32 => extend::<UInt32Type>(values, to, f64::from),
-        DataType::UInt64 => extend::<UInt64Type>(values, to, |v| v as f64),
-        other => return Err(damaged(format!("a column of numbers became {other}"))),
+/// Name and unit of a field: from its metadata, its name, or its type.
+fn column(field: &Field) -> Column {
+    let mut column = match field.metadata().get(UNIT) {
+        Some(unit) => Column {
+            name: field.name().clone(),
+            unit: Some(unit.clone()),
+        },
+        None => Column::from_header(field.name()),
+    };
+    let data_type = field.data_type();
+    if is_time(data_type) || column.unit.is_none() {
+        column.unit = unit(data_type).map(Into::into).or(column.unit);
     }
-    Ok(())
+    column
 }
 
-fn extend<T: ArrowPrimitiveType>(
-    values: &ArrayRef,
-    to: &mut Vec<f64>,
-    as_f64: impl Fn(T::Native) -> f64,
-) {
-    let values = values.as_primitive::<T>();
-    if values.null_count() == 0 {
-        to.extend(values.values().iter().map(|&v| as_f64(v)));
-    } else {
-        to.extend(values.iter().map(|v| v.map_or(f64::NAN, &as_f64)));
+/// The same with plain columns in place of dictionaries of numbers, which the decoder cannot make.
+fn plain(metadata: ArrowReaderMetadata) -> parquet::errors::Result<ArrowReaderMetadata> {
+    let is_dictionary = |data_type: &DataType| {
+        matches!(data_type, DataType::Dictionary(..)) && is_number(data_type)
+    };
+    let fields = metadata.schema().fields();
+    if !fields.iter().any(|field| is_dictionary(field.data_type())) {
+        return Ok(metadata);
     }
+    let plain = |field: &Arc<Field>| match field.data_type() {
+        DataType::Dictionary(_, values) if is_number(values) => Arc::new(
+            field
+                .as_ref()
+                .clone()
+                .with_data_type(values.as_ref().clone()),
+        ),
+        _ => Arc::clone(field),
+    };
+    let fields: Fields = fields.iter().map(plain).collect();
+    let schema = Schema::new_with_metadata(fields, metadata.schema().metadata().clone());
+    let options = ArrowReaderOptions::default().with_schema(Arc::new(schema));
+    ArrowReaderMetadata::try_new(Arc::clone(metadata.metadata()), options)
 }
 
 /// Finds a value that is no usable number: its index and what it may be.
@@ -188,8 +216,4 @@ fn check(
         .enumerate()
         .find_map(unusable)
         .map_or(Ok(()), Err)
-}
-
-fn is_number(data_type: &DataType) -> bool {
-    data_type.is_integer() || matches!(data_type, DataType::Float32 | DataType::Float64)
 }
