@@ -285,10 +285,10 @@ fn damaged_text_of_other_programs() {
         .collect();
     let windows: Vec<u8> = semicolons.chars().map(|c| c as u32 as u8).collect();
     let excel = format!("sep=;\n{semicolons}");
-    let stamped: String = "t,ta1 [µm/m],enc [counts]\n".to_owned()
-        + &(0..60)
-            .map(|i| format!("2026-03-31T12:00:00.{:03},{i},{}\n", 2 * i, 7 * i))
-            .collect::<String>();
+    let mut stamped = String::from("t,ta1 [µm/m],enc [counts]\n");
+    for i in 0..60 {
+        stamped += &format!("2026-03-31T12:00:00.{:03},{i},{}\n", 2 * i, 7 * i);
+    }
     let rows = "t,ta1,enc\ns,µm/m,counts\n0,1,true\n0.002,2,false\n0.004,3,true\n";
     for seed in [
         semicolons.as_bytes(),
