@@ -33,7 +33,7 @@ const NEW_FILE: u32 = 0o666;
 ///
 /// ```
 /// use std::io::Write;
-/// use loadtwin::atomic_file::AtomicFile;
+/// use loadtwin_files::atomic_file::AtomicFile;
 /// # let dir = tempfile::tempdir()?;
 /// # let path = dir.path().join("report.html");
 /// let mut file = AtomicFile::create(&path)?;

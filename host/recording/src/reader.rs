@@ -44,7 +44,7 @@ impl Block {
 /// Reads a recording block by block.
 ///
 /// ```
-/// use loadtwin::recording::{CsvLayout, Reader, Wanted};
+/// use loadtwin_recording::{CsvLayout, Reader, Wanted};
 /// # let dir = tempfile::tempdir()?;
 /// # let path = dir.path().join("bench.csv");
 /// std::fs::write(&path, "t [ms],ta1 [µm/m]\n0,100\n2,101\n4,102.5\n")?;

@@ -226,11 +226,11 @@ static TABLE: &[Entry] = &[
 /// | raw, number | `counts`; `1` (`-`), `%` |
 ///
 /// ```
-/// use loadtwin::recording::Unit;
+/// use loadtwin_recording::Unit;
 /// let unit: Unit = "kN·m".parse()?;
 /// assert_eq!(unit.to_string(), "kNm");
 /// assert_eq!(unit.to_si(2.5), 2500.0);
-/// # Ok::<(), loadtwin::recording::UnknownUnit>(())
+/// # Ok::<(), loadtwin_recording::UnknownUnit>(())
 /// ```
 #[derive(Clone, Copy)]
 pub struct Unit(&'static Entry);

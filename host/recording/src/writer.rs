@@ -62,7 +62,7 @@ pub struct OutputColumn {
 /// NaN is written as a missing sample: an empty cell, a null, an invalid sample.
 ///
 /// ```
-/// use loadtwin::recording::{OutputColumn, Writer};
+/// use loadtwin_recording::{OutputColumn, Writer};
 /// # let dir = tempfile::tempdir()?;
 /// # let path = dir.path().join("estimates.csv");
 /// let torque = OutputColumn { name: "torque_main".into(), unit: "Nm".parse()?, single: true };

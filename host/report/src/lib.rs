@@ -4,7 +4,7 @@
 //! licence): 51 kB against 4.8 MB for plotly.js 4.1.2, which leaves the page's 8 MB to the data.
 //!
 //! ```
-//! use loadtwin::report::{Axis, Data, MinMaxDecimator, Plot, Report, Role, Section, Series};
+//! use loadtwin_report::{Axis, Data, MinMaxDecimator, Plot, Report, Role, Section, Series};
 //! let mut time = MinMaxDecimator::new(2, 4096);
 //! for i in 0..10_000 {
 //!     let t = f64::from(i) * 1e-3;

@@ -7,8 +7,8 @@
 //!
 //! ```
 //! use std::path::Path;
-//! # use loadtwin::machine::Machine;
-//! # use loadtwin::simulate::{Applied, Scenario, Simulation};
+//! # use loadtwin_machine::Machine;
+//! # use loadtwin_simulate::{Applied, Scenario, Simulation};
 //! # let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/gearbox/machine.toml"));
 //! let machine = Machine::load(path)?;
 //! let mut scenario = Scenario::by_name("constant")?;

@@ -21,22 +21,22 @@ const STORED: [(&str, u32, u32); 21] = [
     ("unscented_5_8", 6105, 7200),
     ("scheduled_gain_6_4", 389, 400),
     ("butterworth", 34, 40),
-    ("gearbox_line", 5600, 5600),
-    ("gearbox_steady_line", 4400, 4400),
+    ("gearbox_line", 8055, 8200),
+    ("gearbox_steady_line", 6505, 6700),
     ("rotor_20_4", 29_317, 30_000),
     ("rotor_scheduled_gain_20_4", 844, 1500),
     ("rotor_lag_20_4", 1297, 1500),
-    ("rotor_line", 30_659, 31_000),
-    ("rotor_steady_line", 2835, 2900),
-    ("walking_rotor_steady_line", 3264, 3500),
+    ("rotor_line", 31_650, 32_500),
+    ("rotor_steady_line", 3709, 3800),
+    ("walking_rotor_steady_line", 3912, 4000),
     ("rotor_24_4", 37_134, 38_500),
     ("rotor_scheduled_gain_24_4", 1082, 1500),
     ("rotor_lag_24_4", 1968, 2300),
-    ("biased_rotor_line", 38_600, 39_500),
-    ("biased_rotor_steady_line", 3146, 3200),
+    ("biased_rotor_line", 39_516, 40_500),
+    ("biased_rotor_steady_line", 4015, 4100),
     // A quarter of 170 million instructions a second at 2 kHz, and all of them.
-    ("bearing_line", 11_821, 21_250),
-    ("bearing_line_most", 77_956, 85_000),
+    ("bearing_line", 12_230, 21_250),
+    ("bearing_line_most", 78_256, 85_000),
 ];
 
 /// Of the bearing's samples at 2 kHz; the last 1000 are counted.
@@ -140,7 +140,8 @@ fn steps_stay_within_their_bounds() {
         let steady = number(&format!("{kind}rotor_steady_line_by_steady_gains"));
         assert!(steady >= 1000, "{text}");
     }
-    assert!(number("bearing_line_valid") > 500, "{text}");
+    // Both hypotheses run, as they do in operation.
+    assert!(number("bearing_line_most") > 70_000, "{text}");
     for (kernel, stored, bound) in STORED {
         let count: u32 = number(kernel);
         assert!(

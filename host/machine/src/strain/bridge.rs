@@ -58,7 +58,7 @@ pub enum TensionReads {
 /// A strain channel's bridge, as it stands in the machine description.
 ///
 /// ```
-/// use loadtwin::strain::{MICROSTRAIN, MV_PER_V, StrainBridge};
+/// use loadtwin_machine::strain::{MICROSTRAIN, MV_PER_V, StrainBridge};
 /// let bridge: StrainBridge = toml::from_str(r#"bridge = "half-2"
 /// gauge_factor = 2.0
 /// gauge_resistance_ohm = 350.0"#).unwrap();
