@@ -315,7 +315,7 @@ impl Voting {
     ) {
         let n = members.len();
         let pairs = n * (n - 1) / 2;
-        let turn = usize::from(vote.turn) % pairs;
+        let turn = usize::from(vote.turn).checked_rem(pairs).unwrap_or(0);
         vote.turn = (turn + 1) as u8;
         let (mut q, mut first) = (1, 0);
         while first + q <= turn {

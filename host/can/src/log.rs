@@ -219,7 +219,7 @@ mod tests {
             Err(BusError::Ended)
         ));
         assert_eq!(empty.lines_without_frames(), None);
-        let mixed = "(1.0) vcan0 501#00\n".to_owned() + &view;
+        let mixed = "(1.000000) vcan0 501#00\n".to_owned() + &view;
         let mut mixed = LogBus::new(mixed.as_bytes(), None);
         while mixed.receive(Duration::ZERO).is_ok() {}
         assert_eq!(mixed.lines_without_frames(), None);

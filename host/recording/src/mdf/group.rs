@@ -139,7 +139,10 @@ pub(super) fn chain(
             .iter()
             .any(|(_, stamps)| stamps.has_period(period))
     };
-    let most = candidates.iter().max_by_key(|(group, _)| samples(*group));
+    let with_rate = candidates
+        .iter()
+        .filter(|(_, stamps)| stamps.step.is_some());
+    let most = with_rate.max_by_key(|(group, _)| samples(*group));
     let period = period_s
         .filter(|period| has(*period))
         .or_else(|| most.and_then(|(_, stamps)| stamps.step));
