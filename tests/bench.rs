@@ -2,8 +2,8 @@
 
 use std::collections::VecDeque;
 
-use loadtwin_common::frame::Frame;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::frame::Frame;
+use loadtwin_common::io::raw::RawSample;
 use loadtwin_firmware::board::Board;
 use loadtwin_firmware::counters::Counters;
 

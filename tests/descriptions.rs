@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use loadtwin::build::{self, BuildError, Filter, Sensors};
 use loadtwin::machine::{Kind, Machine};
-use loadtwin_common::raw::{MAX_CHANNELS, RawSample};
+use loadtwin_common::io::raw::{MAX_CHANNELS, RawSample};
 
 use crate::firmware::root;
 use crate::simulated;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use loadtwin::build::{self, Sensors};
 use loadtwin::machine::{LoadKind, Machine, Rotor};
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::raw::RawSample;
 
 use crate::simulated;
 
@@ -73,7 +73,7 @@ pub fn samples(machine: &Machine, seconds: f64) -> Vec<RawSample> {
             raw.set_word(1, 0x7F_FFFF);
         }
         if raw.tick % 1201 == 1200 {
-            raw.valid &= !(1 << loadtwin_common::raw::MAX_CHANNELS);
+            raw.valid &= !(1 << loadtwin_common::io::raw::MAX_CHANNELS);
         }
     }
     all

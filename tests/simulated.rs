@@ -6,7 +6,7 @@ use loadtwin::replay::Samples;
 use loadtwin::simulate::{
     BearingScenario, BearingSimulation, RotorScenario, RotorSimulation, Scenario, Simulation,
 };
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::raw::RawSample;
 
 /// Draws every recording.
 const SEED: u64 = 7;

@@ -8,8 +8,8 @@ use std::hint::black_box;
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use loadtwin_common::phase::Phase;
-use loadtwin_common::table::PeriodicTable;
+use loadtwin_common::signal::periodic_lookup::PeriodicLookup;
+use loadtwin_common::signal::phase::Phase;
 
 /// `sum a_k cos(k angle) + b_k sin(k angle)` by the recurrence of the angle sum.
 fn harmonics(coefficients: &[(f32, f32)], angle_rad: f32) -> f32 {
@@ -26,11 +26,11 @@ fn map(criterion: &mut Criterion) {
     let bytes: Vec<u8> = (0..512)
         .flat_map(|i| (i as f32).sin().to_le_bytes())
         .collect();
-    let table = PeriodicTable::try_new(&bytes, "map").unwrap();
+    let table = PeriodicLookup::try_new(&bytes, "map").unwrap();
     let mut phase = Phase(0);
     criterion.bench_function("table of 512", |bench| {
         bench.iter(|| {
-            phase = phase.turned_by(Phase(0x0123_4567_89ab_cdef));
+            phase = phase.wrapping_add(Phase(0x0123_4567_89ab_cdef));
             black_box(table.at(phase))
         });
     });

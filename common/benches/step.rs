@@ -7,11 +7,11 @@ use std::hint::black_box;
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use loadtwin_common::gaussian::Gaussian;
-use loadtwin_common::innovation::Gate;
+use loadtwin_common::kalman::gaussian::Gaussian;
+use loadtwin_common::kalman::innovation::Gate;
+use loadtwin_common::kalman::transition::{ProcessNoise, RandomWalk, Transition};
+use loadtwin_common::kalman::unscented::Unscented;
 use loadtwin_common::kalman::{predict, predict_constant, update};
-use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
-use loadtwin_common::unscented::Unscented;
 use nalgebra::{RowSVector, SMatrix, SVector};
 
 fn kalman<const NX: usize, const NY: usize>(criterion: &mut Criterion) {
@@ -30,14 +30,14 @@ fn kalman<const NX: usize, const NY: usize>(criterion: &mut Criterion) {
     let noise = ProcessNoise::independent(&SVector::repeat(1e-3)).unwrap();
     let rows: [RowSVector<f32, NX>; NY] =
         std::array::from_fn(|i| RowSVector::from_fn(|_, j| 1.0 / (1 + i + 2 * j) as f32));
-    let mut belief = Gaussian::independent(SVector::zeros(), &SVector::repeat(1.0)).unwrap();
+    let mut posterior = Gaussian::independent(SVector::zeros(), &SVector::repeat(1.0)).unwrap();
     let mut gates = [Gate::open(); NY];
     criterion.bench_function(&format!("kalman {NX} states, {NY} channels"), |bench| {
         bench.iter(|| {
-            predict(&mut belief, black_box(&transition), black_box(&noise));
+            predict(&mut posterior, black_box(&transition), black_box(&noise));
             for i in 0..NY {
-                let nu = black_box(0.1) - (rows[i] * belief.state)[0];
-                black_box(update(&mut belief, &rows[i], nu, 0.01, &mut gates[i]));
+                let nu = black_box(0.1) - (rows[i] * posterior.state)[0];
+                black_box(update(&mut posterior, &rows[i], nu, 0.01, &mut gates[i]));
             }
         });
     });
@@ -53,13 +53,13 @@ fn unscented(criterion: &mut Criterion) {
         })
     };
     let noise = ProcessNoise::independent(&SVector::repeat(1e-3)).unwrap();
-    let mut belief = Gaussian::independent(SVector::zeros(), &SVector::repeat(1.0)).unwrap();
+    let mut posterior = Gaussian::independent(SVector::zeros(), &SVector::repeat(1.0)).unwrap();
     let mut gates = [Gate::open(); 8];
     let (y, r) = (SVector::repeat(0.1), SVector::repeat(0.01));
     criterion.bench_function("unscented 5 states, 8 channels", |bench| {
         bench.iter(|| {
-            predict_constant(&mut belief, &noise);
-            Unscented::default().update(&mut belief, observe, black_box(&y), &r, &mut gates)
+            predict_constant(&mut posterior, &noise);
+            Unscented::default().update(&mut posterior, observe, black_box(&y), &r, &mut gates)
         });
     });
 }

@@ -5,8 +5,8 @@ use core::fmt;
 /// Why a configuration was refused; carries the parameter's name.
 ///
 /// Steps of a filter built from a valid configuration do not return it for a
-/// configuration reason; what a step meets is told by its
-/// [`Outcome`](crate::innovation::Outcome).
+/// configuration reason; what a step meets is reported by its
+/// [`Outcome`](crate::kalman::innovation::Outcome).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Error {

@@ -3,19 +3,16 @@
 //! Made by `loadtwin build`, read by the firmware and by the host. It is
 //! postcard; its tables are borrowed from the bytes, so that they stay in flash.
 
-use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::bearing::BearingModel;
-use crate::gearbox::GearboxModel;
+use crate::drivetrain::GearboxModel;
+use crate::load_signal::LoadSignal;
 use crate::rotor::RotorModel;
 
 /// Version of the layout of [`Image`]; another one is refused.
 pub const VERSION: u16 = 13;
-
-/// Longest name of a machine or a load in an image [bytes].
-pub const MAX_NAME: usize = 24;
 
 /// A model image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,7 +22,7 @@ pub struct Image<'a> {
     /// The machine's name.
     #[serde(borrow)]
     pub machine: &'a str,
-    /// Sample rate [Hz], > 0.
+    /// Sample rate (Hz), > 0.
     pub rate_hz: f32,
     /// First identifier of the frames on the bus.
     pub can_base: u16,
@@ -59,17 +56,6 @@ impl<'a> Model<'a> {
             Self::Rotor(_) | Self::Bearing(_) => None,
         }
     }
-}
-
-/// A load as the outside knows it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LoadSignal {
-    /// Its name.
-    pub name: heapless::String<MAX_NAME>,
-    /// The load at the end of the scale on the bus [N m, N], > 0.
-    pub full_scale: f32,
-    /// A standard deviation above this makes the estimate not valid [N m, N], > 0.
-    pub valid_std: f32,
 }
 
 impl<'a> Image<'a> {
@@ -111,9 +97,3 @@ impl<'a> Image<'a> {
         }
     }
 }
-
-/// Small vectors of an image: states, noise, initial values.
-pub type StateVec<T> = Vec<T, MAX_STATES>;
-
-/// Most states that a model can have.
-pub const MAX_STATES: usize = 16;

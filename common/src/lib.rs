@@ -4,29 +4,14 @@
 #![forbid(unsafe_code)]
 
 pub mod bearing;
-pub mod butterworth;
-pub mod elementary;
+pub mod drivetrain;
 pub mod error;
-pub mod estimate;
-pub mod fault;
-pub mod frame;
-pub mod gaussian;
-pub mod gearbox;
+pub mod estimator;
 pub mod image;
-pub mod innovation;
-pub mod isotp;
+pub mod io;
 pub mod kalman;
-pub mod line;
-pub mod measurement;
-pub mod phase;
-pub mod raw;
+pub mod load_signal;
 pub mod rotor;
-pub mod scheduled_gain;
-pub mod sealed;
-pub mod table;
-pub mod transition;
-pub mod uds;
-mod unroll;
-pub mod unscented;
+pub mod signal;
 
-pub use error::Error;
+pub use crate::error::Error;

@@ -1,9 +1,9 @@
 //! The sealed image: one valid image in, everything near it out.
 
 use ed25519_compact::{KeyPair, Seed};
-use loadtwin_common::sealed::{
-    CRC, Header, Identity, KEY_PAGE_LEN, MachineId, OVERHEAD, PublicKey, Refusal, SIGNED_LEN, open,
-    open_signed,
+use loadtwin_common::io::signed_image::{
+    CRC, Header, Identity, ImageError, KEY_PAGE_LEN, MachineId, OVERHEAD, PublicKey, SIGNED_LEN,
+    open, open_signed,
 };
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -87,40 +87,43 @@ fn each_reason_is_told() {
         repair(&mut b);
         b
     };
-    assert_eq!(refusal(&bent(0)), Refusal::BadMagic);
-    assert_eq!(refusal(&bent(4)), Refusal::BadVersion);
-    assert_eq!(refusal(&bent(16)), Refusal::BadLength);
-    assert_eq!(refusal(&good[..good.len() - 1]), Refusal::BadLength);
-    assert_eq!(refusal(&[]), Refusal::BadLength);
-    assert_eq!(refusal(&bent(8)), Refusal::BadSignature, "another issue");
+    assert_eq!(refusal(&bent(0)), ImageError::BadMagic);
+    assert_eq!(refusal(&bent(4)), ImageError::BadVersion);
+    assert_eq!(refusal(&bent(16)), ImageError::BadLength);
+    assert_eq!(refusal(&good[..good.len() - 1]), ImageError::BadLength);
+    assert_eq!(refusal(&[]), ImageError::BadLength);
+    assert_eq!(refusal(&bent(8)), ImageError::BadSignature, "another issue");
     assert_eq!(
         refusal(&bent(12)),
-        Refusal::BadSignature,
+        ImageError::BadSignature,
         "another permission"
     );
-    assert_eq!(refusal(&bent(20)), Refusal::WrongMachine);
-    assert_eq!(refusal(&bent(SIGNED_LEN)), Refusal::BadSignature);
-    assert_eq!(refusal(&bent(OVERHEAD - 4)), Refusal::BadDigest);
+    assert_eq!(refusal(&bent(20)), ImageError::WrongMachine);
+    assert_eq!(refusal(&bent(SIGNED_LEN)), ImageError::BadSignature);
+    assert_eq!(refusal(&bent(OVERHEAD - 4)), ImageError::BadDigest);
     let mut crc = good.clone();
     *crc.last_mut().unwrap() ^= 1;
-    assert_eq!(refusal(&crc), Refusal::BadCrc);
-    assert_eq!(open_signed(&good, None), Err(Refusal::NoKey));
+    assert_eq!(refusal(&crc), ImageError::BadCrc);
+    assert_eq!(open_signed(&good, None), Err(ImageError::NoKey));
     assert_eq!(
         open_signed(&good, Some(&board(&pair(2)))),
-        Err(Refusal::BadSignature)
+        Err(ImageError::BadSignature)
     );
     let unsigned = image(
         &Header::for_payload(b"model", MachineId::of("bench"), 7, 0).unwrap(),
         b"model",
     );
     assert!(open(&unsigned).is_ok());
-    assert_eq!(refusal(&unsigned), Refusal::Unsigned);
+    assert_eq!(refusal(&unsigned), ImageError::Unsigned);
     assert!(Header::for_payload(&[], MachineId::of("bench"), 1, 0).is_none());
     let other = Identity {
         machine: MachineId::of("another"),
         ..key
     };
-    assert_eq!(open_signed(&good, Some(&other)), Err(Refusal::WrongMachine));
+    assert_eq!(
+        open_signed(&good, Some(&other)),
+        Err(ImageError::WrongMachine)
+    );
 }
 
 #[test]
@@ -148,7 +151,7 @@ fn only_the_signer_lets_an_image_go_back() {
     // 0 permits nothing, not even over issue 0.
     assert_eq!(
         header(0, 0).may_replace(Some(&header(0, 0))),
-        Err(Refusal::Downgrade)
+        Err(ImageError::Downgrade)
     );
 }
 
@@ -171,12 +174,12 @@ fn a_key_page_is_whole_or_nothing() {
 
 #[test]
 fn codes_and_reasons_are_one_to_one() {
-    for (i, refusal) in Refusal::ALL.into_iter().enumerate() {
+    for (i, refusal) in ImageError::ALL.into_iter().enumerate() {
         assert_eq!(usize::from(refusal.code()), 0xF0 + i);
-        assert_eq!(Refusal::from_code(refusal.code()), Some(refusal));
+        assert_eq!(ImageError::from_code(refusal.code()), Some(refusal));
     }
     for code in (0..0xF0).chain(0xFE..=0xFF) {
-        assert_eq!(Refusal::from_code(code), None);
+        assert_eq!(ImageError::from_code(code), None);
     }
 }
 

@@ -3,17 +3,17 @@
 use core::sync::atomic::Ordering::Relaxed;
 
 use loadtwin_common::Error;
-use loadtwin_common::frame::{Encoder, Frame, State, Status};
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
-use loadtwin_common::line::Line;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::frame::{Frame, FrameEncoder, State, Status};
+use loadtwin_common::io::raw::RawSample;
 
 use crate::board::Board;
 use crate::counters::{Counters, count};
 
 /// Most frames that one data-ready queues: a raw sample, the loads, a sensor,
 /// the status.
-pub const MAX_FRAMES: usize = 7 + loadtwin_common::estimate::MAX_LOADS + 1 + 1;
+pub const MAX_FRAMES: usize = 7 + loadtwin_common::io::estimate::MAX_LOADS + 1 + 1;
 
 /// The estimator of one machine and the frames it sends.
 ///
@@ -21,8 +21,8 @@ pub const MAX_FRAMES: usize = 7 + loadtwin_common::estimate::MAX_LOADS + 1 + 1;
 /// and the same samples; status frames tell what this board met.
 #[derive(Debug)]
 pub struct App<'a> {
-    line: Option<Line<'a>>,
-    encoder: Encoder,
+    line: Option<Estimator<'a>>,
+    encoder: FrameEncoder,
     status: Status,
     rate_hz: f32,
     /// Whether the raw samples are sent too, so that somebody on the bus can
@@ -46,7 +46,7 @@ impl<'a> App<'a> {
     pub const fn without_image() -> Self {
         Self {
             line: None,
-            encoder: Encoder::without_image(),
+            encoder: FrameEncoder::without_image(),
             status: Status::new(),
             rate_hz: 1000.0,
             sends_raw: false,
@@ -64,16 +64,16 @@ impl<'a> App<'a> {
 
     #[inline(never)]
     fn take(&mut self, image: Image<'a>, image_hash: u32) -> Result<(), Error> {
-        let encoder = Encoder::try_build(&image, image_hash)?;
+        let encoder = FrameEncoder::try_build(&image, image_hash)?;
         let rate_hz = image.rate_hz;
-        Line::build_in(&mut self.line, image)?;
+        Estimator::build_into(&mut self.line, image)?;
         self.encoder = encoder;
         self.rate_hz = rate_hz;
         self.status.state = State::Waiting;
         Ok(())
     }
 
-    /// Rate of the sample clock [Hz], > 0.
+    /// Rate of the sample clock (Hz), > 0.
     pub fn rate_hz(&self) -> f32 {
         self.rate_hz
     }

@@ -1,7 +1,7 @@
 //! What the application needs of a board.
 
-use loadtwin_common::frame::Frame;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::frame::Frame;
+use loadtwin_common::io::raw::RawSample;
 
 use crate::counters::Counters;
 

@@ -8,10 +8,10 @@
 //! digest over all outputs tells whether both computed the same bits.
 
 use heapless::Vec;
-use loadtwin_common::estimate::Estimate;
-use loadtwin_common::fault::Fault;
-use loadtwin_common::line::Line;
-use loadtwin_common::raw::{MAX_ENCODERS, RawSample};
+use loadtwin_common::estimator::Estimator;
+use loadtwin_common::io::estimate::Estimate;
+use loadtwin_common::io::fault::Fault;
+use loadtwin_common::io::raw::{MAX_ENCODERS, RawSample};
 use serde::{Deserialize, Serialize};
 
 /// Samples of a run at most.
@@ -156,24 +156,24 @@ pub struct Machine {
 
 /// What of an estimate a run is judged by.
 #[derive(Clone, Copy, Debug, Default)]
-struct Told {
+struct Summary {
     flags: u32,
     loads: [(f32, f32); 2],
 }
 
-fn told(estimate: &Estimate) -> Told {
-    let mut told = Told::default();
+fn summary(estimate: &Estimate) -> Summary {
+    let mut summary = Summary::default();
     for (i, sensor) in estimate.sensors.iter().enumerate() {
-        told.flags |= u32::from(sensor.fault != Fault::None) << i;
+        summary.flags |= u32::from(sensor.fault != Fault::None) << i;
     }
     for (j, load) in estimate.loads.iter().enumerate() {
-        told.flags |= u32::from(load.fault != Fault::None) << (16 + j);
+        summary.flags |= u32::from(load.fault != Fault::None) << (16 + j);
     }
-    told.flags |= u32::from(estimate.lost > 0) << 31;
-    for (slot, load) in told.loads.iter_mut().zip(&estimate.loads) {
+    summary.flags |= u32::from(estimate.lost > 0) << 31;
+    for (slot, load) in summary.loads.iter_mut().zip(&estimate.loads) {
         *slot = (load.value, load.std);
     }
-    told
+    summary
 }
 
 fn absorb(digest: &mut u64, word: u32) {
@@ -183,7 +183,12 @@ fn absorb(digest: &mut u64, word: u32) {
 }
 
 /// Runs as many starts as `samples` has room for, after `settle` samples.
-pub fn run(line: &Line<'_>, machine: &Machine, samples: &[RawSample], settle: usize) -> Report {
+pub fn run(
+    line: &Estimator<'_>,
+    machine: &Machine,
+    samples: &[RawSample],
+    settle: usize,
+) -> Report {
     let mut report = Report {
         outcomes: Kind::ALL.map(|kind| Outcome {
             kind,
@@ -204,7 +209,7 @@ pub fn run(line: &Line<'_>, machine: &Machine, samples: &[RawSample], settle: us
     let mut clean = line.clone();
     // What the clean line says of the samples from `first` on.
     let mut ahead = line.clone();
-    let mut said: Vec<Told, { LONGEST + STRIDE }> = Vec::new();
+    let mut said: Vec<Summary, { LONGEST + STRIDE }> = Vec::new();
     let (start, rest) = samples.split_at(settle.min(samples.len()));
     for sample in start {
         clean.step(sample);
@@ -214,7 +219,7 @@ pub fn run(line: &Line<'_>, machine: &Machine, samples: &[RawSample], settle: us
     let mut position = 0_u32;
     while window.len() >= LONGEST {
         for sample in window.iter().take(LONGEST).skip(said.len()) {
-            let _ = said.push(told(&ahead.step(sample)));
+            let _ = said.push(summary(&ahead.step(sample)));
         }
         let index = window
             .iter()
@@ -331,7 +336,7 @@ impl Spoiler<'_> {
                 raw = window.get(self.begin).copied().unwrap_or(raw);
             }
             Kind::EncoderMissing if lasts => {
-                raw.valid &= !(1 << (loadtwin_common::raw::MAX_CHANNELS + self.place));
+                raw.valid &= !(1 << (loadtwin_common::io::raw::MAX_CHANNELS + self.place));
             }
             Kind::Glitch(by) if first => jump(&mut raw, by),
             Kind::LostCounts(by) if i >= self.begin => {
@@ -359,10 +364,10 @@ impl Spoiler<'_> {
 }
 
 fn one(
-    mut line: Line<'_>,
+    mut line: Estimator<'_>,
     fault: &Spoiler<'_>,
     window: &[RawSample],
-    said: &[Told],
+    said: &[Summary],
     outcome: &mut Outcome,
     digest: &mut u64,
 ) {
@@ -379,7 +384,7 @@ fn one(
         }
         for sample in received {
             let estimate = line.step(&sample);
-            let now = told(&estimate);
+            let now = summary(&estimate);
             absorb(digest, now.flags);
             (last, last_std) = (0.0, 0.0);
             let mut grown = false;

@@ -1,9 +1,9 @@
 //! The model that a board runs: found in its slots at start, replaced over the bus.
 
 use embedded_storage::nor_flash::NorFlash;
-use loadtwin_common::frame::Frame;
-use loadtwin_common::sealed::{Header, Identity, Refusal};
-use loadtwin_common::uds;
+use loadtwin_common::io::frame::Frame;
+use loadtwin_common::io::signed_image::{Header, Identity, ImageError};
+use loadtwin_common::io::uds;
 
 use crate::app::App;
 use crate::store::{Layout, Store};
@@ -54,7 +54,7 @@ impl<F: NorFlash, const N: usize> Models<F, N> {
             // It was judged before it became the active one.
             let _ = image.map(|image| app.load(image, name(&active.header)));
         }
-        app.set_refused(self.store.passed_over().map_or(0, Refusal::code));
+        app.set_refused(self.store.passed_over().map_or(0, ImageError::code));
     }
 
     /// Takes a frame from the bus; gives the one to send at once.

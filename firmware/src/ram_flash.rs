@@ -9,11 +9,11 @@ use embedded_storage::nor_flash::{
 
 use crate::store::Layout;
 
-/// Smallest part that is erased [bytes].
+/// Smallest part that is erased (bytes).
 pub const PAGE: usize = 2048;
-/// Smallest part that is written [bytes].
+/// Smallest part that is written (bytes).
 const WORD: usize = 8;
-/// Length of the emulated board's flash for models and the key [bytes].
+/// Length of the emulated board's flash for models and the key (bytes).
 pub const LEN: usize = 256 * 1024;
 /// Offset of the page with the key that images are checked with.
 pub const KEY_AT: usize = LEN - PAGE;

@@ -6,7 +6,7 @@
 //! closes the channel, are let pass.
 
 use heapless::Vec;
-use loadtwin_common::frame::Frame;
+use loadtwin_common::io::frame::Frame;
 
 /// Longest line with its carriage return: `t7FF8` and eight bytes.
 pub const LONGEST: usize = 22;

@@ -2,7 +2,7 @@
 //!
 //! Postcard messages in COBS frames, each ended by a zero byte.
 
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::raw::RawSample;
 use serde::{Deserialize, Serialize};
 
 /// Longest frame with its zero byte; a test asserts it.

@@ -12,13 +12,13 @@
 //! this board and is newer than the running image, and nothing else.
 
 use embedded_storage::nor_flash::NorFlash;
-use loadtwin_common::isotp::{FrameData, Received, Receiver, TIMEOUT_US, single_frame};
-use loadtwin_common::sealed::Refusal;
-use loadtwin_common::uds;
+use loadtwin_common::io::isotp::{FrameData, Received, Receiver, TIMEOUT_US, single_frame};
+use loadtwin_common::io::signed_image::ImageError;
+use loadtwin_common::io::uds;
 
 use crate::store::Store;
 
-/// What a transfer request adds to a block: service and counter [bytes].
+/// What a transfer request adds to a block: service and counter (bytes).
 pub const BLOCK_OVERHEAD: usize = 2;
 
 /// Frames that may follow one flow control. Low enough for a receive queue of
@@ -40,7 +40,7 @@ pub enum Event {
     /// The image of this issue is in force; it starts at the next restart.
     Accepted(u32),
     /// Refused; the running model stays.
-    Refused(Refusal),
+    Refused(ImageError),
 }
 
 /// What a [`Upload::poll`] led to.
@@ -166,7 +166,7 @@ impl<const N: usize> Upload<N> {
     ) -> Progress {
         const {
             assert!(N == F::ERASE_SIZE + BLOCK_OVERHEAD);
-            assert!(N <= loadtwin_common::isotp::MAX_MESSAGE);
+            assert!(N <= loadtwin_common::io::isotp::MAX_MESSAGE);
         }
         let message = self.receiver.message();
         let Some((&service, body)) = message.split_first() else {
@@ -194,7 +194,7 @@ impl<const N: usize> Upload<N> {
                         self.failed_installations = self.failed_installations.saturating_add(1);
                     }),
                 _ if self.failed_installations >= FAILED_INSTALLATIONS => {
-                    Err(No::Image(Refusal::Flash))
+                    Err(No::Image(ImageError::Flash))
                 }
                 _ => exit(&mut self.phase, body, store, room, accept),
             },
@@ -245,7 +245,7 @@ enum No {
     /// The request makes no sense now; the upload goes on.
     Request(u8),
     /// The image is refused; the upload is over.
-    Image(Refusal),
+    Image(ImageError),
 }
 
 fn announce<F: NorFlash>(
@@ -266,13 +266,13 @@ fn announce<F: NorFlash>(
         _ => return Err(No::Request(uds::BUSY)),
     }
     if store.restart_pending() {
-        return Err(No::Image(Refusal::RestartPending));
+        return Err(No::Image(ImageError::RestartPending));
     }
     if store.board().is_none() {
-        return Err(No::Image(Refusal::NoKey));
+        return Err(No::Image(ImageError::NoKey));
     }
     if image_len > store.image_capacity() || image_len as usize > room {
-        return Err(No::Image(Refusal::TooLong));
+        return Err(No::Image(ImageError::TooLong));
     }
     *phase = Phase::Announced { image_len };
     let [high, low] = ((F::ERASE_SIZE + BLOCK_OVERHEAD) as u16).to_be_bytes();
@@ -322,7 +322,7 @@ fn transfer<F: NorFlash>(
     let target = room.get_mut(received as usize..end as usize);
     match target {
         Some(target) if wanted > 0 && piece.len() == target.len() => target.copy_from_slice(piece),
-        _ => return Err(No::Image(Refusal::BadLength)),
+        _ => return Err(No::Image(ImageError::BadLength)),
     }
     *phase = Phase::Transfer {
         counter,

@@ -5,7 +5,7 @@
 
 mod signer;
 
-use loadtwin_common::sealed::{OVERHEAD, Refusal};
+use loadtwin_common::io::signed_image::{ImageError, OVERHEAD};
 use loadtwin_firmware::simulated_flash::{Moment, SimulatedFlash};
 use loadtwin_firmware::store::{Layout, Slot, Store};
 use rand::{RngExt, SeedableRng};
@@ -26,7 +26,7 @@ fn boot(flash: Flash) -> Store<Flash> {
     Store::boot(flash, LAYOUT, Some(board()), |_, _, _| true).unwrap()
 }
 
-fn upload(store: &mut Store<Flash>, image: &[u8]) -> Result<(), Refusal> {
+fn upload(store: &mut Store<Flash>, image: &[u8]) -> Result<(), ImageError> {
     store.begin(image, |_| true)?;
     while !store.install_page(image)? {}
     store.finish().map(|_| ())
@@ -131,7 +131,7 @@ impl Life {
         for image in &images[..UPLOADS as usize] {
             let mut store = self.start(flash);
             let active = store.active().copied();
-            assert_eq!(upload(&mut store, foreign), Err(Refusal::WrongMachine));
+            assert_eq!(upload(&mut store, foreign), Err(ImageError::WrongMachine));
             if let (Kind::RotWhileRunning, Some(active), true) =
                 (self.kind, active, self.random.random())
             {

@@ -6,7 +6,7 @@ use std::thread;
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use loadtwin_common::Error;
-use loadtwin_common::sealed::{HEADER_LEN, OVERHEAD, Refusal};
+use loadtwin_common::io::signed_image::{HEADER_LEN, ImageError, OVERHEAD};
 use loadtwin_firmware::simulated_flash::{FlashError, Moment, SimulatedFlash};
 use loadtwin_firmware::store::{Layout, Slot, Store};
 
@@ -27,7 +27,7 @@ fn boot(flash: Flash) -> Store<Flash> {
     Store::boot(flash, LAYOUT, Some(board()), |_, _, _| true).unwrap()
 }
 
-fn upload(store: &mut Store<Flash>, image: &[u8]) -> Result<(), Refusal> {
+fn upload(store: &mut Store<Flash>, image: &[u8]) -> Result<(), ImageError> {
     store.begin(image, |_| true)?;
     while !store.install_page(image)? {}
     store.finish().map(|_| ())
@@ -270,7 +270,7 @@ fn a_record_page_that_was_not_erased_takes_no_image() {
     let mut store = Store::boot(flash, LAYOUT, Some(board()), |_, _, _| true).unwrap();
     let image = image(3);
     store.begin(&image, |_| true).unwrap();
-    assert_eq!(store.install_page(&image), Err(Refusal::Flash));
+    assert_eq!(store.install_page(&image), Err(ImageError::Flash));
     assert_eq!(running(&boot(store.release().0)), Some(2));
 }
 
@@ -288,21 +288,24 @@ fn nothing_is_written_for_an_image_that_is_refused() {
         (store.check_header(image, length as u32)).map(|header| header.issue)
     };
     assert_eq!(check(&good, good.len()), Ok(3));
-    assert_eq!(check(&forged, forged.len()), Err(Refusal::BadSignature));
-    assert_eq!(check(&foreign, foreign.len()), Err(Refusal::WrongMachine));
-    assert_eq!(check(&old, old.len()), Err(Refusal::Downgrade));
-    assert_eq!(check(&same, same.len()), Err(Refusal::Downgrade));
-    assert_eq!(check(&long, long.len()), Err(Refusal::TooLong));
-    assert_eq!(check(&good, good.len() + 1), Err(Refusal::BadLength));
+    assert_eq!(check(&forged, forged.len()), Err(ImageError::BadSignature));
+    assert_eq!(
+        check(&foreign, foreign.len()),
+        Err(ImageError::WrongMachine)
+    );
+    assert_eq!(check(&old, old.len()), Err(ImageError::Downgrade));
+    assert_eq!(check(&same, same.len()), Err(ImageError::Downgrade));
+    assert_eq!(check(&long, long.len()), Err(ImageError::TooLong));
+    assert_eq!(check(&good, good.len() + 1), Err(ImageError::BadLength));
     assert_eq!(
         check(&good[..HEADER_LEN - 1], good.len()),
-        Err(Refusal::BadLength)
+        Err(ImageError::BadLength)
     );
     // Nothing is erased for an image before all of it was checked.
     let mut damaged = good.clone();
     damaged[PAGE + 3] ^= 1;
-    assert_eq!(store.begin(&damaged, |_| true), Err(Refusal::BadCrc));
-    assert_eq!(store.begin(&good, |_| false), Err(Refusal::BadModel));
+    assert_eq!(store.begin(&damaged, |_| true), Err(ImageError::BadCrc));
+    assert_eq!(store.begin(&good, |_| false), Err(ImageError::BadModel));
     assert_eq!(store.begin(&good, |_| true), Ok(()));
     assert_eq!(store.flash().operations(), before);
     assert_eq!(running(&boot(store.release())), Some(2));
@@ -313,12 +316,15 @@ fn the_signer_lets_an_older_image_run_once() {
     let back = signed(b"older", 1, 2, &pair(1));
     let mut store = boot(in_service());
     upload(&mut store, &back).unwrap();
-    assert_eq!(upload(&mut store, &image(3)), Err(Refusal::RestartPending));
+    assert_eq!(
+        upload(&mut store, &image(3)),
+        Err(ImageError::RestartPending)
+    );
     let mut store = boot(store.release());
     assert_eq!(running(&store), Some(1));
     assert_eq!(
         upload(&mut store, &back),
-        Err(Refusal::Downgrade),
+        Err(ImageError::Downgrade),
         "replayed"
     );
     upload(&mut store, &image(3)).unwrap();

@@ -2,9 +2,9 @@
 
 mod signer;
 
-use loadtwin_common::isotp::{FrameData, Sender, Sending, single_message};
-use loadtwin_common::sealed::{CRC, HEADER_LEN, Refusal, SIGNED_LEN};
-use loadtwin_common::uds;
+use loadtwin_common::io::isotp::{FrameData, Sender, Sending, single_message};
+use loadtwin_common::io::signed_image::{CRC, HEADER_LEN, ImageError, SIGNED_LEN};
+use loadtwin_common::io::uds;
 use loadtwin_firmware::simulated_flash::SimulatedFlash;
 use loadtwin_firmware::store::{Layout, Store};
 use loadtwin_firmware::upload::{BLOCK_OVERHEAD, Event, Upload};
@@ -160,7 +160,7 @@ fn an_upload_is_in_force_after_a_restart() {
     assert_eq!(board.events, [Event::Accepted(6)]);
     assert_eq!(
         board.send_image(&image(7)),
-        Err(Refusal::RestartPending.code())
+        Err(ImageError::RestartPending.code())
     );
     assert_eq!(board.restart().running(), Some(6));
 }
@@ -180,22 +180,22 @@ fn each_refusal_is_answered_and_reported() {
         bytes
     };
     for (bytes, refusal) in [
-        (changed(0), Refusal::BadMagic),
-        (changed(5), Refusal::BadVersion),
-        (changed(16), Refusal::BadLength),
-        (image(6)[..427].to_vec(), Refusal::BadLength),
-        (changed(8), Refusal::BadSignature),
-        (signed(b"m", 6, 0, &pair(2)), Refusal::BadSignature),
-        (unsigned, Refusal::Unsigned),
+        (changed(0), ImageError::BadMagic),
+        (changed(5), ImageError::BadVersion),
+        (changed(16), ImageError::BadLength),
+        (image(6)[..427].to_vec(), ImageError::BadLength),
+        (changed(8), ImageError::BadSignature),
+        (signed(b"m", 6, 0, &pair(2)), ImageError::BadSignature),
+        (unsigned, ImageError::Unsigned),
         (
             signed_for("another", b"m", 6, 0, &pair(1)),
-            Refusal::WrongMachine,
+            ImageError::WrongMachine,
         ),
-        (image(5), Refusal::Downgrade),
-        (image(4), Refusal::Downgrade),
-        (changed(200), Refusal::BadCrc),
-        (changed(427), Refusal::BadCrc),
-        (signed(&[1; 700], 6, 0, &pair(1)), Refusal::TooLong),
+        (image(5), ImageError::Downgrade),
+        (image(4), ImageError::Downgrade),
+        (changed(200), ImageError::BadCrc),
+        (changed(427), ImageError::BadCrc),
+        (signed(&[1; 700], 6, 0, &pair(1)), ImageError::TooLong),
     ] {
         let mut board = Board::in_service();
         assert_eq!(board.send_image(&bytes), Err(refusal.code()), "{refusal:?}");
@@ -205,7 +205,7 @@ fn each_refusal_is_answered_and_reported() {
     }
     let mut board = Board::new(Flash::new(1));
     board.store = Store::boot(Flash::new(1), LAYOUT, None, |_, _, _| true).unwrap();
-    assert_eq!(board.send_image(&image(6)), Err(Refusal::NoKey.code()));
+    assert_eq!(board.send_image(&image(6)), Err(ImageError::NoKey.code()));
 }
 
 #[test]
@@ -359,9 +359,9 @@ fn a_million_forged_or_replayed_frames_are_refused() {
     );
     assert!(board.events.iter().all(|e| matches!(e, Event::Refused(_))));
     for refusal in [
-        Refusal::Downgrade,
-        Refusal::BadSignature,
-        Refusal::BadDigest,
+        ImageError::Downgrade,
+        ImageError::BadSignature,
+        ImageError::BadDigest,
     ] {
         assert!(
             board.events.contains(&Event::Refused(refusal)),

@@ -10,8 +10,8 @@ use loadtwin::bearing::{Calibration, Rig, RigSample, calibrate, model};
 use loadtwin::build::Sensors;
 use loadtwin::machine::{BEARING_LOADS, Bearing, Kind, Machine};
 use loadtwin::simulate::{BearingEffect, BearingScenario, BearingSimulation};
-use loadtwin_common::bearing::Bearing as Filter;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::bearing::BearingEstimator as Filter;
+use loadtwin_common::io::raw::RawSample;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

@@ -8,9 +8,9 @@ use loadtwin::build::Sensors;
 use loadtwin::machine::{Kind, Machine};
 use loadtwin::replay::{self, Baselines, Figures};
 use loadtwin::simulate::{BearingEffect, BearingScenario, BearingSimulation};
-use loadtwin_common::bearing::Bearing;
-use loadtwin_common::fault::Fault;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::bearing::BearingEstimator;
+use loadtwin_common::io::fault::Fault;
+use loadtwin_common::io::raw::RawSample;
 
 /// The individual that the example is calibrated for.
 const CALIBRATED: u64 = 101;
@@ -79,9 +79,9 @@ fn every_block_is_taken_in_at_any_rate() {
         machine.rate_hz = rate_hz;
         let sensors = Sensors::choose(&machine, None).unwrap();
         let model = loadtwin::bearing::model(&machine, &bearing, &sensors, &calibration).unwrap();
-        let filter = Bearing::try_build(model, rate_hz as f32).unwrap();
+        let filter = BearingEstimator::try_build(model, rate_hz as f32).unwrap();
         let mut state = filter.start();
-        state.know([0.0; 5]);
+        state.set_known_loads([0.0; 5]);
         let mut taken_in = 0;
         for tick in 0..rate_hz as u32 {
             let mut raw = RawSample {
@@ -92,7 +92,7 @@ fn every_block_is_taken_in_at_any_rate() {
             let turns = 15.0 * f64::from(tick) / rate_hz;
             raw.set_encoder(0, (turns * machine.encoders[0].counts_per_turn) as u32);
             filter.step(&mut state, &raw);
-            taken_in += u32::from(state.taken_in().is_some());
+            taken_in += u32::from(state.updated().is_some());
         }
         // The first ones tell the speed, at 400 Hz in 28 samples; the last is on its way.
         assert!((90..=99).contains(&taken_in), "{taken_in} at {rate_hz} Hz");

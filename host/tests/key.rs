@@ -6,7 +6,7 @@ use std::path::Path;
 
 use loadtwin::key::{SigningKey, identity, read_public, save_page};
 use loadtwin::seal::{SealError, seal};
-use loadtwin_common::sealed::{Identity, Refusal, open, open_signed};
+use loadtwin_common::io::signed_image::{Identity, ImageError, open, open_signed};
 
 /// RFC 8032, section 7.1, test 1; the files are by OpenSSL, see `rfc8032_key.sh`.
 const PUBLIC: [u8; 32] = [
@@ -53,7 +53,7 @@ fn a_pair_is_saved_once_and_signs_what_its_public_half_accepts() {
     let second = Identity::from_page(&fs::read(&second).unwrap()).unwrap();
     assert_eq!(
         open_signed(&image, Some(&second)),
-        Err(Refusal::WrongMachine)
+        Err(ImageError::WrongMachine)
     );
 
     let before = fs::read(&path).unwrap();
@@ -136,6 +136,6 @@ fn an_image_without_a_signature_is_for_the_host_only() {
     let image = seal(b"model", "plant", 1, None, None).unwrap();
     assert_eq!(open(&image).unwrap().1, b"model");
     let board = SigningKey::generate().unwrap().identity("plant");
-    assert_eq!(open_signed(&image, Some(&board)), Err(Refusal::Unsigned));
+    assert_eq!(open_signed(&image, Some(&board)), Err(ImageError::Unsigned));
     assert_eq!(seal(b"", "plant", 1, None, None), Err(SealError(0)));
 }

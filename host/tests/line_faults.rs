@@ -4,11 +4,11 @@ use std::path::Path;
 
 use loadtwin::build::{self, Sensors};
 use loadtwin::machine::Machine;
-use loadtwin_common::estimate::Estimate;
-use loadtwin_common::fault::Fault;
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
-use loadtwin_common::line::Line;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::estimate::Estimate;
+use loadtwin_common::io::fault::Fault;
+use loadtwin_common::io::raw::RawSample;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
@@ -54,7 +54,7 @@ fn main_torque(estimate: &Estimate) -> f64 {
 
 /// Runs `samples` samples through the line, each changed by `change`.
 fn run(
-    line: &mut Line<'_>,
+    line: &mut Estimator<'_>,
     from: u32,
     samples: u32,
     change: impl Fn(&mut RawSample),
@@ -68,8 +68,8 @@ fn run(
         .collect()
 }
 
-fn line(payload: &[u8]) -> Line<'_> {
-    Line::try_build(Image::from_bytes(payload).unwrap()).unwrap()
+fn line(payload: &[u8]) -> Estimator<'_> {
+    Estimator::try_build(Image::from_bytes(payload).unwrap()).unwrap()
 }
 
 #[test]

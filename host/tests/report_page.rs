@@ -2,8 +2,8 @@
 
 use loadtwin::metrics::{LoadError, Segment};
 use loadtwin::report::{KeyFigure, LoadLabel, ReplayPlots, Report, SensorLabel, Table};
-use loadtwin_common::estimate::{Estimate, LoadEstimate, SensorEstimate};
-use loadtwin_common::fault::Fault;
+use loadtwin_common::io::estimate::{Estimate, LoadEstimate, SensorEstimate};
+use loadtwin_common::io::fault::Fault;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 

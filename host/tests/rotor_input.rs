@@ -7,8 +7,8 @@ use std::process::Command;
 use loadtwin::build::{self, Filter, Sensors};
 use loadtwin::machine::{BearingAt, Drift, Machine, MachineError, RotorBearing};
 use loadtwin::rotor::{RotorFilterDesign, RotorModel, modes};
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
-use loadtwin_common::line::Line;
 
 fn example() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/rotor/machine.toml")
@@ -126,7 +126,7 @@ damping_n_s_per_m = [[200, 0], [0, 200]]";
 fn built(machine: &Machine, filter: Filter) -> Result<(), String> {
     let sensors = Sensors::choose(machine, None).unwrap().filtered_by(filter);
     let payload = build::image(machine, &sensors).map_err(|error| error.to_string())?;
-    Line::try_build(Image::from_bytes(&payload).unwrap()).unwrap();
+    Estimator::try_build(Image::from_bytes(&payload).unwrap()).unwrap();
     Ok(())
 }
 

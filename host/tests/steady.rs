@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use loadtwin::build::{self, Filter, Sensors};
 use loadtwin::machine::Machine;
 use loadtwin::replay::{self, Figures, Samples};
-use loadtwin_common::estimate::Estimate;
-use loadtwin_common::fault::Fault;
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
-use loadtwin_common::line::Line;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::estimate::Estimate;
+use loadtwin_common::io::fault::Fault;
+use loadtwin_common::io::raw::RawSample;
 
 fn example(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -79,7 +79,7 @@ fn samples(machine: &Machine, sensors: &Sensors) -> Vec<RawSample> {
 }
 
 fn estimates(payload: &[u8], raw: &[RawSample]) -> Vec<Estimate> {
-    let mut line = Line::try_build(Image::from_bytes(payload).unwrap()).unwrap();
+    let mut line = Estimator::try_build(Image::from_bytes(payload).unwrap()).unwrap();
     raw.iter().map(|raw| line.step(raw)).collect()
 }
 
@@ -160,6 +160,6 @@ fn a_damaged_table_is_refused() {
     let table = full.len() + 100;
     let mut damaged = steady.clone();
     damaged[table..table + 64].fill(0xff);
-    let refused = Line::try_build(Image::from_bytes(&damaged).unwrap()).unwrap_err();
+    let refused = Estimator::try_build(Image::from_bytes(&damaged).unwrap()).unwrap_err();
     assert!(refused.to_string().contains("steady gains"), "{refused}");
 }

@@ -1,6 +1,6 @@
 //! What goes wrong around the estimator is counted, told in the status, and stops nothing.
 
-use loadtwin_common::frame::{BLOCK, Frame, Message, Status, decode};
+use loadtwin_common::io::frame::{Frame, IDS_PER_MACHINE, Message, Status, decode};
 use loadtwin_firmware::app::App;
 use loadtwin_firmware::counters::BusState;
 use loadtwin_tests::bench::Bench;
@@ -33,7 +33,7 @@ fn overruns_a_full_queue_and_bus_off_are_told_and_stop_nothing() {
         }
     }
     for (_, frame) in &sent {
-        let base = frame.id / BLOCK * BLOCK;
+        let base = frame.id / IDS_PER_MACHINE * IDS_PER_MACHINE;
         if let Ok((Message::Status(page, which), _)) = decode(base, frame.id, &frame.data) {
             status.merge(&page, which);
         }

@@ -1,7 +1,7 @@
 //! A million damaged models: each is refused whole, or runs without a panic.
 
 use loadtwin::build::Filter;
-use loadtwin_common::frame::{BLOCK, decode};
+use loadtwin_common::io::frame::{IDS_PER_MACHINE, decode};
 use loadtwin_firmware::app::App;
 use loadtwin_tests::descriptions::variants;
 use loadtwin_tests::gearbox::{run, samples};
@@ -83,7 +83,7 @@ fn a_damaged_model_is_refused_whole_or_runs() {
             if other.load(damaged, 1).is_ok() {
                 taken += 1;
                 for frame in run(&mut other, &world[..20]) {
-                    let base = frame.id / BLOCK * BLOCK;
+                    let base = frame.id / IDS_PER_MACHINE * IDS_PER_MACHINE;
                     assert!(decode(base, frame.id, &frame.data).is_ok(), "{frame:?}");
                 }
             } else {

@@ -3,8 +3,8 @@
 use loadtwin::key::SigningKey;
 use loadtwin::seal::seal;
 use loadtwin::upload::{Next, UploadError, Uploader};
-use loadtwin_common::isotp::FrameData;
-use loadtwin_common::sealed::Refusal;
+use loadtwin_common::io::isotp::FrameData;
+use loadtwin_common::io::signed_image::ImageError;
 use loadtwin_firmware::simulated_flash::SimulatedFlash;
 use loadtwin_firmware::store::{Layout, Store};
 use loadtwin_firmware::upload::{BLOCK_OVERHEAD, Event, Upload};
@@ -118,23 +118,23 @@ fn an_image_arrives_and_an_older_or_foreign_one_does_not() {
     let mut store = boot(store.release(), &key);
     assert_eq!(running(&store), Some(2));
     for (image, refusal) in [
-        (image(1, &key), Refusal::Downgrade),
-        (image(2, &key), Refusal::Downgrade),
+        (image(1, &key), ImageError::Downgrade),
+        (image(2, &key), ImageError::Downgrade),
         (
             image(3, &SigningKey::generate().unwrap()),
-            Refusal::BadSignature,
+            ImageError::BadSignature,
         ),
         (
             seal(&[0; 7 * PAGE], MACHINE, 3, None, Some(&key)).unwrap(),
-            Refusal::TooLong,
+            ImageError::TooLong,
         ),
         (
             seal(b"model", MACHINE, 3, None, None).unwrap(),
-            Refusal::Unsigned,
+            ImageError::Unsigned,
         ),
         (
             seal(b"model", "another", 3, None, Some(&key)).unwrap(),
-            Refusal::WrongMachine,
+            ImageError::WrongMachine,
         ),
     ] {
         assert_eq!(
@@ -146,7 +146,7 @@ fn an_image_arrives_and_an_older_or_foreign_one_does_not() {
     damaged[5000] ^= 1;
     assert_eq!(
         bus.run(&mut store, damaged),
-        Err(UploadError::Refused(Refusal::BadCrc))
+        Err(UploadError::Refused(ImageError::BadCrc))
     );
     assert_eq!(running(&boot(store.release(), &key)), Some(2));
 }

@@ -7,8 +7,8 @@
 //!
 //! Source: Bar-Shalom, Li and Kirubarajan 2001, section 5.4: consistency of innovations over many steps.
 
-use super::Tuning;
-use super::offsets::Offsets;
+use crate::bearing::Tuning;
+use crate::bearing::bias_prior::BiasPrior;
 
 /// Time over which the slow states are compared [s]: loads pass their range within seconds, a bearing warms within tens.
 const HORIZON_S: f32 = 5.0;
@@ -19,7 +19,7 @@ const CONTRADICTED: f32 = 30.0;
 /// Where the slow states were, and whether they have left it faster than they can.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Consistency {
-    reference: Option<Offsets>,
+    reference: Option<BiasPrior>,
     contradicted: bool,
 }
 
@@ -27,7 +27,7 @@ impl Consistency {
     /// Takes in the slow states of a block of `dt_s`; `valid`: whether the hypothesis that has them stands otherwise.
     ///
     /// The reference stays while it is contradicted: slow states come back when the cause has gone.
-    pub fn take(&mut self, slow: &Offsets, valid: bool, tuning: &Tuning, dt_s: f32) {
+    pub fn update(&mut self, slow: &BiasPrior, valid: bool, tuning: &Tuning, dt_s: f32) {
         let Some(reference) = &mut self.reference else {
             self.reference = valid.then_some(*slow);
             return;
@@ -74,12 +74,12 @@ mod tests {
     /// Seconds after which a preload [um] and a bias [um/m] that move at these rates are contradicted; 60 at most.
     fn contradicted_after(preload: f32, bias: f32) -> Option<f32> {
         let tuning = tuning();
-        let start = Offsets::known(&[0.0, 1.0, 2.0, 3.0, 4.0], &[0.5, 4.0, 4.0, 4.0, 4.0]);
+        let start = BiasPrior::known(&[0.0, 1.0, 2.0, 3.0, 4.0], &[0.5, 4.0, 4.0, 4.0, 4.0]);
         let mut consistency = Consistency::default();
-        consistency.take(&start, true, &tuning, DT_S);
+        consistency.update(&start, true, &tuning, DT_S);
         (1..6000).map(|k| DT_S * k as f32).find(|t| {
             let slow = start.moved(&[preload * t, 0.0, bias * t, 0.0, 0.0]);
-            consistency.take(&slow, true, &tuning, DT_S);
+            consistency.update(&slow, true, &tuning, DT_S);
             consistency.is_contradicted()
         })
     }
@@ -95,16 +95,16 @@ mod tests {
     #[test]
     fn what_is_contradicted_ends_with_its_cause() {
         let tuning = tuning();
-        let start = Offsets::known(&[0.0; 5], &[0.5, 4.0, 4.0, 4.0, 4.0]);
+        let start = BiasPrior::known(&[0.0; 5], &[0.5, 4.0, 4.0, 4.0, 4.0]);
         let mut consistency = Consistency::default();
-        consistency.take(&start, false, &tuning, DT_S);
-        consistency.take(&start, true, &tuning, DT_S);
+        consistency.update(&start, false, &tuning, DT_S);
+        consistency.update(&start, true, &tuning, DT_S);
         for _ in 0..6000 {
             let slow = start.moved(&[-6.0, 0.0, 0.0, 0.0, 0.0]);
-            consistency.take(&slow, true, &tuning, DT_S);
+            consistency.update(&slow, true, &tuning, DT_S);
             assert!(consistency.is_contradicted());
         }
-        consistency.take(&start, true, &tuning, DT_S);
+        consistency.update(&start, true, &tuning, DT_S);
         assert!(!consistency.is_contradicted());
     }
 }

@@ -1,8 +1,8 @@
 //! Contact loads, flexible outer ring and their equilibrium with the load.
 //!
-//! Degrees of freedom `z` [um]: inner ring `(dx, dy, dz, R gx, R gz)`, then the
+//! Degrees of freedom `z` (um): inner ring `(dx, dy, dz, R gx, R gz)`, then the
 //! amplitudes of the outer ring's shapes under row 0 and under row 1. Loads
-//! `(Fx, Fy, Fz, Mx / R, Mz / R)` [kN]. `y` is the axis of turning; row 0 lies
+//! `(Fx, Fy, Fz, Mx / R, Mz / R)` (kN). `y` is the axis of turning; row 0 lies
 //! at `y = -h`, row 1 at `y = +h`, mounted back to back.
 #![expect(
     clippy::range_plus_one,
@@ -11,10 +11,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{FEATURES, GAUGES, LOADS, ROWS};
 use crate::Error;
-use crate::elementary::{inverse_sqrt, sqrt};
-use crate::unroll::unroll;
+use crate::bearing::{FEATURES, GAUGES, LOADS, ROWS};
+use crate::kalman::unroll::unroll;
+use crate::signal::trigonometry::{inverse_sqrt, sqrt};
 
 /// Shapes of the ring under one row: `1, cos 2, sin 2, cos 3, sin 3`.
 pub const SHAPES: usize = 5;
@@ -26,7 +26,7 @@ const NODES: usize = 16;
 pub const DOF: usize = LOADS + ROWS * SHAPES;
 
 /// Degrees of freedom that a contact of a row moves with: inner ring, shapes of the row.
-const TOUCHED: usize = LOADS + SHAPES;
+const CONTACT_DOF: usize = LOADS + SHAPES;
 
 /// Entries of the ring's stiffness, upper triangle by columns.
 pub const RING: usize = ROWS * SHAPES * (ROWS * SHAPES + 1) / 2;
@@ -38,21 +38,21 @@ pub const INPUTS: usize = LOADS + 1;
 const LONGEST_STEP: f32 = 15.0;
 
 /// Load of a row at which its cage follows the loaded contact angle [kN].
-const IDLE: f32 = 0.01;
+const UNLOADED: f32 = 0.01;
 
 /// Over which approach a contact begins to carry [um].
-const ROUNDING: f32 = 1.0;
+const SMOOTHING_UM: f32 = 1.0;
 
 /// Dimensions of the bearing in the units of the filter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Geometry {
     /// Balls in a row, 4 to 40.
     pub balls: u8,
-    /// `R_i`: radius of the inner groove's centre [mm], > 0.
+    /// `R_i`: radius of the inner groove's centre (mm), > 0.
     pub radius_mm: f32,
     /// `h / R_i`: offset of a row from the middle over the radius, >= 0.
     pub row_offset: f32,
-    /// `A`: unloaded distance of the groove centres [um], > 0.
+    /// `A`: unloaded distance of the groove centres (um), > 0.
     pub groove_um: f32,
     /// Diameter of a ball over that of the circle of their centres, 0 to 1.
     pub ball_over_pitch: f32,
@@ -60,11 +60,11 @@ pub struct Geometry {
     pub contact_angle: (f32, f32),
     /// `K_n` of eq. (4) [kN/um^1.5], > 0.
     pub stiffness: f32,
-    /// Axial approach of each row by the preload [um], >= 0.
+    /// Axial approach of each row by the preload (um), >= 0.
     pub preload_um: f32,
     /// Stiffness of the ring against its shapes, upper triangle by columns [kN/um].
     pub ring: heapless::Vec<f32, RING>,
-    /// Azimuth of each gauge, from x towards z [rad].
+    /// Azimuth of each gauge, from x towards z (rad).
     pub gauges_rad: [f32; GAUGES],
 }
 
@@ -91,7 +91,7 @@ impl Azimuth {
 
 /// One contact, and how its approach moves with the degrees of freedom of its
 /// row: inner ring, shapes of the row.
-struct Touch {
+struct Contact {
     /// `Q` [kN].
     load: f32,
     /// `dQ / d delta` [kN/um].
@@ -101,9 +101,9 @@ struct Touch {
     /// Distance of the groove centres [um].
     distance: f32,
     /// `d delta / dz`.
-    normal: [f32; TOUCHED],
+    normal: [f32; CONTACT_DOF],
     /// Of the direction across, `(distance) d alpha / dz`.
-    across: [f32; TOUCHED],
+    across: [f32; CONTACT_DOF],
 }
 
 /// Geometry laid out for the step.
@@ -118,11 +118,11 @@ pub struct Contacts {
 /// State of equilibrium and its derivative.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Equilibrium {
-    /// `z` [um].
+    /// `z` (um).
     pub position: [f32; DOF],
     /// `dz / d(loads, preload)`, by columns [um/kN, um/um].
     pub slope: [[f32; DOF]; INPUTS],
-    /// Force that is out of balance, largest entry [kN].
+    /// Force that is out of balance, largest entry (kN).
     pub residual: f32,
     /// Rate of ball passing of each row over that at the unloaded contact angle.
     pub pace: [f32; ROWS],
@@ -132,7 +132,7 @@ pub struct Equilibrium {
 /// alpha0)`, half the difference and the curvature of `Q` over a ball spacing.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Features {
-    /// Values [kN].
+    /// Values (kN).
     pub value: [[[f32; FEATURES]; ROWS]; GAUGES],
     /// Derivatives by loads and preload [kN/kN, kN/um].
     pub slope: [[[[f32; INPUTS]; FEATURES]; ROWS]; GAUGES],
@@ -201,14 +201,14 @@ impl Contacts {
     ///
     /// Source: Kerst et al. 2019, eq. (4)-(6), with the rows' offset `h`.
     #[inline]
-    fn touch(&self, z: &[f32; DOF], preload: f32, row: usize, at: &Azimuth) -> Touch {
+    fn contact(&self, z: &[f32; DOF], preload: f32, row: usize, at: &Azimuth) -> Contact {
         let g = &self.geometry;
         let c = if row == 0 { 1.0 } else { -1.0 };
         let lever = c * g.row_offset;
         let tilt = z[4] * at.cos - z[3] * at.sin;
         let mut d = g.groove_um * g.contact_angle.0 + z[0] * at.cos + z[2] * at.sin + lever * tilt;
         for (k, amplitude) in at.shapes.iter().enumerate() {
-            d -= amplitude * z[place(row, LOADS + k)];
+            d -= amplitude * z[packed_index(row, LOADS + k)];
         }
         let w = g.groove_um * g.contact_angle.1 + preload + c * (z[1] + tilt);
         let square = d * d + w * w;
@@ -216,13 +216,13 @@ impl Contacts {
         let distance = square * inverse;
         // Rounded off about zero, so that a row without load still says which way load lies.
         let delta = distance - g.groove_um;
-        let rounded = sqrt(delta * delta + ROUNDING * ROUNDING);
+        let rounded = sqrt(delta * delta + SMOOTHING_UM * SMOOTHING_UM);
         let approach = 0.5 * (delta + rounded);
         let root = sqrt(approach) * g.stiffness;
         let load = root * approach;
         let slope = 1.5 * root * approach / rounded;
         let (cos, sin) = (d * inverse, w * inverse);
-        let (mut normal, mut across) = ([0.0; TOUCHED], [0.0; TOUCHED]);
+        let (mut normal, mut across) = ([0.0; CONTACT_DOF], [0.0; CONTACT_DOF]);
         let by_d = [at.cos, 0.0, at.sin, -lever * at.sin, lever * at.cos];
         let by_w = [0.0, c, 0.0, -c * at.sin, c * at.cos];
         for i in 0..LOADS {
@@ -233,7 +233,7 @@ impl Contacts {
             normal[LOADS + k] = -cos * shape;
             across[LOADS + k] = sin * shape;
         }
-        Touch {
+        Contact {
             load,
             slope,
             cos,
@@ -245,7 +245,7 @@ impl Contacts {
     }
 
     /// One step of Newton's method from `position` towards equilibrium with
-    /// `loads` [kN] and `preload` [um].
+    /// `loads` (kN) and `preload` (um).
     ///
     /// `sum Q d delta/dz + K_ring a = (loads, 0)`; the balls of a row are
     /// averaged over the azimuth. What is left out of the stiffness, `Q` over the distance
@@ -277,17 +277,17 @@ impl Contacts {
         }
         let mut pace = [1.0; ROWS];
         for row in 0..ROWS {
-            let (mut carried, mut along) = (IDLE, IDLE * self.geometry.contact_angle.0);
+            let (mut carried, mut along) = (UNLOADED, UNLOADED * self.geometry.contact_angle.0);
             // Of the row's own degrees of freedom, in places that do not depend on the row.
-            let mut stiffness = [[0.0; TOUCHED]; TOUCHED];
-            let (mut force, mut by_preload) = ([0.0; TOUCHED], [0.0; TOUCHED]);
+            let mut stiffness = [[0.0; CONTACT_DOF]; CONTACT_DOF];
+            let (mut force, mut by_preload) = ([0.0; CONTACT_DOF], [0.0; CONTACT_DOF]);
             for node in &self.nodes {
-                let touch = self.touch(position, preload, row, node);
+                let touch = self.contact(position, preload, row, node);
                 let (q, slope) = (touch.load * share, touch.slope * share);
                 let per_preload = slope * touch.sin;
                 carried += q;
                 along += q * touch.cos;
-                unroll!(j in 0..TOUCHED {
+                unroll!(j in 0..CONTACT_DOF {
                     let n = touch.normal[j];
                     let stiff = slope * n;
                     force[j] += q * n;
@@ -297,21 +297,21 @@ impl Contacts {
                     }
                 });
             }
-            for j in 0..TOUCHED {
-                let at = place(row, j);
+            for j in 0..CONTACT_DOF {
+                let at = packed_index(row, j);
                 rhs[at][INPUTS] -= force[j];
                 rhs[at][LOADS] -= by_preload[j];
                 for i in 0..=j {
-                    k[at][place(row, i)] += stiffness[j][i];
+                    k[at][packed_index(row, i)] += stiffness[j][i];
                 }
             }
             let ratio = self.geometry.ball_over_pitch;
             pace[row] =
                 (1.0 - ratio * along / carried) / (1.0 - ratio * self.geometry.contact_angle.0);
         }
-        let residual = largest(&rhs);
+        let residual = max_abs(&rhs);
         solve(&mut k, &mut rhs);
-        let longest = largest(&rhs);
+        let longest = max_abs(&rhs);
         let scale = if longest > LONGEST_STEP {
             LONGEST_STEP / longest
         } else {
@@ -333,8 +333,8 @@ impl Contacts {
         }
     }
 
-    /// Equilibrium with `loads` [kN] from nothing: 40 steps at most.
-    pub fn settle(&self, loads: &[f32; LOADS], preload: f32) -> Equilibrium {
+    /// Equilibrium with `loads` (kN) from nothing: 40 steps at most.
+    pub fn solve_equilibrium(&self, loads: &[f32; LOADS], preload: f32) -> Equilibrium {
         let mut state = self.newton(&[0.0; DOF], loads, preload);
         for _ in 0..40 {
             state = self.newton(&state.position, loads, preload);
@@ -360,7 +360,7 @@ impl Contacts {
         for row in 0..ROWS {
             let [here, before, after] = azimuths
                 .each_ref()
-                .map(|azimuth| self.touch(&at.position, preload, row, azimuth));
+                .map(|azimuth| self.contact(&at.position, preload, row, azimuth));
             let turned = here.sin * cos0 - here.cos * sin0;
             let turning = (here.cos * cos0 + here.sin * sin0) / here.distance;
             value[row] = [
@@ -370,18 +370,18 @@ impl Contacts {
                 0.5 * (after.load + before.load) - here.load,
             ];
             for (input, column) in at.slope.iter().enumerate() {
-                let along = |touch: &Touch, direction: &[f32; TOUCHED]| {
+                let along = |touch: &Contact, direction: &[f32; CONTACT_DOF]| {
                     let mut sum = 0.0;
                     for i in 0..LOADS {
                         sum += direction[i] * column[i];
                     }
                     for i in 0..SHAPES {
-                        sum += direction[LOADS + i] * column[place(row, LOADS + i)];
+                        sum += direction[LOADS + i] * column[packed_index(row, LOADS + i)];
                     }
                     // The preload also moves the contact itself.
                     (sum, if input == LOADS { touch.sin } else { 0.0 })
                 };
-                let loaded = |touch: &Touch| {
+                let loaded = |touch: &Contact| {
                     let (sum, own) = along(touch, &touch.normal);
                     touch.slope * (sum + own)
                 };
@@ -399,20 +399,20 @@ impl Contacts {
 
 /// Place among the degrees of freedom of those that a contact of a row moves with: inner
 /// ring, then shapes of the row. Bounded, so that no index can be out of range.
-fn place(row: usize, i: usize) -> usize {
+fn packed_index(row: usize, i: usize) -> usize {
     let before = if row > 0 && i >= LOADS { SHAPES } else { 0 };
     (i + before).min(DOF - 1)
 }
 
 /// Largest entry of the last column, without sign.
-fn largest(rhs: &[[f32; INPUTS + 1]; DOF]) -> f32 {
-    let mut largest = 0.0;
+fn max_abs(rhs: &[[f32; INPUTS + 1]; DOF]) -> f32 {
+    let mut max_abs = 0.0;
     for row in rhs {
-        if row[INPUTS].abs() > largest {
-            largest = row[INPUTS].abs();
+        if row[INPUTS].abs() > max_abs {
+            max_abs = row[INPUTS].abs();
         }
     }
-    largest
+    max_abs
 }
 
 /// Solves `k x = rhs` for each column of `rhs`; `k` symmetric positive, its lower triangle

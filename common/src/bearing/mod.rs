@@ -1,44 +1,44 @@
 //! The wheel bearing: forces and moments from gauges on the outer ring.
 //!
-//! Every sample is gathered into a [`block`]; 100 times a second two beliefs
-//! ([`joint`]) take in the block: the champion, whose loads are the estimate, and
-//! a challenger with the rows' labels swapped or their phases moved. A challenger
-//! that explains the readings better takes the champion's place. That is how the
+//! Every sample is gathered into a [`harmonic_block`]; 100 times a second two hypotheses
+//! ([`ekf`]) take in the block: the primary, whose loads are the estimate, and
+//! an alternative with the rows' labels swapped or their phases moved. An alternative
+//! that explains the readings better takes the primary's place. That is how the
 //! phases are found at a start, and how a swap of labels at a reversal of the moment is undone.
 //!
 //! The work on a block is spread over the samples of the next one.
 //!
 //! Source: Kerst et al. 2019, section IV, in another form.
 
-pub mod block;
+pub mod bias_prior;
 mod consistency;
 pub mod contact;
-mod duel;
-mod health;
-pub mod joint;
+pub mod ekf;
+mod gauge_health;
+pub mod harmonic_block;
+mod hypothesis_test;
+mod lock_detector;
 mod model;
-pub mod offsets;
 mod output;
-mod trust;
-mod wheel;
+mod wheel_pll;
 
 use crate::Error;
-use crate::estimate::{Estimate, LoadEstimate, MAX_LOADS};
-use crate::measurement::{Converter, Counter, Unwrap};
-use crate::phase::Phase;
-use crate::raw::{MAX_CHANNELS, RawSample};
-use block::{Block, Sums};
-use consistency::Consistency;
-use contact::{Contacts, Equilibrium};
-use duel::{CANDIDATES, Duel};
-use health::Health;
-use joint::{Belief, KNOWN_PHASE, Told};
-use offsets::Offsets;
-use output::{UNKNOWN, estimate};
-use trust::Trust;
-use wheel::Wheel;
+use crate::bearing::bias_prior::BiasPrior;
+use crate::bearing::consistency::Consistency;
+use crate::bearing::contact::{Contacts, Equilibrium};
+use crate::bearing::ekf::{BlockInnovation, JointEkf, KNOWN_PHASE};
+use crate::bearing::gauge_health::GaugeHealth;
+use crate::bearing::harmonic_block::{HarmonicBlock, HarmonicSums};
+use crate::bearing::hypothesis_test::{CANDIDATES, HypothesisTest};
+use crate::bearing::lock_detector::LockDetector;
+use crate::bearing::output::{NO_ESTIMATE, estimate};
+use crate::bearing::wheel_pll::WheelPll;
+use crate::io::estimate::{Estimate, LoadEstimate, MAX_LOADS};
+use crate::io::measurement::{AdcScaling, EncoderScaling, SignalConditioner};
+use crate::io::raw::{MAX_CHANNELS, RawSample};
+use crate::signal::phase::Phase;
 
-pub use model::{BearingModel, GaugeModel, Tuning};
+pub use crate::bearing::model::{BearingModel, GaugeModel, Tuning};
 
 /// Rows of balls.
 pub const ROWS: usize = 2;
@@ -59,20 +59,20 @@ pub const BLOCK_HZ: f32 = 100.0;
 /// Lost samples that are counted at most: more are a new start of the sampling.
 const LONGEST_GAP: u32 = 1000;
 
-/// Jobs of a block: champion, challenger, judgement.
-const JOBS: u16 = 2 * BELIEF_JOBS + 1;
-const BELIEF_JOBS: u16 = 8;
+/// Jobs of a block: primary, alternative, assessment.
+const STAGES: u16 = 2 * STAGES_PER_HYPOTHESIS + 1;
+const STAGES_PER_HYPOTHESIS: u16 = 8;
 
 /// The estimator of a bearing, fixed after start.
 #[derive(Clone, Debug)]
-pub struct Bearing {
+pub struct BearingEstimator {
     model: BearingModel,
     contacts: Contacts,
-    converters: [Converter; GAUGES],
-    counters: [Counter; 1],
+    converters: [AdcScaling; GAUGES],
+    counters: [EncoderScaling; 1],
     dt_s: f32,
     block_samples: u16,
-    jobs_per_sample: u16,
+    stages_per_sample: u16,
     /// Equilibrium at the expected loads.
     rest: Equilibrium,
 }
@@ -80,22 +80,22 @@ pub struct Bearing {
 /// What changes from sample to sample.
 #[derive(Clone, Debug)]
 pub struct BearingState {
-    unwrap: Unwrap,
-    wheel: Wheel,
-    sums: Sums,
-    block: Block,
-    job: u16,
-    /// Whether the champion's last job of a block was done with the last sample.
-    taken_in: bool,
-    champion: Belief,
-    challenger: Belief,
-    told: [Told; GAUGES],
-    health: Health,
+    unwrap: SignalConditioner,
+    wheel: WheelPll,
+    sums: HarmonicSums,
+    block: HarmonicBlock,
+    stage: u16,
+    /// Whether the primary's last job of a block was done with the last sample.
+    updated: bool,
+    primary: JointEkf,
+    alternative: JointEkf,
+    innovations: [BlockInnovation; GAUGES],
+    health: GaugeHealth,
     cost: (f32, f32),
-    trust: Trust,
-    duel: Duel,
-    /// What was learnt of preload and biases by rows that were told from their mirror image.
-    offsets: Offsets,
+    lock: LockDetector,
+    test: HypothesisTest,
+    /// What was learnt of preload and biases by rows that were distinguished from their mirror image.
+    offsets: BiasPrior,
     consistency: Consistency,
     running: bool,
     /// Loads that are known, on a rig [kN].
@@ -104,7 +104,7 @@ pub struct BearingState {
     age: u16,
 }
 
-impl Bearing {
+impl BearingEstimator {
     /// Checks a model and lays it out.
     ///
     /// # Errors
@@ -114,41 +114,41 @@ impl Bearing {
         let t = &model.tuning;
         let block = libm::roundf(rate_hz / BLOCK_HZ).clamp(1.0, 1000.0) as u16;
         let contacts = Contacts::try_new(model.geometry.clone())?;
-        let rest = contacts.settle(&t.load_mean, 0.0);
+        let rest = contacts.solve_equilibrium(&t.load_mean, 0.0);
         Ok(Self {
             converters: [0, 1, 2, 3].map(|g| model.gauges[g].converter),
             counters: [model.counter],
             dt_s: 1.0 / rate_hz,
             block_samples: block,
-            jobs_per_sample: JOBS.div_ceil(block),
+            stages_per_sample: STAGES.div_ceil(block),
             contacts,
             model,
             rest,
         })
     }
 
-    /// The state before the first sample; the first block fills its beliefs.
+    /// The state before the first sample; the first block fills its posteriors.
     #[inline]
     pub fn start(&self) -> BearingState {
         BearingState {
-            unwrap: Unwrap::default(),
-            wheel: Wheel::default(),
-            sums: Sums::default(),
-            block: Block::default(),
-            job: JOBS,
-            taken_in: false,
-            champion: Belief::blank(),
-            challenger: Belief::blank(),
-            told: [Told::default(); GAUGES],
-            health: Health::default(),
+            unwrap: SignalConditioner::default(),
+            wheel: WheelPll::default(),
+            sums: HarmonicSums::default(),
+            block: HarmonicBlock::default(),
+            stage: STAGES,
+            updated: false,
+            primary: JointEkf::zeroed(),
+            alternative: JointEkf::zeroed(),
+            innovations: [BlockInnovation::default(); GAUGES],
+            health: GaugeHealth::default(),
             cost: (0.0, 0.0),
-            duel: Duel::default(),
-            trust: Trust::default(),
-            offsets: Offsets::expected(&self.model.tuning),
+            test: HypothesisTest::default(),
+            lock: LockDetector::default(),
+            offsets: BiasPrior::expected(&self.model.tuning),
             consistency: Consistency::default(),
             running: false,
             known: None,
-            published: [UNKNOWN; LOADS],
+            published: [NO_ESTIMATE; LOADS],
             age: u16::MAX,
         }
     }
@@ -167,7 +167,7 @@ impl Bearing {
             return estimate(state, &m);
         }
         let lost = m.lost.min(LONGEST_GAP) as u16;
-        let phase = state.wheel.follow(&m, self.dt_s, lost) * self.model.passes_per_turn;
+        let phase = state.wheel.update(&m, self.dt_s, lost) * self.model.passes_per_turn;
         if state.wheel.lost {
             state.lose_phases();
         }
@@ -176,10 +176,10 @@ impl Bearing {
             *reading = value.ok();
         }
         state.sums.add(phase, lost, &readings);
-        state.taken_in = false;
-        for _ in 0..self.jobs_per_sample {
-            state.taken_in |= state.job == BELIEF_JOBS - 1;
-            self.work(state);
+        state.updated = false;
+        for _ in 0..self.stages_per_sample {
+            state.updated |= state.stage == STAGES_PER_HYPOTHESIS - 1;
+            self.run_stage(state);
         }
         if state.sums.count >= self.block_samples {
             self.close_block(state);
@@ -197,49 +197,49 @@ impl Bearing {
         } else if !fast_enough {
             // Hysteresis is not needed: a start is a search whatever its cause.
             state.running = false;
-            state.job = JOBS;
-            state.published = [UNKNOWN; LOADS];
+            state.stage = STAGES;
+            state.published = [NO_ESTIMATE; LOADS];
             // At rest a machine is serviced, and it cools: what comes after is compared anew.
             state.consistency = Consistency::default();
         } else if !state.running {
             state.running = true;
-            self.begin(&mut state.champion, &state.offsets);
-            state.duel = Duel::default();
-            state.trust = Trust::default();
-            self.challenge(state);
+            self.begin(&mut state.primary, &state.offsets);
+            state.test = HypothesisTest::default();
+            state.lock = LockDetector::default();
+            self.propose_alternative(state);
         }
         if state.running {
-            state.block = state.sums.whitened();
-            state.job = 0;
+            state.block = state.sums.solve();
+            state.stage = 0;
         }
-        state.sums = Sums::default();
+        state.sums = HarmonicSums::default();
     }
 
-    fn begin(&self, belief: &mut Belief, offsets: &Offsets) {
-        belief.begin(&self.model.tuning, &self.contacts, &self.rest, offsets);
+    fn begin(&self, hypothesis: &mut JointEkf, offsets: &BiasPrior) {
+        hypothesis.initialise(&self.model.tuning, &self.contacts, &self.rest, offsets);
     }
 
     /// The next job of the current block.
-    fn work(&self, state: &mut BearingState) {
-        let job = state.job;
-        if job >= JOBS {
+    fn run_stage(&self, state: &mut BearingState) {
+        let stage = state.stage;
+        if stage >= STAGES {
             return;
         }
-        state.job = job + 1;
+        state.stage = stage + 1;
         let tuning = &self.model.tuning;
         let dt_s = self.dt_s * f32::from(state.block.elapsed);
-        let challenger = job >= BELIEF_JOBS;
-        let belief = if challenger {
-            &mut state.challenger
+        let alternative = stage >= STAGES_PER_HYPOTHESIS;
+        let hypothesis = if alternative {
+            &mut state.alternative
         } else {
-            &mut state.champion
+            &mut state.primary
         };
-        match job % BELIEF_JOBS {
-            _ if job == JOBS - 1 => self.judge(state),
+        match stage % STAGES_PER_HYPOTHESIS {
+            _ if stage == STAGES - 1 => self.decide(state),
             0 => {
-                belief.predict(tuning, state.block.phase, dt_s);
+                hypothesis.predict(tuning, state.block.phase, dt_s);
                 if let Some(known) = state.known {
-                    belief.know(&known);
+                    hypothesis.condition_on_loads(&known);
                 }
                 let strayed = tuning.slip_std * state.block.phase;
                 if strayed * strayed > KNOWN_PHASE {
@@ -249,54 +249,54 @@ impl Bearing {
             }
             part @ 1..=4 => {
                 let g = usize::from(part) - 1;
-                let used = state.block.whole[g % GAUGES] && state.health.fault(g).is_none();
-                let told = belief.update(
+                let used = state.block.complete[g % GAUGES] && state.health.fault(g).is_none();
+                let innovations = hypothesis.update(
                     &self.model.gauges[g % GAUGES],
                     tuning,
                     &state.block,
                     g,
                     used,
                 );
-                let cost = if used { told.cost } else { 0.0 };
-                if challenger {
+                let cost = if used { innovations.cost } else { 0.0 };
+                if alternative {
                     state.cost.1 += cost;
                 } else {
                     state.cost.0 += cost;
-                    state.told[g % GAUGES] = told;
+                    state.innovations[g % GAUGES] = innovations;
                     if part == 4 {
-                        self.scrutinise(state);
+                        self.update_monitors(state);
                         self.publish(state);
                     }
                 }
             }
-            5 => belief.balance(&self.contacts),
+            5 => hypothesis.newton_step(&self.contacts),
             part => {
                 let first = 2 * (usize::from(part) - 6);
-                belief.refresh(&self.contacts, first);
-                belief.refresh(&self.contacts, first + 1);
+                hypothesis.update_features(&self.contacts, first);
+                hypothesis.update_features(&self.contacts, first + 1);
             }
         }
     }
 
-    /// Judges champion and gauges by what was read in the block.
-    fn scrutinise(&self, state: &mut BearingState) {
-        let (told, gauges) = (&state.told, &self.model.gauges);
-        let fell_silent = state.health.take(told, &state.block, gauges);
-        let mut used = state.block.whole;
+    /// Assesses primary and gauges by what was read in the block.
+    fn update_monitors(&self, state: &mut BearingState) {
+        let (innovations, gauges) = (&state.innovations, &self.model.gauges);
+        let fell_silent = state.health.update(innovations, &state.block, gauges);
+        let mut used = state.block.complete;
         for (g, used) in used.iter_mut().enumerate() {
             *used &= state.health.fault(g).is_none();
         }
-        let prior = state.champion.prior(&self.model.tuning);
-        state.trust.take(told, used, gauges, prior);
+        let prior = state.primary.prior_cost(&self.model.tuning);
+        state.lock.update(innovations, used, gauges, prior);
         if (0..GAUGES).any(|g| !state.health.fault(g).is_none()) {
             // Three gauges explain the loads by other slow states than four.
             state.consistency = Consistency::default();
         } else if state.known.is_none() {
             let locked = state.is_locked();
             let dt_s = self.dt_s * f32::from(state.block.elapsed);
-            (state.consistency).take(&state.champion.offsets(), locked, &self.model.tuning, dt_s);
+            (state.consistency).update(&state.primary.offsets(), locked, &self.model.tuning, dt_s);
         }
-        // What a dead gauge has told until it was found out is believed no longer.
+        // What was learnt from a dead gauge before it was detected is discarded.
         state.running &= !fell_silent;
     }
 }
@@ -306,28 +306,28 @@ const _: () = assert!(GAUGES <= MAX_CHANNELS && LOADS <= MAX_LOADS);
 impl BearingState {
     /// The phases are to be found again, and slow states to be compared from then on.
     fn lose_phases(&mut self) {
-        self.duel.won = 0;
+        self.test.tests_passed = 0;
         self.consistency = Consistency::default();
     }
 
-    /// Tells the filter the loads [kN], on a rig; moments over the radius.
-    pub fn know(&mut self, loads: [f32; LOADS]) {
+    /// Tells the filter the loads (kN), on a rig; moments over the radius.
+    pub fn set_known_loads(&mut self, loads: [f32; LOADS]) {
         self.known = Some(loads);
     }
 
-    /// The champion and the block that it took in last, once it has taken it in
+    /// The primary and the block that it took in last, once it has taken it in
     /// whole: at the sample that ends its jobs on that block.
-    pub fn taken_in(&self) -> Option<(&Block, &Belief)> {
-        (self.running && self.taken_in).then_some((&self.block, &self.champion))
+    pub fn updated(&self) -> Option<(&HarmonicBlock, &JointEkf)> {
+        (self.running && self.updated).then_some((&self.block, &self.primary))
     }
 
-    /// Whether the champion can be believed: it has met a challenge, is told from its mirror image, explains the
-    /// readings and is plausible; with known loads, that it has met every challenge.
+    /// Whether the primary hypothesis is accepted: it has passed a test, is distinguished from its mirror image, explains the
+    /// readings and is plausible; with known loads, that it has met every test.
     pub fn is_locked(&self) -> bool {
         let met = if self.known.is_some() {
-            self.duel.won >= CANDIDATES
+            self.test.tests_passed >= CANDIDATES
         } else {
-            self.duel.won > 0 && self.duel.settled && self.trust.is_earned()
+            self.test.tests_passed > 0 && self.test.mirror_resolved && self.lock.is_confirmed()
         };
         self.running && met
     }

@@ -3,23 +3,23 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::contact::Geometry;
-use super::{FEATURES, GAUGES, HARMONICS, LOADS, ROWS};
 use crate::Error;
+use crate::bearing::contact::Geometry;
+use crate::bearing::{FEATURES, GAUGES, HARMONICS, LOADS, ROWS};
 use crate::error::finite;
-use crate::estimate::MAX_LOADS;
-use crate::image::LoadSignal;
-use crate::measurement::{Converter, Counter};
+use crate::io::estimate::MAX_LOADS;
+use crate::io::measurement::{AdcScaling, EncoderScaling};
+use crate::load_signal::LoadSignal;
 
 /// A model of a bearing, as the image holds it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BearingModel {
-    /// `Fx, Fy, Fz, Mx, Mz`; forces [N], moments [N m].
+    /// `Fx, Fy, Fz, Mx, Mz`; forces (N), moments [N m].
     pub loads: Vec<LoadSignal, MAX_LOADS>,
     /// The gauges in the order of the board's words.
     pub gauges: [GaugeModel; GAUGES],
     /// The wheel's encoder.
-    pub counter: Counter,
+    pub counter: EncoderScaling,
     /// Balls that pass a point of the outer ring in a turn of the wheel, not 0.
     pub passes_per_turn: f32,
     /// The bearing.
@@ -32,8 +32,8 @@ pub struct BearingModel {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GaugeModel {
     /// Word to strain [um/m].
-    pub converter: Converter,
-    /// `N psi_g`: phase of ball passing at the gauge [rad].
+    pub converter: AdcScaling,
+    /// `N psi_g`: phase of ball passing at the gauge (rad).
     pub passing: f32,
     /// Standard deviation of a reading [um/m], > 0.
     pub noise_std: f32,
@@ -54,7 +54,7 @@ pub struct GaugeModel {
 /// Tuning of the joint filter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tuning {
-    /// Time in which slip forgets [s], > 0.
+    /// Time in which slip forgets (s), > 0.
     pub slip_time_s: f32,
     /// Standard deviation of slip, relative, > 0.
     pub slip_std: f32,
@@ -62,29 +62,29 @@ pub struct Tuning {
     pub slip_limit: f32,
     /// Scatter of the phase [rad/sqrt(rad)].
     pub phase_walk: f32,
-    /// Mean of the loads that are expected [kN].
+    /// Mean of the loads that are expected (kN).
     pub load_mean: [f32; LOADS],
-    /// Lower factor of their covariance [kN]: those on the rig.
+    /// Lower factor of their covariance (kN): those on the rig.
     pub load_factor: [[f32; LOADS]; LOADS],
-    /// Time in which loads return to them [s], > 0.
+    /// Time in which loads return to them (s), > 0.
     pub load_time_s: f32,
-    /// Standard deviation of the preload [um] and its random walk [um/sqrt(s)].
+    /// Standard deviation of the preload (um) and its random walk [um/sqrt(s)].
     pub preload_std: f32,
     /// See `preload_std`.
     pub preload_walk: f32,
-    /// Standard deviation of the biases [um/m] and the time in which they forget [s].
+    /// Standard deviation of the biases [um/m] and the time in which they forget (s).
     pub bias_std: f32,
     /// See `bias_std`.
     pub bias_time_s: f32,
     /// Error of the bulk strain's model from block to block [um/m].
     pub bulk_std: f32,
-    /// Frequency of ball passing below which bulk and local strain cannot be told apart [Hz], > 0.
+    /// Frequency of ball passing below which bulk and local strain cannot be separated (Hz), > 0.
     pub lowest_hz: f32,
 }
 
 impl BearingModel {
     /// The name of the first number that is out of its range.
-    pub(super) fn check(&self) -> Result<(), Error> {
+    pub(crate) fn check(&self) -> Result<(), Error> {
         if self.loads.len() != LOADS {
             return Err(Error::OutOfRange("number of loads"));
         }
@@ -144,7 +144,7 @@ impl GaugeModel {
     }
 
     /// Variance of a reading about the model where there is no local strain [(um/m)^2].
-    pub(super) fn resting_variance(&self) -> f32 {
+    pub(crate) fn resting_variance(&self) -> f32 {
         self.noise_std * self.noise_std + self.resting_error * self.resting_error
     }
 }

@@ -1,14 +1,14 @@
 //! What is said after a sample.
 
-use super::joint::{LOAD, Told};
-use super::{Bearing, BearingState, LOADS, ROWS};
-use crate::estimate::{Estimate, LoadEstimate, SensorEstimate};
-use crate::fault::Fault;
-use crate::measurement::Measurement;
-use crate::phase::{Phase, wrap_rad};
+use crate::bearing::ekf::{BlockInnovation, LOAD_INDEX};
+use crate::bearing::{BearingEstimator, BearingState, LOADS, ROWS};
+use crate::io::estimate::{Estimate, LoadEstimate, SensorEstimate};
+use crate::io::fault::Fault;
+use crate::io::measurement::Measurement;
+use crate::signal::phase::{Phase, wrap_rad};
 
 /// A load of which nothing is known.
-pub(super) const UNKNOWN: LoadEstimate = LoadEstimate {
+pub(crate) const NO_ESTIMATE: LoadEstimate = LoadEstimate {
     value: 0.0,
     std: f32::MAX,
     age: u16::MAX,
@@ -18,21 +18,21 @@ pub(super) const UNKNOWN: LoadEstimate = LoadEstimate {
 /// SI size of the strains' unit.
 const STRAIN: f32 = 1e-6;
 
-impl Bearing {
-    /// Makes the champion's loads those that are said, where they can be believed.
-    pub(super) fn publish(&self, state: &mut BearingState) {
+impl BearingEstimator {
+    /// Reports the loads of the primary hypothesis where it is accepted.
+    pub(crate) fn publish(&self, state: &mut BearingState) {
         state.age = 0;
         let contradicted = state.consistency.is_contradicted();
         let locked = state.is_locked() && !contradicted;
         let radius = self.model.geometry.radius_mm;
         let slipped = (0..ROWS).any(|row| {
-            state.champion.gaussian.state[ROWS + row].abs() > self.model.tuning.slip_limit
+            state.primary.gaussian.state[ROWS + row].abs() > self.model.tuning.slip_limit
         });
         for i in 0..LOADS {
             // kN; moments over the radius [mm] in kN: N m.
             let unit = if i < 3 { 1000.0 } else { radius };
-            let value = state.champion.gaussian.state[LOAD + i] * unit;
-            let variance = state.champion.gaussian.upper[LOAD + i][LOAD + i];
+            let value = state.primary.gaussian.state[LOAD_INDEX + i] * unit;
+            let variance = state.primary.gaussian.upper[LOAD_INDEX + i][LOAD_INDEX + i];
             let std = libm::sqrtf(variance.max(0.0)) * unit;
             let limit = self.model.loads.get(i).map_or(0.0, |load| load.valid_std);
             state.published[i] = if locked && value.is_finite() && std <= limit {
@@ -45,17 +45,17 @@ impl Bearing {
             } else if contradicted {
                 LoadEstimate {
                     fault: Fault::Contradicted,
-                    ..UNKNOWN
+                    ..NO_ESTIMATE
                 }
             } else {
-                UNKNOWN
+                NO_ESTIMATE
             };
         }
     }
 }
 
 /// What is said after a sample.
-pub(super) fn estimate(state: &BearingState, m: &Measurement) -> Estimate {
+pub(crate) fn estimate(state: &BearingState, m: &Measurement) -> Estimate {
     let mut estimate = Estimate {
         tick: m.tick,
         lost: m.lost,
@@ -69,12 +69,12 @@ pub(super) fn estimate(state: &BearingState, m: &Measurement) -> Estimate {
             ..*load
         });
     }
-    for (g, told) in state.told.iter().enumerate() {
+    for (g, innovations) in state.innovations.iter().enumerate() {
         let reading = m.values.get(g).copied().unwrap_or(Err(Fault::Missing));
         let known = if state.running {
-            *told
+            *innovations
         } else {
-            Told::default()
+            BlockInnovation::default()
         };
         let _ = estimate.sensors.push(SensorEstimate {
             measured: reading.unwrap_or(0.0) * STRAIN,

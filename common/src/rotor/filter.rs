@@ -10,7 +10,7 @@
 //! `e = (A_11 - I) z + A_12 z' + B_1 f`), and of its transition only `D` is dense:
 //! the prediction of `P` takes less than half of what it takes with (z, z'). `D` is what
 //! changes, not what stays: damping is some 1e-4 in a sample, of which f32 has all digits,
-//! and beside a 1 only three. So it is with the turn of forces ([`Turn`]).
+//! and beside a 1 only three. So it is with the turn of forces ([`LoadTransition`]).
 //!
 //! Source: Rezende et al. 2023, eq. (7), (10)-(12); Middleton and Goodwin, IEEE Trans. Autom.
 //! Control 31 (1986), for changes in place of values.
@@ -73,7 +73,7 @@ impl Real for f64 {
 
 /// What the filter believes: mean and covariance, both triangles alike.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Belief<T, const NX: usize> {
+pub struct StateEstimate<T, const NX: usize> {
     /// `x`.
     pub state: [T; NX],
     /// `P`.
@@ -82,14 +82,14 @@ pub struct Belief<T, const NX: usize> {
 
 /// How a sensor reads the state: `y = h z + b`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row<T, const NZ: usize> {
+pub struct ObservationRow<T, const NZ: usize> {
     /// `h`, over the modal displacements.
     pub modal: [T; NZ],
     /// The state that is its bias, in the unit of its reading.
     pub bias: Option<usize>,
 }
 
-impl<T, const NZ: usize> Row<T, NZ> {
+impl<T, const NZ: usize> ObservationRow<T, NZ> {
     /// Its bias among NX states; none in a filter without.
     fn bias<const NX: usize>(&self) -> Option<usize> {
         if NX > 2 * NZ + FORCES {
@@ -102,40 +102,40 @@ impl<T, const NZ: usize> Row<T, NZ> {
 
 /// How forces and biases move in one sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Turn<T> {
+pub struct LoadTransition<T> {
     /// Bit k: pair k turns with the shaft and grows with its speed squared.
-    pub turning: u8,
+    pub synchronous_mask: u8,
     /// Pairs of forces.
     pub pairs: usize,
     /// What a pair gains along itself: `g cos(a) - 1`, of the shaft's angle `a` in the sample
     /// and the growth `g`.
-    pub along: T,
+    pub cos_minus_one: T,
     /// And across: `g sin(a)`.
-    pub across: T,
+    pub sin: T,
     /// Part of each bias that is left after the sample.
-    pub left: [T; BIASES],
+    pub bias_decay: [T; BIASES],
 }
 
-impl<T: Real> Turn<T> {
+impl<T: Real> LoadTransition<T> {
     /// `R s`, in place.
     fn apply(&self, s: &mut [T]) {
         for (k, pair) in s.chunks_exact_mut(2).take(FORCES / 2).enumerate() {
-            if let ([x, y], true) = (pair, self.turning & (1 << k) != 0) {
+            if let ([x, y], true) = (pair, self.synchronous_mask & (1 << k) != 0) {
                 (*x, *y) = (
-                    *x + (self.along * *x - self.across * *y),
-                    *y + (self.across * *x + self.along * *y),
+                    *x + (self.cos_minus_one * *x - self.sin * *y),
+                    *y + (self.sin * *x + self.cos_minus_one * *y),
                 );
             }
         }
-        for (bias, left) in s.iter_mut().skip(FORCES).zip(&self.left) {
-            *bias = *left * *bias;
+        for (bias, bias_decay) in s.iter_mut().skip(FORCES).zip(&self.bias_decay) {
+            *bias = *bias_decay * *bias;
         }
     }
 }
 
 /// What an update said of one channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Told<T> {
+pub struct Innovation<T> {
     /// `nu`.
     pub innovation: T,
     /// `s`.
@@ -149,14 +149,14 @@ pub struct Told<T> {
 #[inline(never)]
 pub fn predict_state<T: Real, const NZ: usize, const NX: usize>(
     state: &mut [T; NX],
-    dense: &[[T; NX]; NZ],
-    turn: &Turn<T>,
+    increment_matrix: &[[T; NX]; NZ],
+    turn: &LoadTransition<T>,
 ) {
     let mut change = [T::ZERO; NZ];
     for i in 0..NZ {
-        let mut sum = dense[i][0] * state[0];
+        let mut sum = increment_matrix[i][0] * state[0];
         for k in 1..2 * NZ + FORCES {
-            sum += dense[i][k] * state[k];
+            sum += increment_matrix[i][k] * state[k];
         }
         change[i] = sum;
     }
@@ -177,8 +177,8 @@ pub fn predict_state<T: Real, const NZ: usize, const NX: usize>(
 #[inline(never)]
 pub fn predict_covariance<T: Real, const NZ: usize, const NX: usize>(
     p: &mut [[T; NX]; NX],
-    dense: &[[T; NX]; NZ],
-    turn: &Turn<T>,
+    increment_matrix: &[[T; NX]; NZ],
+    turn: &LoadTransition<T>,
     noise: impl Fn(usize) -> T,
 ) {
     const {
@@ -194,10 +194,10 @@ pub fn predict_covariance<T: Real, const NZ: usize, const NX: usize>(
             let (mut a, mut b, mut c, mut d) = (p[j][e], p[j][e + 1], p[j][e + 2], p[j][e + 3]);
             for k in 0..2 * NZ + FORCES {
                 let column = p[j][k];
-                a += dense[i][k] * column;
-                b += dense[i + 1][k] * column;
-                c += dense[i + 2][k] * column;
-                d += dense[i + 3][k] * column;
+                a += increment_matrix[i][k] * column;
+                b += increment_matrix[i + 1][k] * column;
+                c += increment_matrix[i + 2][k] * column;
+                d += increment_matrix[i + 3][k] * column;
             }
             (w[i][j], w[i + 1][j], w[i + 2][j], w[i + 3][j]) = (a, b, c, d);
         }
@@ -232,7 +232,7 @@ pub fn predict_covariance<T: Real, const NZ: usize, const NX: usize>(
         for j in 0..i + 1 {
             let mut sum = w[i][NZ + j];
             for k in 0..2 * NZ + FORCES {
-                sum += w[i][k] * dense[j][k];
+                sum += w[i][k] * increment_matrix[j][k];
             }
             p[NZ + i][NZ + j] = sum;
         }
@@ -262,9 +262,9 @@ pub fn predict_covariance<T: Real, const NZ: usize, const NX: usize>(
 }
 
 /// `h z + b`.
-pub fn predicted<T: Real, const NZ: usize, const NX: usize>(
+pub fn predict_measurement<T: Real, const NZ: usize, const NX: usize>(
     state: &[T; NX],
-    row: &Row<T, NZ>,
+    row: &ObservationRow<T, NZ>,
 ) -> T {
     let mut sum = row.modal[0] * state[0];
     for i in 1..NZ {
@@ -281,19 +281,19 @@ pub fn predicted<T: Real, const NZ: usize, const NX: usize>(
 /// `s = h P h' + r`, `k = P h' / s`, `x+ = x + k nu`, `P+ = P - k s k'`
 ///
 /// `admits` judges the NIS; where it refuses, or a number is not finite, the
-/// belief is untouched and the second value false.
+/// posterior is untouched and the second value false.
 ///
 /// Source: Rezende et al. 2023, figure 1, one row at a time.
 #[inline(never)]
 pub fn update<T: Real, const NZ: usize, const NX: usize>(
-    belief: &mut Belief<T, NX>,
-    row: &Row<T, NZ>,
+    posterior: &mut StateEstimate<T, NX>,
+    row: &ObservationRow<T, NZ>,
     measured: T,
     variance: T,
     admits: impl FnOnce(T) -> bool,
-) -> (Told<T>, bool) {
-    let innovation = measured - predicted(&belief.state, row);
-    let p = &mut belief.covariance;
+) -> (Innovation<T>, bool) {
+    let innovation = measured - predict_measurement(&posterior.state, row);
+    let p = &mut posterior.covariance;
     let (bias, row) = (row.bias::<NX>(), &row.modal);
     let mut w = [T::ZERO; NX];
     let mut scale = T::ZERO;
@@ -320,23 +320,23 @@ pub fn update<T: Real, const NZ: usize, const NX: usize>(
     s += if variance < floor { floor } else { variance };
     let inverse = T::ONE / s;
     let nis = innovation * innovation * inverse;
-    let told = Told {
+    let result = Innovation {
         innovation,
         variance: s,
         nis,
     };
     // 1/s is positive for every finite s > 0; both fail on NaN.
     if !(inverse > T::ZERO && nis <= T::MAX && admits(nis)) {
-        return (told, false);
+        return (result, false);
     }
     for i in 0..NX {
         let gain = w[i] * inverse;
-        belief.state[i] += gain * innovation;
+        posterior.state[i] += gain * innovation;
         for j in 0..i + 1 {
             let value = p[i][j] - gain * w[j];
             p[i][j] = value;
             p[j][i] = value;
         }
     }
-    (told, true)
+    (result, true)
 }

@@ -10,8 +10,8 @@
 //! Source: Mehra, On the identification of variances and adaptive Kalman filtering, IEEE Trans.
 //! Autom. Control 15 (1970), section II; Page, Continuous inspection schemes, Biometrika 41 (1954).
 
-use crate::estimate::SensorEstimate;
-use crate::raw::MAX_CHANNELS;
+use crate::io::estimate::SensorEstimate;
+use crate::io::raw::MAX_CHANNELS;
 
 /// Samples in a window. The correlation of white innovations of one sensor deviates by 1/8.
 const WINDOW: u16 = 64;
@@ -230,14 +230,14 @@ impl Mismatch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fault::Fault;
+    use crate::io::fault::Fault;
 
     const LEVELS: u8 = 4;
 
     /// Noise of variance 1/12 from a linear congruential generator.
-    struct Noise(u32);
+    struct NoiseModel(u32);
 
-    impl Noise {
+    impl NoiseModel {
         fn next(&mut self) -> f32 {
             self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (self.0 >> 8) as f32 / (1 << 24) as f32 - 0.5
@@ -251,7 +251,7 @@ mod tests {
         windows: u32,
         more: impl Fn(usize, u32) -> f32,
     ) -> (u32, Option<Change>) {
-        let mut noise = Noise(7);
+        let mut noise = NoiseModel(7);
         for k in 0..windows * u32::from(WINDOW) {
             let sensors = [0, 1, 2, 3].map(|sensor| {
                 let innovation = noise.next() + more(sensor, k);

@@ -3,13 +3,13 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::filter::{BIASES, FORCES};
-use super::past::MAX_LAG;
 use crate::error::{Error, positive};
-use crate::estimate::MAX_LOADS;
-use crate::image::LoadSignal;
-use crate::measurement::{Converter, Counter, IndexPulse};
-use crate::raw::MAX_CHANNELS;
+use crate::io::estimate::MAX_LOADS;
+use crate::io::measurement::{AdcScaling, EncoderScaling, IndexPulse};
+use crate::io::raw::MAX_CHANNELS;
+use crate::load_signal::LoadSignal;
+use crate::rotor::filter::{BIASES, FORCES};
+use crate::rotor::fixed_lag_smoother::MAX_LAG;
 
 /// Most modal displacements that a model can have.
 pub const MAX_MODES: usize = 8;
@@ -25,12 +25,12 @@ pub const WAVES: usize = 3;
 
 /// Numbers that stay where the image lies (flash): f32, little endian.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Numbers<'a> {
+pub struct PackedF32<'a> {
     #[serde(borrow)]
     bytes: &'a [u8],
 }
 
-impl<'a> Numbers<'a> {
+impl<'a> PackedF32<'a> {
     /// Numbers over `bytes`, 4 for each.
     pub fn new(bytes: &'a [u8]) -> Self {
         Self { bytes }
@@ -50,7 +50,7 @@ impl<'a> Numbers<'a> {
 
     /// Both triangles of a matrix, of its lower one.
     #[inline(never)]
-    pub(super) fn fill<const N: usize>(&self, matrix: &mut [[f32; N]; N]) {
+    pub(crate) fn fill<const N: usize>(&self, matrix: &mut [[f32; N]; N]) {
         let mut entry = 0;
         for i in 0..N {
             for j in 0..=i {
@@ -78,30 +78,30 @@ impl<'a> Numbers<'a> {
 pub struct RotorModel<'a> {
     /// Modal displacements `z`.
     pub modes: u8,
-    /// Unit of each state [SI]: the filter's state times this is SI.
+    /// Unit of each state (SI): the filter's state times this is SI.
     pub scale: Vec<f32, MAX_STATES>,
-    /// Sample period [s], > 0.
+    /// Sample period (s), > 0.
     pub sample_s: f32,
     /// Speeds that the tables hold, evenly spaced.
-    pub speeds: Speeds,
+    pub speeds: SpeedGrid,
     /// Samples by which the estimates lag, at most [`MAX_LAG`].
     pub lag: u8,
     /// For each speed: `D` by rows over modal displacements, their changes and forces.
     #[serde(borrow)]
-    pub dense: Numbers<'a>,
+    pub increment_matrix: PackedF32<'a>,
     /// The bank of noise levels: first that of the description, then larger ones for models that
     /// err more; at least one.
     #[serde(borrow)]
-    pub levels: Vec<Noise<'a>, MAX_LEVELS>,
+    pub levels: Vec<NoiseModel<'a>, MAX_LEVELS>,
     /// Lower triangle of the covariance before the first sample.
     #[serde(borrow)]
-    pub initial_covariance: Numbers<'a>,
+    pub initial_covariance: PackedF32<'a>,
     /// NIS above which a reading is left out, > 0.
     pub gate_nis: f32,
     /// Bit k: load pair k turns with the shaft.
-    pub turning: u8,
+    pub synchronous_mask: u8,
     /// Part of each sensor's bias that is left after a sample, 0 to 1.
-    pub left: [f32; BIASES],
+    pub bias_decay: [f32; BIASES],
     /// The loads in pairs along x and y.
     pub loads: Vec<LoadSignal, MAX_LOADS>,
     /// Displacement sensors in the order of the raw words.
@@ -114,19 +114,19 @@ pub struct RotorModel<'a> {
 
 /// A process noise, and what the filter comes to with it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Noise<'a> {
+pub struct NoiseModel<'a> {
     /// Lower triangle of Q by rows.
     #[serde(borrow)]
-    pub process: Numbers<'a>,
+    pub process: PackedF32<'a>,
     /// For each speed: the steady gain `K` by rows, the steady gains of the samples before the
     /// last by rows, the variance of each channel's innovation, the steady standard deviation of
     /// each load after the lag, with the model error that the level allows for, and the error of each load under the nominal loads where the model
     /// errs by its usual tolerances.
     #[serde(borrow)]
-    pub steady: Numbers<'a>,
+    pub steady: PackedF32<'a>,
     /// Lower triangle of the steady covariance at the machine's speed.
     #[serde(borrow)]
-    pub covariance: Numbers<'a>,
+    pub covariance: PackedF32<'a>,
     /// Samples in a row, all sensors used, after which the gain has converged.
     pub full_samples: u32,
     /// Model error that the level allows for, in the usual tolerances; >= 0.
@@ -135,7 +135,7 @@ pub struct Noise<'a> {
 
 /// Speeds of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Speeds {
+pub struct SpeedGrid {
     /// The first [rad/s], >= 0.
     pub lowest: f32,
     /// From one to the next [rad/s], > 0.
@@ -150,8 +150,8 @@ pub struct Speeds {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RotorChannel {
     /// Raw word to reading, in `unit`s.
-    pub converter: Converter,
-    /// Size of the reading's unit [m], > 0.
+    pub converter: AdcScaling,
+    /// Size of the reading's unit (m), > 0.
     pub unit: f32,
     /// Reading of a shaft that rests on its axis.
     pub offset: f32,
@@ -170,7 +170,7 @@ pub struct RotorChannel {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ShaftEncoder {
     /// Count to shaft angle.
-    pub counter: Counter,
+    pub counter: EncoderScaling,
     /// Part of an angle error that the tracked angle takes in a sample, 0 to 1.
     pub angle_gain: f32,
     /// Part of it that the tracked speed takes [1/s], > 0.
@@ -184,7 +184,7 @@ impl RotorChannel {
     /// of the multiples.
     ///
     /// `offset + sum_k a_k cos(k angle) + b_k sin(k angle)`
-    pub(super) fn zero(&self, waves: &[[f32; 2]; WAVES]) -> f32 {
+    pub(crate) fn zero(&self, waves: &[[f32; 2]; WAVES]) -> f32 {
         let mut zero = self.offset;
         for ([a, b], [cosine, sine]) in self.runout.iter().zip(waves) {
             zero += a * cosine + b * sine;
@@ -207,7 +207,7 @@ impl RotorModel<'_> {
     }
 
     /// Checks every length and range for `modes` modes and `states` states.
-    pub(super) fn check(&self, modes: usize, states: usize) -> Result<(), Error> {
+    pub(crate) fn check(&self, modes: usize, states: usize) -> Result<(), Error> {
         let triangle = states * (states + 1) / 2;
         if usize::from(self.modes) != modes || self.scale.len() != states {
             return Err(Error::OutOfRange("number of states"));
@@ -222,10 +222,10 @@ impl RotorModel<'_> {
         if !(speeds.lowest >= 0.0 && speeds.lowest.is_finite()) || speeds.count == 0 {
             return Err(Error::OutOfRange("speeds"));
         }
-        self.dense
+        self.increment_matrix
             .check(usize::from(speeds.count) * self.dense_stride(), "dense")?;
         let (ny, nd) = (self.channels.len(), self.loads.len());
-        let covariance = |m: &Numbers<'_>, name| {
+        let covariance = |m: &PackedF32<'_>, name| {
             m.check(triangle, name)?;
             if (0..states).any(|i| m.get(i * (i + 3) / 2) < 0.0) {
                 return Err(Error::NotPositive(name));
@@ -264,7 +264,11 @@ impl RotorModel<'_> {
         if ny == 0 {
             return Err(Error::OutOfRange("channels"));
         }
-        if !self.left.iter().all(|left| (0.0..=1.0).contains(left)) {
+        if !self
+            .bias_decay
+            .iter()
+            .all(|bias_decay| (0.0..=1.0).contains(bias_decay))
+        {
             return Err(Error::OutOfRange("left"));
         }
         let biases = 2 * modes + FORCES..states;

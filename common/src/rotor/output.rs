@@ -1,12 +1,12 @@
 //! What a rotor's line says after a sample.
 
-use super::filter::FORCES;
-use super::past::Moment;
-use super::{MARGIN, Rotor, RotorState};
-use crate::estimate::{Estimate, LoadEstimate, MAX_LOADS};
-use crate::fault::Fault;
+use crate::io::estimate::{Estimate, LoadEstimate, MAX_LOADS};
+use crate::io::fault::Fault;
+use crate::rotor::filter::FORCES;
+use crate::rotor::fixed_lag_smoother::LaggedState;
+use crate::rotor::{MARGIN, RotorEstimator, RotorState};
 
-impl<const NZ: usize, const NX: usize> Rotor<'_, NZ, NX> {
+impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
     /// Index of the noise level in use; 0 is that of the description.
     pub fn level(&self, state: &RotorState<NZ, NX>) -> u8 {
         state.mismatch.level()
@@ -23,16 +23,16 @@ impl<const NZ: usize, const NX: usize> Rotor<'_, NZ, NX> {
 
     /// Covariance of the state by rows, in the image's scale, while the gain is recursive.
     pub fn covariance<'s>(&self, state: &'s RotorState<NZ, NX>) -> Option<&'s [f32]> {
-        let steady = state.calm >= self.noise(state).full_samples && state.age == 0;
-        (!steady).then_some(state.belief.covariance.as_flattened())
+        let steady = state.clean_samples >= self.noise(state).full_samples && state.age == 0;
+        (!steady).then_some(state.posterior.covariance.as_flattened())
     }
 
-    pub(super) fn loads(&self, state: &RotorState<NZ, NX>, estimate: &mut Estimate) {
+    pub(crate) fn loads(&self, state: &RotorState<NZ, NX>, estimate: &mut Estimate) {
         let lag = self.lag();
-        let converged = state.calm >= self.noise(state).full_samples && state.age == 0;
-        let steady = converged && state.corrected as usize >= lag;
+        let converged = state.clean_samples >= self.noise(state).full_samples && state.age == 0;
+        let steady = converged && state.smoothed_samples as usize >= lag;
         let beyond = self.tolerance(state) - self.noise(state).tolerance;
-        let told = self.told(state);
+        let lagged = self.lagged(state);
         let speeds = &self.model.speeds;
         let range = f32::from(speeds.count - 1) * speeds.step;
         let margin = MARGIN * (speeds.lowest + range);
@@ -44,12 +44,12 @@ impl<const NZ: usize, const NX: usize> Rotor<'_, NZ, NX> {
             let (Some(scale), Some(x)) = (self.model.scale.get(d), self.state(state).get(d)) else {
                 continue;
             };
-            let table = state.active.load_std[j % MAX_LOADS];
+            let table = state.scheduled.load_std[j % MAX_LOADS];
             let deviation = if steady {
                 table
             } else {
-                let own = &state.belief.covariance[d % NX][d % NX];
-                let own = libm::sqrtf(told.map_or(*own, |moment| moment.variances[j % FORCES]));
+                let own = &state.posterior.covariance[d % NX][d % NX];
+                let own = libm::sqrtf(lagged.map_or(*own, |moment| moment.variances[j % FORCES]));
                 // By a gain, the variance stays that of another speed; and no recursion allows
                 // for errors of the model.
                 if own < table { table } else { own }
@@ -59,7 +59,7 @@ impl<const NZ: usize, const NX: usize> Rotor<'_, NZ, NX> {
             } else {
                 deviation
             };
-            let error = beyond * state.active.load_error[j % MAX_LOADS];
+            let error = beyond * state.scheduled.load_error[j % MAX_LOADS];
             let deviation = if error > 0.0 {
                 libm::sqrtf(deviation * deviation + error * error)
             } else {
@@ -84,17 +84,17 @@ impl<const NZ: usize, const NX: usize> Rotor<'_, NZ, NX> {
     }
 
     /// The sample that the estimate is of, where it lags.
-    fn told<'s>(&self, state: &'s RotorState<NZ, NX>) -> Option<&'s Moment<NX>> {
-        (self.lag() > 0).then(|| state.past.at(self.lag()))
+    fn lagged<'s>(&self, state: &'s RotorState<NZ, NX>) -> Option<&'s LaggedState<NX>> {
+        (self.lag() > 0).then(|| state.smoother.lagged(self.lag()))
     }
 
     /// The filter's state that the estimate is of, in the image's scale.
     pub fn state<'s>(&self, state: &'s RotorState<NZ, NX>) -> &'s [f32; NX] {
-        (self.told(state)).map_or(&state.belief.state, |moment| &moment.state)
+        (self.lagged(state)).map_or(&state.posterior.state, |moment| &moment.state)
     }
 
     /// The tracked speed that the estimate is of [rad/s].
     pub fn speed(&self, state: &RotorState<NZ, NX>) -> f32 {
-        (self.told(state)).map_or(state.shaft.speed, |moment| moment.speed)
+        (self.lagged(state)).map_or(state.shaft.speed, |moment| moment.speed)
     }
 }

@@ -5,7 +5,7 @@
 //! once a turn is no agreement. Sensors are held out only while they are a minority; where half of
 //! them contradict at once, the model errs and not they, and all readings are used.
 
-use crate::raw::MAX_CHANNELS;
+use crate::io::raw::MAX_CHANNELS;
 
 /// Score of a refusal, and at most: as many readings inside of the gate in a row end a flag. Longer
 /// than a sensor with the wrong sign stays inside, at ten standard deviations and a thousand samples
@@ -44,7 +44,7 @@ impl Votes {
     }
 
     /// Takes the vote on a reading, `within` its gate or not; whether it may be used.
-    pub fn admits(&mut self, sensor: usize, sensors: usize, within: bool) -> bool {
+    pub fn accepts(&mut self, sensor: usize, sensors: usize, within: bool) -> bool {
         let open = self.open(sensors);
         let Some(score) = self.scores.get_mut(sensor) else {
             return within;
@@ -70,7 +70,7 @@ mod tests {
         for k in 0..samples {
             votes.begin(4);
             for i in 0..4 {
-                let admitted = votes.admits(i, 4, !wrong(i, k));
+                let admitted = votes.accepts(i, 4, !wrong(i, k));
                 used += u32::from(i == 0 && admitted);
             }
         }
@@ -103,8 +103,8 @@ mod tests {
         let mut used = 0;
         for _ in 0..100 {
             votes.begin(2);
-            used += u32::from(votes.admits(0, 2, false));
-            votes.admits(1, 2, true);
+            used += u32::from(votes.accepts(0, 2, false));
+            votes.accepts(1, 2, true);
         }
         assert!(used >= 99, "{used}");
     }

@@ -6,11 +6,11 @@
 //! filter are white.
 
 use crate::model::{Pendulum, shaft, three_channels};
-use loadtwin_common::gaussian::Gaussian;
-use loadtwin_common::innovation::{Gate, Innovation};
+use loadtwin_common::kalman::gaussian::Gaussian;
+use loadtwin_common::kalman::innovation::{Gate, Innovation};
+use loadtwin_common::kalman::transition::{ProcessNoise, RandomWalk, Transition};
+use loadtwin_common::kalman::unscented::Unscented;
 use loadtwin_common::kalman::{NonlinearTransition, predict, predict_extended, update, update_all};
-use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
-use loadtwin_common::unscented::Unscented;
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector2, Vector3, Vector4};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -36,9 +36,9 @@ impl Tally {
         self.nis_freedom += 1.0;
     }
 
-    fn end<const NX: usize>(&mut self, belief: &Gaussian<NX>, truth: &SVector<f64, NX>) {
-        let p: SMatrix<f64, NX, NX> = belief.covariance().cast();
-        let error = belief.state.cast::<f64>() - truth;
+    fn end<const NX: usize>(&mut self, posterior: &Gaussian<NX>, truth: &SVector<f64, NX>) {
+        let p: SMatrix<f64, NX, NX> = posterior.covariance().cast();
+        let error = posterior.state.cast::<f64>() - truth;
         self.nees += error.dot(&p.cholesky().unwrap().solve(&error));
         self.nees_freedom += NX as f64;
     }
@@ -82,18 +82,18 @@ fn linear_filter_is_consistent() {
     let mut tally = Tally::default();
     for _ in 0..RUNS {
         let mut truth = normal(&mut rng, &p0_root);
-        let mut belief = Gaussian::independent(SVector::zeros(), &p0).unwrap();
+        let mut posterior = Gaussian::independent(SVector::zeros(), &p0).unwrap();
         for _ in 0..STEPS {
             truth = f.cast() * truth + normal(&mut rng, &q_root);
             let y: Vector2<f64> = h.cast() * truth + normal(&mut rng, &r_root);
-            predict(&mut belief, &transition, &noise);
+            predict(&mut posterior, &transition, &noise);
             for i in 0..2 {
-                let nu = y[i] as f32 - (h.row(i) * belief.state)[0];
+                let nu = y[i] as f32 - (h.row(i) * posterior.state)[0];
                 let h_i = h.row(i).into();
-                tally.innovation(&update(&mut belief, &h_i, nu, r[i], &mut Gate::open()));
+                tally.innovation(&update(&mut posterior, &h_i, nu, r[i], &mut Gate::open()));
             }
         }
-        tally.end(&belief, &truth);
+        tally.end(&posterior, &truth);
     }
     tally.assert_consistent();
 }
@@ -116,13 +116,13 @@ fn pendulum_runs<const NY: usize>(
     let mut tally = Tally::default();
     for _ in 0..RUNS {
         let mut truth = normal(&mut rng, &root(p0));
-        let mut belief = Gaussian::independent(Vector3::zeros(), &p0).unwrap();
+        let mut posterior = Gaussian::independent(Vector3::zeros(), &p0).unwrap();
         for _ in 0..STEPS {
             truth = Pendulum.propagate(&truth.cast()).cast() + normal(&mut rng, &root(q));
             let y = observe(&truth.cast()).cast::<f64>() + normal(&mut rng, &r_root);
-            step(&mut belief, &noise, y.cast(), &mut tally);
+            step(&mut posterior, &noise, y.cast(), &mut tally);
         }
-        tally.end(&belief, &truth);
+        tally.end(&posterior, &truth);
     }
     tally.assert_consistent();
 }
@@ -134,9 +134,9 @@ fn extended_filter_is_consistent() {
     pendulum_runs(
         2,
         r.cast(),
-        |belief, noise, y, tally| {
-            predict_extended(belief, &Pendulum, noise).unwrap();
-            for innovation in update_all(belief, &Pendulum, &y, &r, &mut gates) {
+        |posterior, noise, y, tally| {
+            predict_extended(posterior, &Pendulum, noise).unwrap();
+            for innovation in update_all(posterior, &Pendulum, &y, &r, &mut gates) {
                 tally.innovation(&innovation);
             }
         },
@@ -152,12 +152,12 @@ fn unscented_filter_is_consistent() {
     pendulum_runs(
         3,
         r.cast(),
-        |belief, noise, y, tally| {
+        |posterior, noise, y, tally| {
             unscented
-                .predict(belief, |x| Pendulum.propagate(x), noise)
+                .predict(posterior, |x| Pendulum.propagate(x), noise)
                 .unwrap();
             for innovation in unscented
-                .update(belief, three_channels, &y, &r, &mut gates)
+                .update(posterior, three_channels, &y, &r, &mut gates)
                 .unwrap()
             {
                 tally.innovation(&innovation);

@@ -1,15 +1,15 @@
 //! What f32 must survive: ten million steps, bad scaling, any numbers.
 
 use crate::model::{Pendulum, shaft};
-use loadtwin_common::butterworth::{Butterworth, ButterworthState};
-use loadtwin_common::gaussian::Gaussian;
-use loadtwin_common::innovation::{Gate, Innovation};
+use loadtwin_common::kalman::gaussian::Gaussian;
+use loadtwin_common::kalman::innovation::{Gate, Innovation};
+use loadtwin_common::kalman::scheduled_gain::{GainBin, GainSchedule};
+use loadtwin_common::kalman::transition::{ProcessNoise, RandomWalk, Transition};
+use loadtwin_common::kalman::unscented::Unscented;
 use loadtwin_common::kalman::{
     NonlinearTransition, predict, predict_constant, predict_extended, update, update_all,
 };
-use loadtwin_common::scheduled_gain::{GainBin, GainSchedule};
-use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
-use loadtwin_common::unscented::Unscented;
+use loadtwin_common::signal::butterworth::{Butterworth, ButterworthState};
 use nalgebra::{
     Matrix4, RowSVector, RowVector4, SMatrix, SVector, Vector1, Vector2, Vector3, Vector4,
 };
@@ -18,13 +18,13 @@ use proptest::test_runner::RngSeed;
 
 /// Symmetric bit for bit, and positive definite to the rounding of its entries: a reading
 /// without noise leaves no variance along it.
-fn assert_covariance<const NX: usize>(belief: &Gaussian<NX>) {
-    let p = belief.covariance();
+fn assert_covariance<const NX: usize>(posterior: &Gaussian<NX>) {
+    let p = posterior.covariance();
     assert_eq!(p, p.transpose());
     assert!(
-        belief.state.iter().all(|x| x.is_finite()),
+        posterior.state.iter().all(|x| x.is_finite()),
         "{}",
-        belief.state
+        posterior.state
     );
     let mut rounded = p.cast::<f64>();
     for i in 0..NX {
@@ -40,18 +40,18 @@ fn ten_million_steps_leave_no_drift() {
     let (h, r) = (shaft::observation(), shaft::measurement_noise());
     let rows: [RowVector4<f32>; 2] = [h.row(0).into(), h.row(1).into()];
     let p0 = Vector4::new(0.1, 1.0, 1.0, 100.0);
-    let mut belief = Gaussian::independent(SVector::zeros(), &p0).unwrap();
+    let mut posterior = Gaussian::independent(SVector::zeros(), &p0).unwrap();
     // Constant readings of the state in which a load of 3 is held by the second channel.
     let y = Vector2::new(0.5, 1.0);
     let mut run = |steps| {
         for _ in 0..steps {
-            predict(&mut belief, &transition, &noise);
+            predict(&mut posterior, &transition, &noise);
             for i in 0..2 {
-                let nu = y[i] - (rows[i] * belief.state)[0];
-                update(&mut belief, &rows[i], nu, r[i], &mut Gate::open());
+                let nu = y[i] - (rows[i] * posterior.state)[0];
+                update(&mut posterior, &rows[i], nu, r[i], &mut Gate::open());
             }
         }
-        belief
+        posterior
     };
     let early = run(10_000);
     let late = run(9_990_000);
@@ -72,39 +72,39 @@ fn ten_million_steps_leave_no_drift() {
     }
 }
 
-/// Ten million steps of a filter that always reads `y`: its belief after ten
+/// Ten million steps of a filter that always reads `y`: its posterior after ten
 /// thousand of them and at the end.
 fn pendulum_endurance(mut step: impl FnMut(&mut Gaussian<3>, &Vector2<f32>)) {
     let p0 = Vector3::new(0.1, 1.0, 1.0);
-    let mut belief = Gaussian::independent(SVector::zeros(), &p0).unwrap();
+    let mut posterior = Gaussian::independent(SVector::zeros(), &p0).unwrap();
     // At rest at an angle of 0.3 the load is what holds it there.
     let at_rest = Vector3::new(0.3, 0.0, 9.81 * libm::sinf(0.3));
     let y = Vector2::new(Pendulum.observe(0, &at_rest), Pendulum.observe(1, &at_rest));
     for _ in 0..10_000 {
-        step(&mut belief, &y);
+        step(&mut posterior, &y);
     }
-    let early = belief;
+    let early = posterior;
     for _ in 0..9_990_000 {
-        step(&mut belief, &y);
+        step(&mut posterior, &y);
     }
-    assert_covariance(&belief);
+    assert_covariance(&posterior);
     let sd = early.variances().map(f32::sqrt);
     for j in 0..3 {
-        let moved = (belief.state[j] - early.state[j]).abs() / sd[j];
+        let moved = (posterior.state[j] - early.state[j]).abs() / sd[j];
         assert!(
             moved < 1e-2,
             "state {j} moved by {moved} standard deviations"
         );
-        let ratio = belief.variances()[j] / early.variances()[j];
+        let ratio = posterior.variances()[j] / early.variances()[j];
         assert!(
             (ratio - 1.0).abs() < 1e-2,
             "variance {j} changed by {ratio}"
         );
     }
     assert!(
-        (belief.state - at_rest).component_div(&sd).amax() < 0.1,
+        (posterior.state - at_rest).component_div(&sd).amax() < 0.1,
         "{}",
-        belief.state
+        posterior.state
     );
 }
 
@@ -112,9 +112,9 @@ fn pendulum_endurance(mut step: impl FnMut(&mut Gaussian<3>, &Vector2<f32>)) {
 fn ten_million_extended_steps_leave_no_drift() {
     let noise = ProcessNoise::independent(&Vector3::new(1e-8, 1e-5, 1e-4)).unwrap();
     let r = Vector2::new(1e-4, 1e-3);
-    pendulum_endurance(|belief, y| {
-        predict_extended(belief, &Pendulum, &noise).unwrap();
-        update_all(belief, &Pendulum, y, &r, &mut [Gate::open(); 2]);
+    pendulum_endurance(|posterior, y| {
+        predict_extended(posterior, &Pendulum, &noise).unwrap();
+        update_all(posterior, &Pendulum, y, &r, &mut [Gate::open(); 2]);
     });
 }
 
@@ -124,12 +124,12 @@ fn ten_million_unscented_steps_leave_no_drift() {
     let r = Vector2::new(1e-4, 1e-3);
     let filter = Unscented::default();
     let observe = |x: &Vector3<f32>| Vector2::new(Pendulum.observe(0, x), Pendulum.observe(1, x));
-    pendulum_endurance(|belief, y| {
+    pendulum_endurance(|posterior, y| {
         filter
-            .predict(belief, |x| Pendulum.propagate(x), &noise)
+            .predict(posterior, |x| Pendulum.propagate(x), &noise)
             .unwrap();
         filter
-            .update(belief, observe, y, &r, &mut [Gate::open(); 2])
+            .update(posterior, observe, y, &r, &mut [Gate::open(); 2])
             .unwrap();
     });
 }
@@ -227,28 +227,28 @@ impl Drivetrain {
 #[test]
 fn a_badly_scaled_drivetrain_survives_in_the_kalman_filter() {
     let plant = Drivetrain::new();
-    let (transition, noise, mut belief) = plant.filter();
+    let (transition, noise, mut posterior) = plant.filter();
     let (rows, r) = Drivetrain::channels();
     let mut truth = Vector4::new(0.0, 0.0, 0.0, Drivetrain::TORQUE);
     for _ in 0..5000 {
         truth = plant.f * truth;
-        predict(&mut belief, &transition, &noise);
-        assert_covariance(&belief);
+        predict(&mut posterior, &transition, &noise);
+        assert_covariance(&posterior);
         for i in 0..2 {
             let y = (rows[i].cast::<f64>() * truth)[0] as f32;
-            let nu = y - (rows[i] * belief.state)[0];
-            assert!(update(&mut belief, &rows[i], nu, r[i], &mut Gate::open()).used());
-            assert_covariance(&belief);
+            let nu = y - (rows[i] * posterior.state)[0];
+            assert!(update(&mut posterior, &rows[i], nu, r[i], &mut Gate::open()).used());
+            assert_covariance(&posterior);
         }
     }
-    let error = f64::from(belief.load::<1>()[0]) / Drivetrain::TORQUE - 1.0;
+    let error = f64::from(posterior.load::<1>()[0]) / Drivetrain::TORQUE - 1.0;
     assert!(error.abs() < 0.005, "torque off by {error}");
 }
 
 #[test]
 fn a_badly_scaled_drivetrain_survives_in_the_unscented_filter() {
     let plant = Drivetrain::new();
-    let (_, noise, mut belief) = plant.filter();
+    let (_, noise, mut posterior) = plant.filter();
     let (rows, r) = Drivetrain::channels();
     let f: Matrix4<f32> = plant.f.cast();
     // The gauge is slightly nonlinear.
@@ -262,15 +262,17 @@ fn a_badly_scaled_drivetrain_survives_in_the_unscented_filter() {
         truth = plant.f * truth;
         let y = observe(&truth.cast());
         let unscented = Unscented::default();
-        unscented.predict(&mut belief, |x| f * x, &noise).unwrap();
-        assert_covariance(&belief);
-        let told = unscented
-            .update(&mut belief, observe, &y, &Vector2::from(r), &mut gates)
+        unscented
+            .predict(&mut posterior, |x| f * x, &noise)
             .unwrap();
-        assert!(told.iter().all(Innovation::used), "{told:?}");
-        assert_covariance(&belief);
+        assert_covariance(&posterior);
+        let result = unscented
+            .update(&mut posterior, observe, &y, &Vector2::from(r), &mut gates)
+            .unwrap();
+        assert!(result.iter().all(Innovation::used), "{result:?}");
+        assert_covariance(&posterior);
     }
-    let error = f64::from(belief.load::<1>()[0]) / Drivetrain::TORQUE - 1.0;
+    let error = f64::from(posterior.load::<1>()[0]) / Drivetrain::TORQUE - 1.0;
     assert!(error.abs() < 0.005, "torque off by {error}");
 }
 
@@ -303,22 +305,22 @@ proptest! {
         samples in prop::collection::vec(
             (prop::array::uniform4(any_number()), any_number(), any_number()), 1..12),
     ) {
-        let mut belief = belief_of_four(scales);
+        let mut posterior = belief_of_four(scales);
         let noise = ProcessNoise::independent(&Vector4::from(scales.map(|s| 1e-4 * s * s))).unwrap();
         let mut gate = Gate::open();
         for (row, nu, r) in samples {
-            let prior = belief;
-            let told = update(&mut belief, &RowSVector::from(row), nu, r, &mut gate);
-            prop_assert!(told.value.is_finite() && told.variance.is_finite());
-            prop_assert!(told.nis.is_finite() && told.nis >= 0.0);
-            if !told.used() {
-                prop_assert_eq!(belief, prior);
+            let prior = posterior;
+            let result = update(&mut posterior, &RowSVector::from(row), nu, r, &mut gate);
+            prop_assert!(result.value.is_finite() && result.variance.is_finite());
+            prop_assert!(result.nis.is_finite() && result.nis >= 0.0);
+            if !result.used() {
+                prop_assert_eq!(posterior, prior);
             }
             let sound = row.iter().chain([&nu, &r]).all(|x| x.is_finite()) && r >= 0.0;
-            prop_assert!(sound || !told.used());
-            assert_covariance(&belief);
-            predict_constant(&mut belief, &noise);
-            assert_covariance(&belief);
+            prop_assert!(sound || !result.used());
+            assert_covariance(&posterior);
+            predict_constant(&mut posterior, &noise);
+            assert_covariance(&posterior);
         }
     }
 
@@ -327,7 +329,7 @@ proptest! {
         samples in prop::collection::vec(
             (prop::array::uniform4(any_number()), any_number(), any_number()), 1..6),
     ) {
-        let mut belief = belief_of_four([1.0, 2.0, 0.5, 10.0]);
+        let mut posterior = belief_of_four([1.0, 2.0, 0.5, 10.0]);
         let noise = ProcessNoise::independent(&Vector4::repeat(1e-3)).unwrap();
         let mut gates = [Gate::open(); 2];
         for (row, y, r) in samples {
@@ -335,16 +337,16 @@ proptest! {
                 let linear = (RowVector4::from(row) * x)[0];
                 Vector2::new(linear, x[0] * x[1] + 0.1 * linear * linear)
             };
-            let prior = belief;
+            let prior = posterior;
             let measurement = Vector2::new(y, 0.3);
             if Unscented::default()
-                .update(&mut belief, observe, &measurement, &Vector2::new(r, 0.01), &mut gates)
+                .update(&mut posterior, observe, &measurement, &Vector2::new(r, 0.01), &mut gates)
                 .is_err()
             {
-                prop_assert_eq!(belief, prior);
+                prop_assert_eq!(posterior, prior);
             }
-            assert_covariance(&belief);
-            predict_constant(&mut belief, &noise);
+            assert_covariance(&posterior);
+            predict_constant(&mut posterior, &noise);
         }
     }
 

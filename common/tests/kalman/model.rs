@@ -1,7 +1,7 @@
 //! The models of `reference/filters.py`.
 
+use loadtwin_common::kalman::transition::{RandomWalk, Transition};
 use loadtwin_common::kalman::{NonlinearTransition, Observation};
-use loadtwin_common::transition::{RandomWalk, Transition};
 use nalgebra::{Matrix2x4, Matrix3, Matrix4, RowVector3, SVector, Vector2, Vector3};
 
 /// Two inertias on a shaft: twist, two speeds, unknown torque on the first.

@@ -6,18 +6,18 @@
 //! operations by some 1e-6, and the filters forget within tens of steps.
 
 use crate::model::{Pendulum, rows, shaft, three_channels};
-use loadtwin_common::butterworth::{Butterworth, ButterworthState};
-use loadtwin_common::gaussian::Gaussian;
-use loadtwin_common::innovation::{Gate, Innovation};
+use loadtwin_common::kalman::gaussian::Gaussian;
+use loadtwin_common::kalman::innovation::{Gate, Innovation};
+use loadtwin_common::kalman::scheduled_gain::{GainBin, GainSchedule};
+use loadtwin_common::kalman::transition::{ProcessNoise, RandomWalk, Transition};
+use loadtwin_common::kalman::unscented::Unscented;
 use loadtwin_common::kalman::{Observation, predict, predict_extended, update};
-use loadtwin_common::scheduled_gain::{GainBin, GainSchedule};
-use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
-use loadtwin_common::unscented::Unscented;
+use loadtwin_common::signal::butterworth::{Butterworth, ButterworthState};
 use nalgebra::{RowVector3, SMatrix, SVector, Vector1, Vector2, Vector3, Vector4};
 
 /// Largest difference from a reference row (`NY` measurements, `NX` states,
 /// upper triangle of P), in standard deviations.
-fn difference<const NX: usize>(belief: &Gaussian<NX>, reference: &[f64]) -> f64 {
+fn difference<const NX: usize>(posterior: &Gaussian<NX>, reference: &[f64]) -> f64 {
     let (state, upper) = reference.split_at(NX);
     let mut expected = SMatrix::<f64, NX, NX>::zeros();
     let mut entries = upper.iter();
@@ -27,11 +27,11 @@ fn difference<const NX: usize>(belief: &Gaussian<NX>, reference: &[f64]) -> f64 
         }
     }
     assert!(entries.next().is_none());
-    let p = belief.covariance();
+    let p = posterior.covariance();
     let mut worst = 0.0f64;
     for j in 0..NX {
         let sd_j = expected[(j, j)].sqrt();
-        worst = worst.max((f64::from(belief.state[j]) - state[j]).abs() / sd_j);
+        worst = worst.max((f64::from(posterior.state[j]) - state[j]).abs() / sd_j);
         for i in 0..=j {
             let sd_i = expected[(i, i)].sqrt();
             worst = worst.max((f64::from(p[(i, j)]) - expected[(i, j)]).abs() / (sd_i * sd_j));
@@ -50,18 +50,27 @@ fn shaft_filter() -> (Transition<4, 1>, ProcessNoise<4>, Gaussian<4>) {
 
 #[test]
 fn linear_filter_equals_filterpy() {
-    let (transition, noise, mut belief) = shaft_filter();
+    let (transition, noise, mut posterior) = shaft_filter();
     let (h, r) = (shaft::observation(), shaft::measurement_noise());
     for (k, row) in rows::<16>(include_str!("../../reference/kalman.csv"))
         .iter()
         .enumerate()
     {
-        predict(&mut belief, &transition, &noise);
+        predict(&mut posterior, &transition, &noise);
         for i in 0..2 {
-            let nu = row[i] as f32 - (h.row(i) * belief.state)[0];
-            assert!(update(&mut belief, &h.row(i).into(), nu, r[i], &mut Gate::open()).used());
+            let nu = row[i] as f32 - (h.row(i) * posterior.state)[0];
+            assert!(
+                update(
+                    &mut posterior,
+                    &h.row(i).into(),
+                    nu,
+                    r[i],
+                    &mut Gate::open()
+                )
+                .used()
+            );
         }
-        let worst = difference(&belief, &row.as_slice()[2..]);
+        let worst = difference(&posterior, &row.as_slice()[2..]);
         assert!(worst < 2e-4, "step {k}: {worst}");
     }
 }
@@ -76,7 +85,7 @@ fn constant_gain_and_steady_state_equal_the_riccati_solution() {
         load_variances: Vector1::new(load_variance),
     }];
     let schedule = GainSchedule::<4, 2, 1>::try_new(&bins).unwrap();
-    let (transition, noise, mut belief) = shaft_filter();
+    let (transition, noise, mut posterior) = shaft_filter();
     let (h, r) = (shaft::observation(), shaft::measurement_noise());
     let mut state = Vector4::zeros();
     for (k, row) in reference.iter().enumerate() {
@@ -95,14 +104,20 @@ fn constant_gain_and_steady_state_equal_the_riccati_solution() {
         }
     }
     for _ in 0..5000 {
-        predict(&mut belief, &transition, &noise);
+        predict(&mut posterior, &transition, &noise);
         for i in 0..2 {
-            update(&mut belief, &h.row(i).into(), 0.0, r[i], &mut Gate::open());
+            update(
+                &mut posterior,
+                &h.row(i).into(),
+                0.0,
+                r[i],
+                &mut Gate::open(),
+            );
         }
     }
-    let mut steady: Vec<f64> = belief.state.iter().map(|x| f64::from(*x)).collect();
+    let mut steady: Vec<f64> = posterior.state.iter().map(|x| f64::from(*x)).collect();
     steady.extend(&reference[0].as_slice()[6..]);
-    let worst = difference(&belief, &steady);
+    let worst = difference(&posterior, &steady);
     assert!(worst < 1e-3, "{worst}");
 }
 
@@ -115,29 +130,29 @@ fn pendulum_belief() -> (ProcessNoise<3>, Gaussian<3>) {
 
 #[test]
 fn extended_filter_equals_filterpy() {
-    let (noise, mut belief) = pendulum_belief();
+    let (noise, mut posterior) = pendulum_belief();
     let r = [1e-3, 4e-3];
     for (k, row) in rows::<11>(include_str!("../../reference/extended.csv"))
         .iter()
         .enumerate()
     {
-        predict_extended(&mut belief, &Pendulum, &noise).unwrap();
+        predict_extended(&mut posterior, &Pendulum, &noise).unwrap();
         // filterpy linearises all channels at the prior.
-        let prior = belief.state;
+        let prior = posterior.state;
         for i in 0..2 {
             let (y, h): (f32, RowVector3<f32>) =
                 <Pendulum as Observation<3, 2>>::linearize_at(&Pendulum, i, &prior);
-            let nu = row[i] as f32 - y - (h * (belief.state - prior))[0];
-            assert!(update(&mut belief, &h, nu, r[i], &mut Gate::open()).used());
+            let nu = row[i] as f32 - y - (h * (posterior.state - prior))[0];
+            assert!(update(&mut posterior, &h, nu, r[i], &mut Gate::open()).used());
         }
-        let worst = difference(&belief, &row.as_slice()[2..]);
+        let worst = difference(&posterior, &row.as_slice()[2..]);
         assert!(worst < 2e-4, "step {k}: {worst}");
     }
 }
 
 #[test]
 fn unscented_filter_equals_filterpy() {
-    let (noise, mut belief) = pendulum_belief();
+    let (noise, mut posterior) = pendulum_belief();
     let unscented = Unscented::try_new(0.8, 2.0, 0.5).unwrap();
     let r = Vector3::new(1e-3, 4e-3, 0.1);
     let mut gates = [Gate::open(); 3];
@@ -149,13 +164,13 @@ fn unscented_filter_equals_filterpy() {
             use loadtwin_common::kalman::NonlinearTransition;
             Pendulum.propagate(x)
         };
-        unscented.predict(&mut belief, f, &noise).unwrap();
+        unscented.predict(&mut posterior, f, &noise).unwrap();
         let y = Vector3::new(row[0] as f32, row[1] as f32, row[2] as f32);
-        let told = unscented
-            .update(&mut belief, three_channels, &y, &r, &mut gates)
+        let result = unscented
+            .update(&mut posterior, three_channels, &y, &r, &mut gates)
             .unwrap();
-        assert!(told.iter().all(Innovation::used));
-        let worst = difference(&belief, &row.as_slice()[3..]);
+        assert!(result.iter().all(Innovation::used));
+        let worst = difference(&posterior, &row.as_slice()[3..]);
         assert!(worst < 1e-3, "step {k}: {worst}");
     }
 }

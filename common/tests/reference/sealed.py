@@ -1,7 +1,7 @@
 """Writes sealed.bin: a sealed image made without any code of this project.
 
 Python 3 with `cryptography`; CRC-32 from zlib, SHA-256 from hashlib. The layout is
-that of the table in common/src/sealed.rs. Run: python3 sealed.py
+that of the table in common/src/io/signed_image.rs. Run: python3 sealed.py
 """
 import hashlib
 import struct

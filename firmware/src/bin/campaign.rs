@@ -13,9 +13,9 @@ use core::slice;
 use cortex_m_rt::entry;
 use cortex_m_semihosting::{debug, hprint, hprintln};
 use heapless::Vec;
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
-use loadtwin_common::line::Line;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::raw::RawSample;
 use loadtwin_firmware::campaign::{self, Machine};
 use static_cell::StaticCell;
 
@@ -41,7 +41,7 @@ fn main() -> ! {
     let (machine, rest) = part(rest);
     let (mut samples, _) = part(rest);
     let image = Image::from_bytes(image).expect("the image is valid");
-    let line = Line::try_build(image).expect("the model is valid");
+    let line = Estimator::try_build(image).expect("the model is valid");
     let machine: Machine = postcard::from_bytes(machine).expect("a machine");
     let recording = RECORDING.init_with(Vec::new);
     while !samples.is_empty() {

@@ -14,8 +14,8 @@
 use core::panic::PanicInfo;
 
 use heapless::Vec;
-use loadtwin_common::frame::Frame;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::frame::Frame;
+use loadtwin_common::io::raw::RawSample;
 use loadtwin_firmware::app::{App, MAX_FRAMES};
 use loadtwin_firmware::board::Board;
 use loadtwin_firmware::counters::Counters;

@@ -10,7 +10,7 @@
 use crc::{CRC_16_IBM_3740, Crc, Table};
 use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::SpiDevice;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::raw::RawSample;
 
 /// Channels of one converter.
 pub const CHANNELS: usize = 4;

@@ -24,7 +24,8 @@ mod records;
 
 use embedded_storage::nor_flash::NorFlash;
 use loadtwin_common::Error;
-use loadtwin_common::sealed::{self, Content, HEADER_LEN, Header, Identity, Refusal};
+use loadtwin_common::io::signed_image;
+use loadtwin_common::io::signed_image::{HEADER_LEN, Header, Identity, ImageError, PayloadHash};
 
 use records::RECORD_LEN;
 
@@ -39,7 +40,7 @@ const READS: u32 = 12;
 pub struct Layout {
     /// Offset of slot A; slot B follows it. A multiple of the page.
     pub start: u32,
-    /// Length of a slot [bytes], at least two pages; the last one is for records.
+    /// Length of a slot (bytes), at least two pages; the last one is for records.
     pub slot_bytes: u32,
 }
 
@@ -94,7 +95,7 @@ pub struct Store<F> {
     incoming: Option<Incoming>,
     target: Option<Slot>,
     restart_pending: bool,
-    passed_over: Option<Refusal>,
+    passed_over: Option<ImageError>,
 }
 
 impl<F: NorFlash> Store<F> {
@@ -169,7 +170,7 @@ impl<F: NorFlash> Store<F> {
     }
 
     /// Why the newest image that was once accepted does not run.
-    pub fn passed_over(&self) -> Option<Refusal> {
+    pub fn passed_over(&self) -> Option<ImageError> {
         self.passed_over
     }
 
@@ -193,7 +194,7 @@ impl<F: NorFlash> Store<F> {
         self.flash
     }
 
-    /// Longest image that fits [bytes].
+    /// Longest image that fits (bytes).
     pub fn image_capacity(&self) -> u32 {
         self.layout.slot_bytes - Self::PAGE
     }
@@ -211,16 +212,16 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// Any reason that the header gives; `BadLength` when it does not fit
     /// `image_len`; `TooLong`; `RestartPending`.
-    pub fn check_header(&self, first: &[u8], image_len: u32) -> Result<Header, Refusal> {
+    pub fn check_header(&self, first: &[u8], image_len: u32) -> Result<Header, ImageError> {
         if self.restart_pending {
-            return Err(Refusal::RestartPending);
+            return Err(ImageError::RestartPending);
         }
         let header = Header::parse(first)?;
         if header.image_len() != Some(image_len) {
-            return Err(Refusal::BadLength);
+            return Err(ImageError::BadLength);
         }
         if image_len > self.image_capacity() {
-            return Err(Refusal::TooLong);
+            return Err(ImageError::TooLong);
         }
         header.verify(self.board.as_ref())?;
         header.may_replace(self.active.as_ref().map(|a| &a.header))?;
@@ -237,13 +238,13 @@ impl<F: NorFlash> Store<F> {
         &mut self,
         image: &[u8],
         accept: impl FnOnce(&[u8]) -> bool,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), ImageError> {
         self.incoming = None;
-        let image_len = u32::try_from(image.len()).map_err(|_| Refusal::TooLong)?;
+        let image_len = u32::try_from(image.len()).map_err(|_| ImageError::TooLong)?;
         let header = self.check_header(image, image_len)?;
-        let (_, payload) = sealed::open(image)?;
+        let (_, payload) = signed_image::open(image)?;
         if !accept(payload) {
-            return Err(Refusal::BadModel);
+            return Err(ImageError::BadModel);
         }
         self.kept = self.kept();
         let slot = self.kept.map_or(Slot::A, |kept| kept.slot.other());
@@ -263,19 +264,19 @@ impl<F: NorFlash> Store<F> {
     ///
     /// # Errors
     /// `BadLength` without a `begin`, `Flash`. The installation is over then.
-    pub fn install_page(&mut self, image: &[u8]) -> Result<bool, Refusal> {
-        let mut incoming = self.incoming.take().ok_or(Refusal::BadLength)?;
+    pub fn install_page(&mut self, image: &[u8]) -> Result<bool, ImageError> {
+        let mut incoming = self.incoming.take().ok_or(ImageError::BadLength)?;
         if incoming.written == 0 {
             self.prepare(&incoming)?;
         }
-        let rest = (image.get(incoming.written as usize..)).ok_or(Refusal::BadLength)?;
+        let rest = (image.get(incoming.written as usize..)).ok_or(ImageError::BadLength)?;
         let piece = rest.get(..F::ERASE_SIZE).unwrap_or(rest);
         let at = self.start(incoming.slot) + incoming.written;
         self.erase(at)?;
         let (words, last) = piece.as_chunks::<RECORD_LEN>();
         let whole = piece.get(..words.len() * RECORD_LEN).unwrap_or_default();
         if !whole.is_empty() {
-            self.flash.write(at, whole).map_err(|_| Refusal::Flash)?;
+            self.flash.write(at, whole).map_err(|_| ImageError::Flash)?;
         }
         if !last.is_empty() {
             let mut word = [0xFF; RECORD_LEN];
@@ -284,7 +285,7 @@ impl<F: NorFlash> Store<F> {
             }
             self.flash
                 .write(at + whole.len() as u32, &word)
-                .map_err(|_| Refusal::Flash)?;
+                .map_err(|_| ImageError::Flash)?;
         }
         incoming.written += piece.len() as u32;
         self.incoming = Some(incoming);
@@ -296,13 +297,13 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// `BadLength` when pages are missing, `Flash` when it does not stand there as it was given.
     /// The installation is over then.
-    pub fn finish(&mut self) -> Result<Active, Refusal> {
-        let incoming = self.incoming.take().ok_or(Refusal::BadLength)?;
+    pub fn finish(&mut self) -> Result<Active, ImageError> {
+        let incoming = self.incoming.take().ok_or(ImageError::BadLength)?;
         if incoming.written < incoming.image_len {
-            return Err(Refusal::BadLength);
+            return Err(ImageError::BadLength);
         }
         if !self.is_intact(incoming.slot, &incoming.header) {
-            return Err(Refusal::Flash);
+            return Err(ImageError::Flash);
         }
         let newest = self.active.iter().chain(&self.kept).map(|a| a.counter);
         let active = Active {
@@ -314,7 +315,7 @@ impl<F: NorFlash> Store<F> {
         if self.append(&active, 0).is_err() {
             // A record that could not be read back now must not be found later.
             let _ = self.erase(self.records_at(incoming.slot));
-            return Err(Refusal::Flash);
+            return Err(ImageError::Flash);
         }
         self.active = Some(active);
         self.restart_pending = true;
@@ -347,7 +348,7 @@ impl<F: NorFlash> Store<F> {
 
     /// Makes sure that the kept image starts whatever happens, and erases the records of the slot
     /// that is written.
-    fn prepare(&mut self, incoming: &Incoming) -> Result<(), Refusal> {
+    fn prepare(&mut self, incoming: &Incoming) -> Result<(), ImageError> {
         if let Some(kept) = self.kept {
             self.anchor(&kept)?;
         }
@@ -355,7 +356,7 @@ impl<F: NorFlash> Store<F> {
         if self.records(incoming.slot, &incoming.header).free == 0 {
             Ok(())
         } else {
-            Err(Refusal::Flash)
+            Err(ImageError::Flash)
         }
     }
 
@@ -370,10 +371,10 @@ impl<F: NorFlash> Store<F> {
         self.start(slot) + self.layout.slot_bytes - Self::PAGE
     }
 
-    fn erase(&mut self, page: u32) -> Result<(), Refusal> {
+    fn erase(&mut self, page: u32) -> Result<(), ImageError> {
         self.flash
             .erase(page, page + Self::PAGE)
-            .map_err(|_| Refusal::Flash)
+            .map_err(|_| ImageError::Flash)
     }
 
     fn candidate(&mut self, slot: Slot) -> Option<Active> {
@@ -388,15 +389,15 @@ impl<F: NorFlash> Store<F> {
         })
     }
 
-    fn read_header(&mut self, slot: Slot) -> Result<Header, Refusal> {
+    fn read_header(&mut self, slot: Slot) -> Result<Header, ImageError> {
         let mut bytes = [0; HEADER_LEN.next_multiple_of(RECORD_LEN)];
         self.flash
             .read(self.start(slot), &mut bytes)
-            .map_err(|_| Refusal::Flash)?;
+            .map_err(|_| ImageError::Flash)?;
         let header = Header::parse(&bytes)?;
         match header.image_len() {
             Some(n) if n <= self.image_capacity() => Ok(header),
-            _ => Err(Refusal::TooLong),
+            _ => Err(ImageError::TooLong),
         }
     }
 
@@ -405,7 +406,7 @@ impl<F: NorFlash> Store<F> {
         slot: Slot,
         header: &Header,
         accept: &mut impl FnMut(&mut F, u32, u32) -> bool,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), ImageError> {
         header.verify(self.board.as_ref())?;
         self.judge_content(slot, header, accept)
     }
@@ -416,13 +417,13 @@ impl<F: NorFlash> Store<F> {
         slot: Slot,
         header: &Header,
         accept: &mut impl FnMut(&mut F, u32, u32) -> bool,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), ImageError> {
         self.check_content(slot, header)?;
         let payload = self.start(slot) + HEADER_LEN as u32;
         if accept(&mut self.flash, payload, header.length) {
             Ok(())
         } else {
-            Err(Refusal::BadModel)
+            Err(ImageError::BadModel)
         }
     }
 
@@ -431,14 +432,14 @@ impl<F: NorFlash> Store<F> {
         (0..READS).all(|_| self.check_content(slot, header).is_ok())
     }
 
-    fn check_content(&mut self, slot: Slot, header: &Header) -> Result<(), Refusal> {
+    fn check_content(&mut self, slot: Slot, header: &Header) -> Result<(), ImageError> {
         if self.read_header(slot)? != *header {
-            return Err(Refusal::BadDigest);
+            return Err(ImageError::BadDigest);
         }
         let start = self.start(slot);
         let payload = HEADER_LEN as u32;
         let end = payload.saturating_add(header.length);
-        let mut content = Content::new(header);
+        let mut content = PayloadHash::new(header);
         let mut crc = [0; 4];
         let mut chunk = [0; CHUNK];
         let mut at = 0;
@@ -446,9 +447,9 @@ impl<F: NorFlash> Store<F> {
         while at < end + 4 {
             self.flash
                 .read(start + at, &mut chunk)
-                .map_err(|_| Refusal::Flash)?;
+                .map_err(|_| ImageError::Flash)?;
             let head = payload.saturating_sub(at) as usize;
-            content.absorb(chunk.get(head..).unwrap_or_default());
+            content.hash(chunk.get(head..).unwrap_or_default());
             for (i, byte) in crc.iter_mut().enumerate() {
                 if let Some(b) = (end + i as u32)
                     .checked_sub(at)

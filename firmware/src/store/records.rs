@@ -1,7 +1,7 @@
 //! Commit records: which slot is in force.
 
 use embedded_storage::nor_flash::NorFlash;
-use loadtwin_common::sealed::{CRC, Header, Refusal};
+use loadtwin_common::io::signed_image::{CRC, Header, ImageError};
 
 use super::{Active, Slot, Store};
 
@@ -69,7 +69,7 @@ impl<F: NorFlash> Store<F> {
     }
 
     /// Makes sure that a complete record stands in the slot, and shows as such.
-    pub(super) fn anchor(&mut self, active: &Active) -> Result<(), Refusal> {
+    pub(super) fn anchor(&mut self, active: &Active) -> Result<(), ImageError> {
         let records = self.records(active.slot, &active.header);
         if records.anchored {
             Ok(())
@@ -79,7 +79,7 @@ impl<F: NorFlash> Store<F> {
     }
 
     /// Writes the first pair from `free` on that takes it.
-    pub(super) fn append(&mut self, active: &Active, free: u32) -> Result<(), Refusal> {
+    pub(super) fn append(&mut self, active: &Active, free: u32) -> Result<(), ImageError> {
         let record = Self::record(active.counter, &active.header);
         for pair in free..Self::PAIRS {
             let [first, second] = self.places(active.slot, pair);
@@ -90,6 +90,6 @@ impl<F: NorFlash> Store<F> {
                 return Ok(());
             }
         }
-        Err(Refusal::Flash)
+        Err(ImageError::Flash)
     }
 }

@@ -1,7 +1,7 @@
 //! Signs images for tests.
 
 use ed25519_compact::{KeyPair, Seed};
-use loadtwin_common::sealed::{CRC, Header, Identity, MachineId, PublicKey};
+use loadtwin_common::io::signed_image::{CRC, Header, Identity, MachineId, PublicKey};
 
 /// A key pair; the same for the same seed.
 pub fn pair(seed: u8) -> KeyPair {

@@ -8,10 +8,10 @@ use serde::Serialize;
 use socketcan::CanAnyFrame;
 use thiserror::Error;
 
-/// A frame and when it came [us].
+/// A frame and when it came (us).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Received {
-    /// Time, since the epoch or since the start of the bus [us].
+    /// Time, since the epoch or since the start of the bus (us).
     pub t_us: u64,
     /// The frame; error frames tell what the controller met.
     pub frame: CanAnyFrame,

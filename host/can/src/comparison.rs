@@ -2,13 +2,14 @@
 
 use std::collections::VecDeque;
 
-use loadtwin_common::estimate::Estimate;
-use loadtwin_common::frame::e2e::{Counter, Sequence};
-use loadtwin_common::frame::{
-    self, Encoder, Frame, Message, RawAssembler, Rejected, State, Status, StatusPage, layout,
+use loadtwin_common::estimator::Estimator;
+use loadtwin_common::io::estimate::Estimate;
+use loadtwin_common::io::frame;
+use loadtwin_common::io::frame::e2e::{Counter, Sequence};
+use loadtwin_common::io::frame::{
+    Frame, FrameEncoder, Message, RawAssembler, Rejected, State, Status, StatusPage, layout,
 };
-use loadtwin_common::line::Line;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::raw::RawSample;
 use serde::Serialize;
 use socketcan::CanAnyFrame;
 
@@ -96,10 +97,10 @@ pub struct Figures {
     pub restarts: u64,
     /// Name of the model that the machine runs, where it told.
     pub machine_model: Option<u32>,
-    /// From raw sample to the load frame that the machine made from it, mean [ms]; by how many samples
+    /// From raw sample to the load frame that the machine made from it, mean (ms); by how many samples
     /// its estimates lag is not in it.
     pub lag_mean_ms: f64,
-    /// From raw sample to the machine's load frame, most [ms].
+    /// From raw sample to the machine's load frame, most (ms).
     pub lag_max_ms: f64,
     /// Samples whose loads were compared, for the mean.
     #[serde(skip)]
@@ -134,8 +135,8 @@ struct Channel {
 /// The machine, recomputed.
 pub struct Comparison<'a> {
     model: Model<'a>,
-    line: Line<'a>,
-    encoder: Encoder,
+    line: Estimator<'a>,
+    encoder: FrameEncoder,
     assembler: RawAssembler,
     channels: [Channel; COMPARED],
     status_counter: Counter,

@@ -115,7 +115,7 @@ impl Bus for SimulatedController {
 mod tests {
     use std::sync::atomic::AtomicBool;
 
-    use loadtwin_common::frame::Frame;
+    use loadtwin_common::io::frame::Frame;
 
     use super::*;
     use crate::bus::{Link, LinkCounts};

@@ -1,7 +1,7 @@
 //! The description of the frames: `docs/loadtwin.dbc`, for one machine.
 
-use loadtwin_common::estimate::MAX_LOADS;
-use loadtwin_common::frame::{DEFAULT_BASE, LoadFrame};
+use loadtwin_common::io::estimate::MAX_LOADS;
+use loadtwin_common::io::frame::{DEFAULT_BASE, LoadFrame};
 
 /// The description of all machines, loads in % of full scale, base 0x500.
 pub const DBC: &str = include_str!("../../../docs/loadtwin.dbc");

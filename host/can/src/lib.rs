@@ -28,9 +28,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use loadtwin_common::frame::{self, Encoder};
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
-use loadtwin_common::line::Line;
+use loadtwin_common::io::frame;
+use loadtwin_common::io::frame::FrameEncoder;
 use socketcan::{CanAnyFrame, CanDataFrame, CanFdFrame, EmbeddedFrame, Frame, StandardId};
 use thiserror::Error;
 
@@ -121,9 +122,9 @@ impl<'a> Model<'a> {
     ///
     /// # Errors
     /// Why the model is refused.
-    pub fn start(&self) -> Result<(Line<'a>, Encoder), CanError> {
-        let encoder = Encoder::try_build(&self.image, self.hash)?;
-        Ok((Line::try_build(self.image.clone())?, encoder))
+    pub fn start(&self) -> Result<(Estimator<'a>, FrameEncoder), CanError> {
+        let encoder = FrameEncoder::try_build(&self.image, self.hash)?;
+        Ok((Estimator::try_build(self.image.clone())?, encoder))
     }
 }
 

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use loadtwin_common::frame::e2e::{Counter, Sequence};
-use loadtwin_common::frame::{
-    self, DEFAULT_BASE, Message, RawAssembler, Rejected, Status, StatusPage,
+use loadtwin_common::io::frame;
+use loadtwin_common::io::frame::e2e::{Counter, Sequence};
+use loadtwin_common::io::frame::{
+    DEFAULT_BASE, Message, RawAssembler, Rejected, Status, StatusPage,
 };
 use serde::Serialize;
 use socketcan::CanAnyFrame;
@@ -32,7 +33,7 @@ pub struct MonitorArgs {
 fn base(text: &str) -> Result<u16, String> {
     u16::from_str_radix(text.trim_start_matches("0x"), 16)
         .ok()
-        .filter(|base| *base <= frame::MAX_BASE && base % frame::BLOCK == 0)
+        .filter(|base| *base <= frame::MAX_BASE && base % frame::IDS_PER_MACHINE == 0)
         .ok_or_else(|| "a multiple of 20 (hexadecimal), at most 7C0".to_owned())
 }
 

@@ -3,9 +3,9 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use loadtwin_common::frame::{Encoder, RawAssembler, State, Status};
-use loadtwin_common::line::Line;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::estimator::Estimator;
+use loadtwin_common::io::frame::{FrameEncoder, RawAssembler, State, Status};
+use loadtwin_common::io::raw::RawSample;
 use serde::Serialize;
 
 use super::bus::{Bus, BusError, Link, LinkCounts};
@@ -44,8 +44,8 @@ pub struct NodeSummary {
 
 /// The application: the same line and the same encoder as on a board.
 struct Node<'a> {
-    line: Line<'a>,
-    encoder: Encoder,
+    line: Estimator<'a>,
+    encoder: FrameEncoder,
     status: Status,
 }
 

@@ -5,9 +5,9 @@ use std::io::{self, IsTerminal, Write};
 use std::ops::ControlFlow;
 use std::time::Duration;
 
-use loadtwin_common::estimate::Estimate;
-use loadtwin_common::fault::Fault;
-use loadtwin_common::frame::{LoadFrame, SensorFrame, Status};
+use loadtwin_common::io::estimate::Estimate;
+use loadtwin_common::io::fault::Fault;
+use loadtwin_common::io::frame::{LoadFrame, SensorFrame, Status};
 
 use super::Model;
 use super::comparison::Verdict;
@@ -54,7 +54,7 @@ pub struct Page {
     pub verdict: Option<Verdict>,
     /// Counts, each with its name.
     pub counts: Vec<(&'static str, u64)>,
-    /// From raw sample to load frame, mean and most [ms].
+    /// From raw sample to load frame, mean and most (ms).
     pub lag_ms: Option<(f64, f64)>,
     /// Anything else.
     pub note: Option<String>,
@@ -152,7 +152,7 @@ impl Page {
         }
     }
 
-    /// Shows the time from raw sample to load frame [ms].
+    /// Shows the time from raw sample to load frame (ms).
     pub fn lag(&mut self, mean: f64, most: f64) {
         self.lag_ms = Some((mean, most));
     }

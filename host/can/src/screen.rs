@@ -18,7 +18,7 @@ use ratatui::{Frame, Terminal};
 
 use super::comparison::Verdict;
 use super::page::{Clock, Page, View};
-use loadtwin_common::fault::Fault;
+use loadtwin_common::io::fault::Fault;
 
 /// The terminal on standard error, given back when dropped.
 pub(super) struct Screen {

@@ -4,8 +4,9 @@ use std::error::Error;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use loadtwin_common::frame::{self, Encoder, Message};
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::frame;
+use loadtwin_common::io::frame::{FrameEncoder, Message};
+use loadtwin_common::io::raw::RawSample;
 use serde::Serialize;
 
 use super::bus::{Bus, BusError, Link, LinkCounts};
@@ -39,9 +40,9 @@ pub struct SendSummary {
     pub samples: u64,
     /// Samples of which a frame was given up.
     pub incomplete_samples: u64,
-    /// Time taken [s].
+    /// Time taken (s).
     pub seconds: f64,
-    /// Largest delay of a sample behind its time [ms]; 0 when not in real time.
+    /// Largest delay of a sample behind its time (ms); 0 when not in real time.
     pub late_max_ms: f64,
     /// Times that no answer came in lock-step.
     pub unanswered: u64,
@@ -88,7 +89,7 @@ pub fn run<B: Bus>(
     view: &mut dyn View,
     stop: &AtomicBool,
 ) -> Result<SendSummary, CanError> {
-    let encoder = Encoder::try_build(&model.image, model.hash)?;
+    let encoder = FrameEncoder::try_build(&model.image, model.hash)?;
     let period = Duration::from_secs_f32(1.0 / model.image.rate_hz);
     let mut link = Link::new(bus, Duration::from_secs(10));
     let mut page = Page::new("send", model);

@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 
-use loadtwin_common::frame::BLOCK;
+use loadtwin_common::io::frame::IDS_PER_MACHINE;
 use socketcan::{CanAnyFrame, CanFdSocket, CanFilter, ShouldRetry, Socket, SocketOptions};
 
 use super::CanError;
@@ -46,7 +46,7 @@ pub struct SocketBus {
 fn open(interface: &str, block: Option<u16>, inverted: bool) -> io::Result<CanFdSocket> {
     let socket = CanFdSocket::open(interface)?;
     if let Some(base) = block {
-        let mask = u32::from(0x7FF & !(BLOCK - 1)) | EXTENDED;
+        let mask = u32::from(0x7FF & !(IDS_PER_MACHINE - 1)) | EXTENDED;
         let filter = if inverted {
             CanFilter::new_inverted
         } else {

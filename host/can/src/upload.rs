@@ -3,8 +3,8 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use loadtwin_common::frame::Frame;
-use loadtwin_common::uds::{ANSWER_ID, REQUEST_ID};
+use loadtwin_common::io::frame::Frame;
+use loadtwin_common::io::uds::{ANSWER_ID, REQUEST_ID};
 use serde::Serialize;
 
 use super::bus::{Bus, BusError};
@@ -21,7 +21,7 @@ pub struct UploadSummary {
     pub bytes: usize,
     /// Frames to the board.
     pub frames: u64,
-    /// How long it took [s].
+    /// How long it took (s).
     pub seconds: f64,
 }
 

@@ -2,14 +2,14 @@
 
 use std::f64::consts::TAU;
 
-use loadtwin_common::measurement::{Counter, Eccentricity, IndexPulse};
-use loadtwin_common::phase::{Phase, PhaseStep};
+use loadtwin_common::io::measurement::{Eccentricity, EncoderScaling, IndexPulse};
+use loadtwin_common::signal::phase::{Phase, PhaseStep};
 
 use loadtwin_machine::{Encoder, Index};
 
 /// The encoder as the line counts it, where its inertia turns `ratio` times as fast as the angle.
-pub(crate) fn counter(encoder: &Encoder, ratio: f64) -> Counter {
-    Counter {
+pub(crate) fn counter(encoder: &Encoder, ratio: f64) -> EncoderScaling {
+    EncoderScaling {
         step: phase_step(1.0 / (encoder.counts_per_turn * ratio)),
         bits: encoder.bits as u8,
     }

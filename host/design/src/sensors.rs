@@ -105,12 +105,12 @@ impl Sensors {
         too_many(
             "channels",
             sensors.channels.len(),
-            loadtwin_common::raw::MAX_CHANNELS,
+            loadtwin_common::io::raw::MAX_CHANNELS,
         )?;
         too_many(
             "encoders",
             sensors.encoders.len(),
-            loadtwin_common::raw::MAX_ENCODERS,
+            loadtwin_common::io::raw::MAX_ENCODERS,
         )?;
         Ok(sensors)
     }

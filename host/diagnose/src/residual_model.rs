@@ -60,7 +60,7 @@ impl Nuisance {
 pub struct Shaft<'a> {
     /// Its name.
     pub name: &'a str,
-    /// Angle, continuous over turns [rad].
+    /// Angle, continuous over turns (rad).
     pub angle: Cow<'a, [f64]>,
 }
 
@@ -90,7 +90,7 @@ pub trait ResidualModel: Clone + Send + Sync + 'static {
     /// Every effect that is tried on such a machine.
     fn library() -> &'static [&'static dyn Effect<Self>];
 
-    /// Sample period [s].
+    /// Sample period (s).
     fn dt_s(&self) -> f64;
 
     /// Speed of the main shaft, sample by sample [rad/s].

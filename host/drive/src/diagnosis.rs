@@ -30,7 +30,7 @@ pub struct Diagnosis {
     pub notes: Vec<String>,
     /// Values that jumped out of their column alone and were left out.
     pub spikes: usize,
-    /// The drive is judged below this [Hz].
+    /// The drive is judged below this (Hz).
     pub cutoff_hz: f64,
     /// Recordings that were fitted.
     pub fitted_on: Vec<PathBuf>,
@@ -140,9 +140,9 @@ pub struct Validated {
 pub struct Beyond {
     /// Which.
     pub what: &'static str,
-    /// Its greatest size in the fitted recordings [SI]; of the position, its
+    /// Its greatest size in the fitted recordings (SI); of the position, its
     /// greatest distance from the middle of those fitted.
     pub fitted: f64,
-    /// The same in the validation recordings [SI].
+    /// The same in the validation recordings (SI).
     pub validated: f64,
 }

@@ -99,7 +99,7 @@ pub struct Request<'a> {
     pub fit: &'a [PathBuf],
     /// Recordings to report on; a third of each fitted one where empty.
     pub validate: &'a [PathBuf],
-    /// The drive is judged below this [Hz].
+    /// The drive is judged below this (Hz).
     pub cutoff_hz: f64,
     /// Where the improved description goes.
     pub machine_out: Option<&'a Path>,

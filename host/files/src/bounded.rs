@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Largest description, calibration or rotor model [bytes]. The largest of the
+/// Largest description, calibration or rotor model (bytes). The largest of the
 /// examples has 60 kB; a gauge takes about 300 bytes.
 pub const DESCRIPTION: u64 = 16 << 20;
 

@@ -192,7 +192,7 @@ pub fn resampled(values: &[f64], entries: usize) -> Vec<f64> {
 }
 
 impl super::Channel {
-    /// Sensitivity over the carrier angle, in equal steps over a turn [SI].
+    /// Sensitivity over the carrier angle, in equal steps over a turn (SI).
     ///
     /// # Errors
     /// When the map's file cannot be used, or there is neither map nor constant.
@@ -208,7 +208,7 @@ impl super::Channel {
     }
 
     /// Maps of the candidate nodes of its patch: node and sensitivity over the
-    /// carrier angle [SI]; none where the channel has no `patch_map`.
+    /// carrier angle (SI); none where the channel has no `patch_map`.
     ///
     /// # Errors
     /// When the file cannot be used or has no column for the channel.
@@ -239,7 +239,7 @@ impl super::Channel {
             .collect())
     }
 
-    /// Standard deviation of the reading over bins of the carrier angle [SI].
+    /// Standard deviation of the reading over bins of the carrier angle (SI).
     ///
     /// # Errors
     /// When the map's file cannot be used or holds a value that is not positive.

@@ -23,13 +23,13 @@ pub const SHAPES: usize = 5;
 pub struct Bearing {
     /// Balls in each row, 6 to 40.
     pub balls: u8,
-    /// Diameter of a ball [mm], > 0.
+    /// Diameter of a ball (mm), > 0.
     pub ball_mm: f64,
-    /// Diameter of the circle of the balls' centres [mm], > `ball_mm`.
+    /// Diameter of the circle of the balls' centres (mm), > `ball_mm`.
     pub pitch_mm: f64,
-    /// Distance between the planes of the two rows [mm], >= 0.
+    /// Distance between the planes of the two rows (mm), >= 0.
     pub rows_mm: f64,
-    /// Unloaded contact angle [deg], 5 to 60.
+    /// Unloaded contact angle (deg), 5 to 60.
     pub contact_angle_deg: f64,
     /// Radius of the grooves over the diameter of a ball, 0.505 to 0.6.
     #[serde(default = "conformity")]
@@ -37,7 +37,7 @@ pub struct Bearing {
     /// Load-deflection factor of a ball between both rings, `K_n` of eq. (4)
     /// [N/mm^1.5], > 0.
     pub stiffness_n_per_mm_1_5: f64,
-    /// Approach of each row by the preload [um], 0 to 100.
+    /// Approach of each row by the preload (um), 0 to 100.
     pub preload_um: f64,
     /// Direction in which `preload_um` is counted.
     #[serde(default)]
@@ -75,11 +75,11 @@ pub enum PreloadAlong {
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LoadRanges {
-    /// Longitudinal force [N].
+    /// Longitudinal force (N).
     pub fx_n: [f64; 2],
-    /// Axial force [N].
+    /// Axial force (N).
     pub fy_n: [f64; 2],
-    /// Vertical force [N].
+    /// Vertical force (N).
     pub fz_n: [f64; 2],
     /// Over-turning moment [N m].
     pub mx_nm: [f64; 2],
@@ -103,7 +103,7 @@ pub const BEARING_LOADS: [&str; 5] = ["Fx", "Fy", "Fz", "Mx", "Mz"];
 pub struct OuterRingGauge {
     /// What channels call it.
     pub name: String,
-    /// Azimuth [deg], from x towards z.
+    /// Azimuth (deg), from x towards z.
     pub azimuth_deg: f64,
 }
 
@@ -113,25 +113,25 @@ pub struct OuterRingGauge {
 pub struct BearingFilter {
     /// Standard deviation of a cage's slip, relative, > 0.
     pub slip_std: f64,
-    /// Time in which slip forgets [s], > 0.
+    /// Time in which slip forgets (s), > 0.
     pub slip_time_s: f64,
     /// Slip beyond which an estimate is not trusted, relative, > 0.
     pub slip_limit: f64,
     /// Random walk of the phase of ball passing [rad/sqrt(rad)], > 0.
     pub phase_walk: f64,
-    /// Time in which loads return to those on the rig [s], > 0.
+    /// Time in which loads return to those on the rig (s), > 0.
     pub load_time_s: f64,
-    /// Standard deviation of the preload's approach [um], > 0.
+    /// Standard deviation of the preload's approach (um), > 0.
     pub preload_std_um: f64,
     /// Its random walk [um/sqrt(s)], > 0.
     pub preload_walk_um: f64,
     /// Standard deviation of the bulk strains' offsets [um/m], > 0.
     pub bias_std: f64,
-    /// Time in which an offset forgets [s], > 0.
+    /// Time in which an offset forgets (s), > 0.
     pub bias_time_s: f64,
     /// Error of the bulk strain's model [um/m], > 0.
     pub bulk_std: f64,
-    /// Frequency of ball passing below which estimates are not valid [Hz], > 0.
+    /// Frequency of ball passing below which estimates are not valid (Hz), > 0.
     pub lowest_hz: f64,
 }
 
@@ -158,12 +158,12 @@ fn conformity() -> f64 {
 }
 
 impl Bearing {
-    /// Distance of the grooves' centres without load, `A = (2 f - 1) D` [um].
+    /// Distance of the grooves' centres without load, `A = (2 f - 1) D` (um).
     pub fn groove_um(&self) -> f64 {
         (2.0 * self.conformity - 1.0) * self.ball_mm * 1e3
     }
 
-    /// The preload's approach along the axis [um], at a contact angle [rad].
+    /// The preload's approach along the axis (um), at a contact angle (rad).
     ///
     /// Of an approach `delta` along the line of contact: `p` with
     /// `(A cos a0)^2 + (A sin a0 + p)^2 = (A + delta)^2`, rows without other load.

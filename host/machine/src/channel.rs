@@ -59,7 +59,7 @@ pub struct Channel {
     pub creep: Option<Creep>,
     /// What the zero remembers of the way on which the load came, of a channel on a drivetrain.
     pub hysteresis: Option<Hysteresis>,
-    /// How old a reading is when it comes, 0 to 0.2 [s], of a channel on a drivetrain.
+    /// How old a reading is when it comes, 0 to 0.2 (s), of a channel on a drivetrain.
     #[serde(default)]
     pub late_s: f64,
     /// What warmth does to zero and reading, of a channel on a drivetrain; needs an
@@ -101,7 +101,7 @@ impl Channel {
             .sum()
     }
 
-    /// Reading of one count [SI].
+    /// Reading of one count (SI).
     ///
     /// A bridge is taken as linear about its zero: at 1000 micrometre a metre
     /// that is off by 0.2 % of the reading for a quarter bridge and by nothing
@@ -126,7 +126,7 @@ impl Channel {
         self.adc.zero - (at_ratio_0 / self.lsb_si()).round() as i32
     }
 
-    /// The reading of a converter's word [SI].
+    /// The reading of a converter's word (SI).
     pub fn reading(&self, word: f64) -> f64 {
         (word - f64::from(self.zero_word())) * self.lsb_si()
     }
@@ -156,11 +156,11 @@ impl Channel {
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Place {
-    /// Position, in the coordinates of the finite-element model [m].
+    /// Position, in the coordinates of the finite-element model (m).
     pub position_m: [f64; 3],
     /// Direction of its grid; of any length but 0.
     pub direction: [f64; 3],
-    /// Radius of the patch of nodes at which it may really sit [m], > 0.
+    /// Radius of the patch of nodes at which it may really sit (m), > 0.
     #[serde(default = "patch")]
     pub patch_m: f64,
 }
@@ -181,7 +181,7 @@ fn patch() -> f64 {
 pub struct Drift {
     /// Standard deviation in the long run [the unit of what drifts], > 0.
     pub std: f64,
-    /// Time constant [s], > 0.
+    /// Time constant (s), > 0.
     pub time_s: f64,
 }
 
@@ -191,12 +191,12 @@ pub struct Drift {
 pub struct Creep {
     /// `a`: what it comes to in the end at nominal load [the channel's unit].
     pub at_nominal: f64,
-    /// Time constant [s], > 0.
+    /// Time constant (s), > 0.
     pub time_s: f64,
 }
 
 impl Creep {
-    /// The zero for each of `levels`, parts of nominal `dt_s` [s] apart [the channel's unit].
+    /// The zero for each of `levels`, parts of nominal `dt_s` (s) apart [the channel's unit].
     pub fn course(&self, levels: impl IntoIterator<Item = f64>, dt_s: f64) -> Vec<f64> {
         let course = lag(levels, dt_s, self.time_s);
         course.into_iter().map(|z| z * self.at_nominal).collect()
@@ -237,10 +237,10 @@ impl Hysteresis {
     }
 }
 
-/// Longest `lag_s` of a thermometer [s].
+/// Longest `lag_s` of a thermometer (s).
 pub const SLOWEST_S: f64 = 3600.0;
 
-/// Longest `late_s` [s].
+/// Longest `late_s` (s).
 pub const LATEST_S: f64 = 0.2;
 
 /// What `values` were `samples` before, or will be where that is negative, by straight lines; beyond
@@ -259,7 +259,7 @@ pub fn earlier(values: &[f64], samples: f64) -> Cow<'_, [f64]> {
     (0..=last).map(mixed).collect()
 }
 
-/// `dz/dt = (u - z) / time_s` from 0, for each of `u`, `dt_s` [s] apart.
+/// `dz/dt = (u - z) / time_s` from 0, for each of `u`, `dt_s` (s) apart.
 pub fn lag(u: impl IntoIterator<Item = f64>, dt_s: f64, time_s: f64) -> Vec<f64> {
     let rate = 1.0 - (-dt_s / time_s).exp();
     let mut z = 0.0;
@@ -309,11 +309,11 @@ pub enum Senses {
     /// Nothing unknown: a measured torque that drives the named inertia
     /// [N m], a known input of the filter.
     Drive(String),
-    /// The displacement of a rotor's shaft [m].
+    /// The displacement of a rotor's shaft (m).
     Displacement(Displacement),
     /// The deformation of a bearing's outer ring at the named gauge.
     OuterRing(String),
-    /// The temperature of the machine [K], an `[[auxiliary]]`.
+    /// The temperature of the machine (K), an `[[auxiliary]]`.
     #[serde(skip)]
     Temperature,
 }
@@ -324,7 +324,7 @@ pub enum Senses {
 pub struct Displacement {
     /// Node of the shaft.
     pub node: usize,
-    /// Direction from x towards y [degrees]: 0 is x, 90 is y.
+    /// Direction from x towards y (degrees): 0 is x, 90 is y.
     pub direction_deg: f64,
 }
 
@@ -337,7 +337,7 @@ pub struct Adc {
     /// Word at value 0.
     #[serde(default)]
     pub zero: i32,
-    /// Word length [bit], 8 to 32; the extreme words count as saturated.
+    /// Word length (bit), 8 to 32; the extreme words count as saturated.
     #[serde(default = "twenty_four")]
     pub bits: u32,
     /// After how many equal words in a row the channel counts as stuck; 0 for
@@ -377,7 +377,7 @@ pub struct Auxiliary {
     /// Value at which the gauges' zeros hold [unit]; that of the first sample where absent, as
     /// of gauges that are zeroed before each recording.
     pub at_zero: Option<f64>,
-    /// Time constant with which the gauges follow it [s]: it sits elsewhere.
+    /// Time constant with which the gauges follow it (s): it sits elsewhere.
     #[serde(default)]
     pub lag_s: f64,
 }
@@ -388,12 +388,12 @@ impl Auxiliary {
         self.unit.quantity() == Quantity::Temperature
     }
 
-    /// Where the gauges' zeros hold [K]; none where that is the first sample.
+    /// Where the gauges' zeros hold (K); none where that is the first sample.
     pub fn zero_k(&self) -> Option<f64> {
         Some(self.unit.to_si(self.at_zero?))
     }
 
-    /// How much warmer the gauges are than where zeros hold [K], of a recording's temperatures [K],
+    /// How much warmer the gauges are than where zeros hold (K), of a recording's temperatures (K),
     /// one each `dt_s`; where one is missing, as before, and at the start as first known.
     pub fn warming(&self, temperatures: &[f64], dt_s: f64) -> Vec<f64> {
         let known = || temperatures.iter().copied().find(|t| t.is_finite());

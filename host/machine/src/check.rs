@@ -11,8 +11,8 @@ use super::rule::{
 use super::{Bearing, Channel, Drivetrain, Kind, LATEST_S, Machine, SLOWEST_S, Senses};
 
 /// Channels and encoders of one sensor set.
-const MAX_CHANNELS: usize = loadtwin_common::raw::MAX_CHANNELS;
-const MAX_ENCODERS: usize = loadtwin_common::raw::MAX_ENCODERS;
+const MAX_CHANNELS: usize = loadtwin_common::io::raw::MAX_CHANNELS;
+const MAX_ENCODERS: usize = loadtwin_common::io::raw::MAX_ENCODERS;
 
 impl Machine {
     /// Checks every range and every name that refers to another part.

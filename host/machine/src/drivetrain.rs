@@ -261,7 +261,7 @@ impl Drivetrain {
             at_most(
                 &field("name"),
                 load.name.len(),
-                loadtwin_common::image::MAX_NAME,
+                loadtwin_common::load_signal::MAX_NAME,
             )?;
         }
         positive("drivetrain.nominal_speed_rad_s", self.nominal_speed_rad_s)?;

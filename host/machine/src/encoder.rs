@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::rule::{Checked, finite, nonzero, positive, within};
 use loadtwin_recording::Role;
 
-/// Standard deviation of a count that is rounded, `1 / sqrt 12` [counts].
+/// Standard deviation of a count that is rounded, `1 / sqrt 12` (counts).
 pub const QUANTISATION: f64 = 0.288_675_134_594_812_9;
 
 /// A counting encoder.
@@ -21,10 +21,10 @@ pub struct Encoder {
     /// Counts per turn of that inertia (after quadrature), not 0; negative where it
     /// counts down in forward turning.
     pub counts_per_turn: f64,
-    /// Width of the hardware counter [bit], 8 to 32.
+    /// Width of the hardware counter (bit), 8 to 32.
     #[serde(default = "thirty_two")]
     pub bits: u32,
-    /// Standard deviation of the measured angle [counts]; that of the
+    /// Standard deviation of the measured angle (counts); that of the
     /// quantisation, 0.29, where absent.
     pub noise_std_counts: Option<f64>,
     /// How it errs once per turn, of the index's encoder where that turns as the index does.
@@ -36,14 +36,14 @@ pub struct Encoder {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Eccentricity {
-    /// Largest error [rad], above 0, up to 0.1.
+    /// Largest error (rad), above 0, up to 0.1.
     pub amplitude_rad: f64,
-    /// Angle at which it reads furthest ahead [rad].
+    /// Angle at which it reads furthest ahead (rad).
     pub ahead_at_rad: f64,
 }
 
 impl Encoder {
-    /// Standard deviation of the measured angle [counts].
+    /// Standard deviation of the measured angle (counts).
     pub fn noise_std_counts(&self) -> f64 {
         self.noise_std_counts.unwrap_or(QUANTISATION)
     }
@@ -97,7 +97,7 @@ impl Index {
 }
 
 impl Eccentricity {
-    /// From its parts with the cosine and the sine of the angle [rad].
+    /// From its parts with the cosine and the sine of the angle (rad).
     pub fn from_parts([cosine, sine]: [f64; 2]) -> Self {
         Self {
             amplitude_rad: cosine.hypot(sine),
@@ -105,13 +105,13 @@ impl Eccentricity {
         }
     }
 
-    /// Its parts with the cosine and the sine of the angle past `zero` [rad].
+    /// Its parts with the cosine and the sine of the angle past `zero` (rad).
     pub fn parts_from(self, zero: f64) -> [f64; 2] {
         let (sine, cosine) = (self.ahead_at_rad - zero).sin_cos();
         [self.amplitude_rad * cosine, self.amplitude_rad * sine]
     }
 
-    /// How far ahead it reads at an angle [rad].
+    /// How far ahead it reads at an angle (rad).
     pub fn error(self, angle: f64) -> f64 {
         self.amplitude_rad * (angle - self.ahead_at_rad).cos()
     }
@@ -131,9 +131,9 @@ pub struct Index {
     pub encoder: String,
     /// What the column holds; found from its values where absent.
     pub signal: Option<IndexSignal>,
-    /// Carrier angle at the pulse [rad].
+    /// Carrier angle at the pulse (rad).
     pub angle_rad: f64,
-    /// Deviation from the expected angle that counts as a fault [rad], > 0.
+    /// Deviation from the expected angle that counts as a fault (rad), > 0.
     #[serde(default = "index_tolerance")]
     pub tolerance_rad: f64,
 }

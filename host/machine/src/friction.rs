@@ -27,7 +27,7 @@ pub struct Friction {
     pub stribeck_nm: f64,
     /// `w_s`: speed over which that fades [rad/s], > 0; needed with `stribeck_nm`.
     pub stribeck_rad_s: Option<f64>,
-    /// Angle over which friction builds up [rad], >= 0; at once where 0 or absent.
+    /// Angle over which friction builds up (rad), >= 0; at once where 0 or absent.
     #[serde(default)]
     pub presliding_rad: f64,
 }
@@ -36,7 +36,7 @@ pub struct Friction {
 pub const CREEP: f64 = 0.003;
 
 impl Friction {
-    /// Torque at each speed [rad/s] under each torque carried, `dt_s` [s] apart; from the start
+    /// Torque at each speed [rad/s] under each torque carried, `dt_s` (s) apart; from the start
     /// it has the direction of the first. `creeping`: `w_0` [rad/s].
     pub fn course(
         &self,

@@ -37,18 +37,18 @@ pub struct Planetary {
     pub sun_teeth: u32,
     /// Teeth of the ring gear, more than the sun's; with the sun's a multiple of the planets.
     pub ring_teeth: u32,
-    /// Normal module [m], > 0.
+    /// Normal module (m), > 0.
     pub normal_module_m: f64,
-    /// Pressure angle in the normal section [degrees], 5 to 45.
+    /// Pressure angle in the normal section (degrees), 5 to 45.
     pub pressure_angle_deg: f64,
-    /// Helix angle of the ring gear [degrees], -45 to 45; positive where right-handed.
+    /// Helix angle of the ring gear (degrees), -45 to 45; positive where right-handed.
     #[serde(default)]
     pub helix_angle_deg: f64,
     /// Teeth of the ring gear that share a planet's force (the total contact ratio), 0 to
     /// 10; 0 for a point load (paper).
     #[serde(default)]
     pub contact_ratio: f64,
-    /// Where the first planet stands when the carrier angle is 0 [degrees].
+    /// Where the first planet stands when the carrier angle is 0 (degrees).
     #[serde(default)]
     pub first_planet_deg: f64,
 }
@@ -61,14 +61,14 @@ pub struct Helical {
     pub wheel_teeth: u32,
     /// Teeth of the pinion, at least 5.
     pub pinion_teeth: u32,
-    /// Normal module [m], > 0.
+    /// Normal module (m), > 0.
     pub normal_module_m: f64,
-    /// Pressure angle in the normal section [degrees], 5 to 45.
+    /// Pressure angle in the normal section (degrees), 5 to 45.
     pub pressure_angle_deg: f64,
-    /// Helix angle of the wheel [degrees], -45 to 45; positive where right-handed.
+    /// Helix angle of the wheel (degrees), -45 to 45; positive where right-handed.
     #[serde(default)]
     pub helix_angle_deg: f64,
-    /// Where the middle of the mesh lies along the main shaft [m].
+    /// Where the middle of the mesh lies along the main shaft (m).
     pub z_m: f64,
     /// Direction from the wheel's axis to the pinion's [degrees from x to y].
     pub pinion_at_deg: f64,
@@ -82,7 +82,7 @@ pub struct ShaftBearing {
     pub name: String,
     /// Number of its shaft, 0 for the sun's.
     pub shaft: usize,
-    /// Where it lies along the main shaft [m].
+    /// Where it lies along the main shaft (m).
     pub z_m: f64,
     /// Whether it takes the axial force; one of the two of a shaft does.
     #[serde(default)]
@@ -90,14 +90,14 @@ pub struct ShaftBearing {
 }
 
 impl Planetary {
-    /// Pitch radius of a gear of `teeth` [m], `r = m_n z / (2 cos beta)`.
+    /// Pitch radius of a gear of `teeth` (m), `r = m_n z / (2 cos beta)`.
     pub fn radius(&self, teeth: u32) -> f64 {
         0.5 * self.normal_module_m * f64::from(teeth) / self.helix_angle_deg.to_radians().cos()
     }
 }
 
 impl Helical {
-    /// Pitch radius of a gear of `teeth` [m], `r = m_n z / (2 cos beta)`.
+    /// Pitch radius of a gear of `teeth` (m), `r = m_n z / (2 cos beta)`.
     pub fn radius(&self, teeth: u32) -> f64 {
         0.5 * self.normal_module_m * f64::from(teeth) / self.helix_angle_deg.to_radians().cos()
     }

@@ -70,7 +70,7 @@ pub struct Machine {
     /// Which machine of its kind it is, as a serial number; `name` where absent. A board takes
     /// only images for the machine in its key page.
     pub id: Option<String>,
-    /// Sample rate of the estimator [Hz], 1 to 20000.
+    /// Sample rate of the estimator (Hz), 1 to 20000.
     pub rate_hz: f64,
     /// First identifier of the machine's frames on the CAN bus, a multiple of 32, 0 to 0x7c0.
     #[serde(default = "can_base")]
@@ -140,10 +140,10 @@ pub struct SensorSet {
 pub struct Segment {
     /// Key of its figures in tables and in JSON.
     pub name: String,
-    /// Start [s], in the recording's time; from its first row on where that lies beyond the last
+    /// Start (s), in the recording's time; from its first row on where that lies beyond the last
     /// bound of a segment by more than they all span (times since 1970).
     pub from_s: f64,
-    /// End [s]; the end of the recording where absent.
+    /// End (s); the end of the recording where absent.
     pub to_s: Option<f64>,
 }
 
@@ -154,7 +154,7 @@ pub struct Tuning {
     /// Relative standard deviation of the drivetrain's parameters, from which
     /// the process noise follows (paper: 0.1), 0 to 1.
     pub parameter_std: f64,
-    /// Highest frequency at which a load is wanted [Hz], > 0, below half the
+    /// Highest frequency at which a load is wanted (Hz), > 0, below half the
     /// sample rate: the pass band for which `loadtwin tune` chooses the random
     /// walks (paper: 10).
     pub cutoff_hz: f64,
@@ -233,7 +233,7 @@ impl Machine {
         latches && inertias.any(|i| i.name == encoder.inertia && i.speed_ratio == 1.0)
     }
 
-    /// How far ahead that encoder reads at an angle, when the pulse has set it right [rad].
+    /// How far ahead that encoder reads at an angle, when the pulse has set it right (rad).
     pub fn homed_error(&self) -> impl Fn(f64) -> f64 + use<> {
         let eccentricity = self.homed_encoder().and_then(|e| e.eccentricity);
         let known = self.index.as_ref().zip(eccentricity);

@@ -63,7 +63,7 @@ pub struct Rotor {
 pub struct Material {
     /// What sections call it.
     pub name: String,
-    /// Modulus of elasticity [Pa], > 0.
+    /// Modulus of elasticity (Pa), > 0.
     pub young_pa: f64,
     /// Density [kg/m^3], > 0.
     pub density_kg_per_m3: f64,
@@ -75,14 +75,14 @@ pub struct Material {
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Section {
-    /// Length of the whole section [m], > 0.
+    /// Length of the whole section (m), > 0.
     pub length_m: f64,
     /// Elements that it is divided into, 1 to 400.
     #[serde(default = "one_element")]
     pub elements: usize,
-    /// Outer diameter [m], > 0.
+    /// Outer diameter (m), > 0.
     pub outer_m: f64,
-    /// Inner diameter [m], >= 0, < `outer_m`.
+    /// Inner diameter (m), >= 0, < `outer_m`.
     #[serde(default)]
     pub inner_m: f64,
     /// Its material; the first where absent.
@@ -90,7 +90,7 @@ pub struct Section {
     /// Damping in proportion to the mass [1/s], >= 0.
     #[serde(default)]
     pub alpha_per_s: f64,
-    /// Damping in proportion to the stiffness [s], >= 0.
+    /// Damping in proportion to the stiffness (s), >= 0.
     #[serde(default)]
     pub beta_s: f64,
 }
@@ -101,7 +101,7 @@ pub struct Section {
 pub struct Disc {
     /// Node that it sits at.
     pub node: usize,
-    /// Mass [kg], > 0.
+    /// Mass (kg), > 0.
     pub mass_kg: f64,
     /// Moment of inertia about the shaft [kg m^2], >= 0.
     pub polar_kg_m2: f64,
@@ -117,7 +117,7 @@ pub struct RotorLoad {
     pub names: [String; 2],
     /// Node that it acts on.
     pub node: usize,
-    /// Its size at `speed_rad_s` [N], > 0: the unit of errors, and the
+    /// Its size at `speed_rad_s` (N), > 0: the unit of errors, and the
     /// standard deviation before the first sample.
     pub nominal_n: f64,
     /// How it moves from sample to sample.
@@ -251,7 +251,7 @@ impl Rotor {
             (low..=high).contains(&self.speed_rad_s),
             &format!("within the schedule, {low} to {high}"),
         )?;
-        let most = loadtwin_common::rotor::past::MAX_LAG;
+        let most = loadtwin_common::rotor::fixed_lag_smoother::MAX_LAG;
         within(
             "rotor.lag_samples",
             self.lag(),
@@ -361,7 +361,7 @@ impl Rotor {
             if let Some(walk) = load.walk_n_per_sqrt_s {
                 positive(&field("walk_n_per_sqrt_s"), walk)?;
             }
-            let most = loadtwin_common::image::MAX_NAME;
+            let most = loadtwin_common::load_signal::MAX_NAME;
             for name in &load.names {
                 let used = names.iter().filter(|other| *other == name).count();
                 within(

@@ -54,7 +54,7 @@ pub struct CsvLayout {
     /// are put in as rows without values, and the estimator flags them; a
     /// longer gap is an error.
     pub largest_gap: u32,
-    /// Time from row to row [ms], above 0 up to 3.6e6, for text files without a time
+    /// Time from row to row (ms), above 0 up to 3.6e6, for text files without a time
     /// column, such as 0.5 at 2 kHz; `columns` then names none. Absent unless given.
     pub row_period_ms: Option<f64>,
     /// What the times of the rows are: `clocked` unless given.
@@ -63,7 +63,7 @@ pub struct CsvLayout {
     /// machine description; the time is `t`.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub channels: BTreeMap<String, ChannelLayout>,
-    /// Sample rate that the machine description states [Hz]; of several groups
+    /// Sample rate that the machine description states (Hz); of several groups
     /// of an MDF4 file that have a channel, the one of this rate is read.
     #[serde(skip)]
     pub rate_hz: Option<f64>,

@@ -1,7 +1,7 @@
 //! A bearing's loads by the algorithms of the paper, beside the filter.
 
 use loadtwin_common::bearing::LOADS;
-use loadtwin_common::estimate::Estimate;
+use loadtwin_common::io::estimate::Estimate;
 use serde_json::{Map, Value, json};
 
 use super::{ReplayError, Sample};

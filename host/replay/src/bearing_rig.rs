@@ -80,7 +80,7 @@ fn interpolate(samples: &mut [RigSample], longest: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use loadtwin_common::raw::RawSample;
+    use loadtwin_common::io::raw::RawSample;
 
     #[test]
     fn slow_references_are_interpolated_and_long_gaps_stay_unknown() {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use loadtwin_common::line::Line;
+use loadtwin_common::estimator::Estimator;
 use serde::Serialize;
 
 use super::Sample;
@@ -13,7 +13,7 @@ use loadtwin_machine::{Kind, Machine};
 use loadtwin_math::metrics::Segment;
 use loadtwin_report::Section;
 
-/// The columns of the true displacements: `node0_x`, `node0_y`, `node1_x`, ... [m].
+/// The columns of the true displacements: `node0_x`, `node0_y`, `node1_x`, ... (m).
 pub fn displacement_columns(machine: &Machine) -> Vec<String> {
     match machine.kind() {
         Some(Kind::Rotor(rotor)) => (0..rotor.nodes())
@@ -43,12 +43,12 @@ struct Error {
     count: u64,
 }
 
-/// One node's errors, in the keys of `--json`: full and by segment [µm].
+/// One node's errors, in the keys of `--json`: full and by segment (µm).
 #[derive(Clone, Debug, Serialize)]
 pub struct NodeFigures {
-    /// Largest error in either direction [µm].
+    /// Largest error in either direction (µm).
     pub max_um: BTreeMap<String, f64>,
-    /// Root mean square of both directions [µm].
+    /// Root mean square of both directions (µm).
     pub rms_um: BTreeMap<String, f64>,
 }
 
@@ -87,7 +87,7 @@ impl Displacements {
     }
 
     /// Adds one sample, after the line's step.
-    pub fn push(&mut self, sample: &Sample<'_>, line: &Line<'_>) {
+    pub fn push(&mut self, sample: &Sample<'_>, line: &Estimator<'_>) {
         let (Some(plan), Some(orbits)) = (&self.plan, &mut self.orbits) else {
             return;
         };
@@ -138,7 +138,7 @@ impl Displacements {
         })
     }
 
-    /// Largest displacement of the recording at any node [m].
+    /// Largest displacement of the recording at any node (m).
     pub fn peak_m(&self) -> f64 {
         self.peak
     }
@@ -164,7 +164,7 @@ impl Displacements {
             .collect()
     }
 
-    /// Largest error over all nodes, full and by segment [m].
+    /// Largest error over all nodes, full and by segment (m).
     pub fn worst_m(&self) -> BTreeMap<String, f64> {
         (self.segments.iter().zip(&self.errors))
             .filter(|(_, errors)| errors.iter().any(|e| e.count > 0))

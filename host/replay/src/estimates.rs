@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use loadtwin_common::estimate::Estimate;
-use loadtwin_common::line::Line;
+use loadtwin_common::estimator::Estimator;
+use loadtwin_common::io::estimate::Estimate;
 
 use super::nodes::NodeColumns;
 use loadtwin_design::build::Sensors;
@@ -28,7 +28,7 @@ pub const ESTIMATES: Content = Content {
 
 /// Writes loads with standard deviation and fault, then for each sensor the
 /// innovation, its NIS and the fault, then what is asked for of a rotor's nodes; faults by the numbers of
-/// [`loadtwin_common::fault::Fault`].
+/// [`loadtwin_common::io::fault::Fault`].
 pub struct EstimateWriter {
     writer: Writer,
     nodes: Option<NodeColumns>,
@@ -81,7 +81,7 @@ impl EstimateWriter {
         })
     }
 
-    /// Adds the estimate at time `t` [s], after the step of `line`.
+    /// Adds the estimate at time `t` (s), after the step of `line`.
     ///
     /// # Errors
     /// When the file cannot be written.
@@ -89,7 +89,7 @@ impl EstimateWriter {
         &mut self,
         t: f64,
         estimate: &Estimate,
-        line: &Line<'_>,
+        line: &Estimator<'_>,
     ) -> Result<(), RecordingError> {
         let loads = estimate
             .loads

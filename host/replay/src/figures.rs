@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use loadtwin_common::estimate::Estimate;
+use loadtwin_common::io::estimate::Estimate;
 use serde::Serialize;
 
 use super::Sample;

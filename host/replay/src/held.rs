@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-use loadtwin_common::estimate::Estimate;
-use loadtwin_common::line::Line;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::estimator::Estimator;
+use loadtwin_common::io::estimate::Estimate;
+use loadtwin_common::io::raw::RawSample;
 
 use super::Sample;
 
@@ -43,13 +43,13 @@ impl Held {
 
 /// A line whose estimates may lag, with the samples that it has not told of. They come without gaps.
 pub(super) struct HeldBack<'a> {
-    line: Line<'a>,
+    line: Estimator<'a>,
     held: VecDeque<Held>,
     next_tick: u32,
 }
 
 impl<'a> HeldBack<'a> {
-    pub fn new(line: Line<'a>) -> Self {
+    pub fn new(line: Estimator<'a>) -> Self {
         Self {
             line,
             held: VecDeque::new(),
@@ -61,11 +61,11 @@ impl<'a> HeldBack<'a> {
     pub fn push(
         &mut self,
         sample: &Sample<'_>,
-        mut each: impl FnMut(&Sample<'_>, &Estimate, &Line<'_>),
+        mut each: impl FnMut(&Sample<'_>, &Estimate, &Estimator<'_>),
     ) {
         let estimate = self.line.step(&sample.raw);
         self.next_tick = sample.raw.tick.wrapping_add(1);
-        let lag = self.line.lag();
+        let lag = self.line.lag_samples();
         if lag == 0 {
             each(sample, &estimate, &self.line);
             return;
@@ -81,9 +81,9 @@ impl<'a> HeldBack<'a> {
     }
 
     /// Shows the last ones, after which nothing is read.
-    pub fn finish(mut self, mut each: impl FnMut(&Sample<'_>, &Estimate, &Line<'_>)) {
+    pub fn finish(mut self, mut each: impl FnMut(&Sample<'_>, &Estimate, &Estimator<'_>)) {
         // Of a recording shorter than the lag, nothing is told yet.
-        for _ in self.held.len()..self.line.lag() {
+        for _ in self.held.len()..self.line.lag_samples() {
             self.read_nothing();
         }
         while let Some(mut last) = self.held.pop_front() {

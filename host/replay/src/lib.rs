@@ -17,9 +17,9 @@ mod speeds;
 
 use std::path::Path;
 
-use loadtwin_common::estimate::Estimate;
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
-use loadtwin_common::line::Line;
+use loadtwin_common::io::estimate::Estimate;
 use thiserror::Error;
 
 pub use baselines::Baselines;
@@ -74,7 +74,7 @@ pub enum ReplayError {
 
 /// Runs the estimator of `machine` with `sensors` on the recording in `path`
 /// and shows each sample and its estimate to `each`, with the part done, 0 to 1. Where estimates lag
-/// ([`Line::lag`]), a sample is shown when the estimate of it is there, with what was said of
+/// ([`loadtwin_common::estimator::Estimator::lag_samples`]), a sample is shown when the estimate of it is there, with what was said of
 /// its sensors as it came. Handed back is what [`Samples::notes`] has to say.
 ///
 /// # Errors
@@ -98,11 +98,11 @@ pub fn run_line(
     machine: &Machine,
     sensors: &Sensors,
     path: &Path,
-    mut each: impl FnMut(&Sample<'_>, &Estimate, &Line<'_>, f64),
+    mut each: impl FnMut(&Sample<'_>, &Estimate, &Estimator<'_>, f64),
 ) -> Result<Vec<String>, ReplayError> {
     let payload = build::image(machine, sensors)?;
     let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
-    let mut line = HeldBack::new(Line::try_build(image).map_err(ReplayError::Image)?);
+    let mut line = HeldBack::new(Estimator::try_build(image).map_err(ReplayError::Image)?);
     let mut samples = Samples::open(machine, sensors, path)?;
     loop {
         let progress = samples.progress();

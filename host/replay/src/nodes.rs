@@ -2,8 +2,8 @@
 
 use std::str::FromStr;
 
-use loadtwin_common::estimate::Estimate;
-use loadtwin_common::line::Line;
+use loadtwin_common::estimator::Estimator;
+use loadtwin_common::io::estimate::Estimate;
 use loadtwin_design::build::Sensors;
 use loadtwin_design::rotor::{NodeDeviations, RotorFilterDesign, Uncertainty};
 use loadtwin_machine::{Kind, Machine};
@@ -109,7 +109,7 @@ impl NodeColumns {
     pub(super) fn values(
         &mut self,
         estimate: &Estimate,
-        line: &Line<'_>,
+        line: &Estimator<'_>,
     ) -> impl Iterator<Item = f64> {
         let (state, speed) = (line.rotor_state(), line.rotor_speed());
         self.plan

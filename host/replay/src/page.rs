@@ -1,6 +1,6 @@
 //! The report of a replay.
 
-use loadtwin_common::estimate::Estimate;
+use loadtwin_common::io::estimate::Estimate;
 
 use super::{Displacements, Figures, Phasor, Sample};
 use loadtwin_design::build::Sensors;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 
 use faer::c64;
-use loadtwin_common::estimate::Estimate;
+use loadtwin_common::io::estimate::Estimate;
 use serde::Serialize;
 
 use super::Sample;
@@ -17,7 +17,7 @@ use loadtwin_math::metrics::LoadError;
 /// Turns that are averaged.
 const TURNS: f64 = 4.0;
 
-/// Forces from the last [`TURNS`] turns, held until the next ones are over.
+/// Forces from the last `TURNS` turns, held until the next ones are over.
 pub struct Phasor {
     inversion: Option<PhasorInversion>,
     channels: Vec<Channel>,

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 use std::path::Path;
 
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::raw::RawSample;
 
 use super::ReplayError;
 use super::displacements::displacement_columns;
@@ -86,16 +86,16 @@ struct IndexColumn {
 
 /// One row of a recording.
 pub struct Sample<'a> {
-    /// Time [s].
+    /// Time (s).
     pub t: f64,
-    /// Time in which the machine's segments are meant [s]; see [`segment_start_s`].
+    /// Time in which the machine's segments are meant (s); see `segment_start_s`.
     pub segment_t: f64,
     /// What the board would have latched.
     pub raw: RawSample,
     /// Each load's reference in the order of the machine's references, in the
     /// load's unit and sign; NaN where the recording has none.
     pub references: &'a [f64],
-    /// True displacements of a rotor along x and y, node by node [m]; NaN where
+    /// True displacements of a rotor along x and y, node by node (m); NaN where
     /// the recording has none, empty for other machines.
     pub displacements: &'a [f64],
 }

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use loadtwin_common::estimate::Estimate;
+use loadtwin_common::io::estimate::Estimate;
 
 use super::Sample;
 use loadtwin_machine::{Kind, Machine};

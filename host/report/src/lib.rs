@@ -58,7 +58,7 @@ pub struct Report {
     pub key_figures: Vec<KeyFigure>,
     /// Tables, e.g. of errors.
     pub tables: Vec<Table>,
-    /// All signals over time [s]; plots choose among its columns and share zoom and cursors.
+    /// All signals over time (s); plots choose among its columns and share zoom and cursors.
     pub time: Option<MinMaxDecimator>,
     /// Plots in sections that open and close.
     pub sections: Vec<Section>,

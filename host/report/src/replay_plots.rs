@@ -4,8 +4,8 @@ use super::{
     Axis, Data, Limit, Mark, MinMaxDecimator, Plot, PlotSize, Role, ScatterSample, Section, Series,
     autocorrelation_plot, normalised_histogram_plot,
 };
-use loadtwin_common::estimate::{Estimate, LoadEstimate, SensorEstimate};
-use loadtwin_common::fault::Fault;
+use loadtwin_common::io::estimate::{Estimate, LoadEstimate, SensorEstimate};
+use loadtwin_common::io::fault::Fault;
 use loadtwin_math::metrics::{Autocorrelation, Histogram, NisConsistency, chi_squared_bounds};
 
 /// Buckets over time: with two points each, more than a wide screen has pixels.
@@ -89,7 +89,7 @@ impl ReplayPlots {
         }
     }
 
-    /// Adds the estimate at `t_s` [s], not before the last.
+    /// Adds the estimate at `t_s` (s), not before the last.
     ///
     /// `references`: one for each load, in its unit, NaN where there is none; may be shorter. A
     /// sensor that was not read leaves a gap; one that was gated out is shown, but takes no part in

@@ -18,9 +18,9 @@ pub enum SimulateError {
     /// A duration that is none.
     #[error("duration: found {found} s, allowed: more than 0, at most {most} s")]
     Duration {
-        /// What was asked for [s].
+        /// What was asked for (s).
         found: f64,
-        /// Longest [s].
+        /// Longest (s).
         most: f64,
     },
     /// No effect of that name.
@@ -85,9 +85,9 @@ pub enum SimulateError {
     TooStiff {
         /// Its name.
         machine: String,
-        /// Longest step that resolves the fastest motion [s].
+        /// Longest step that resolves the fastest motion (s).
         step_s: f64,
-        /// Shortest step that is taken [s].
+        /// Shortest step that is taken (s).
         least_s: f64,
     },
     /// A map that the description names cannot be used.

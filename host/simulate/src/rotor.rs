@@ -41,14 +41,14 @@ const STEP_DECAY: f64 = 2.0;
 pub struct AppliedUnbalance {
     /// Mass times distance [kg m].
     pub moment_kg_m: f64,
-    /// Angle at time 0 [rad].
+    /// Angle at time 0 (rad).
     pub phase_rad: f64,
 }
 
 /// How a recording of a rotor is made.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RotorScenario {
-    /// Length [s].
+    /// Length (s).
     pub duration_s: f64,
     /// Speed at the start and at the end [rad/s], linear between.
     pub speeds_rad_s: [f64; 2],
@@ -111,9 +111,9 @@ impl RotorScenario {
 /// How a shaft turned, sample by sample.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RotorCourse {
-    /// Sample period [s].
+    /// Sample period (s).
     pub dt_s: f64,
-    /// Angle [rad].
+    /// Angle (rad).
     pub angle: Vec<f64>,
     /// Speed [rad/s].
     pub speed: Vec<f64>,

@@ -12,7 +12,7 @@ use crate::rng::Draw;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
     kind: Kind,
-    /// How long it lasts [s], > 0.
+    /// How long it lasts (s), > 0.
     pub duration_s: f64,
 }
 
@@ -30,9 +30,9 @@ enum Kind {
 /// What a recorded machine did, sample by sample.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Course {
-    /// Sample period [s].
+    /// Sample period (s).
     pub dt_s: f64,
-    /// Carrier angle of the first sample [rad].
+    /// Carrier angle of the first sample (rad).
     pub angle: f64,
     /// The samples, at least one.
     pub demands: Vec<Demand>,

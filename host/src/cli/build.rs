@@ -5,9 +5,9 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use clap::Args;
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::{Image, Model};
-use loadtwin_common::line::Line;
-use loadtwin_common::sealed;
+use loadtwin_common::io::signed_image;
 use serde_json::json;
 
 use super::output::say;
@@ -27,7 +27,7 @@ const MUCH_LOST: f64 = 0.1;
 const IMAGE: Content = Content {
     noun: "model image",
     suffixes: &["image", "img", "bin"],
-    is_same: |file| Ok(file.start().starts_with(&sealed::MAGIC)),
+    is_same: |file| Ok(file.start().starts_with(&signed_image::MAGIC)),
 };
 
 /// Make the model image that firmware and host run.
@@ -84,7 +84,7 @@ impl Build {
                 .map(|gains| gains.turn().map(|turn| f64::from(turn) * machine.rate_hz)),
             Model::Rotor(_) | Model::Bearing(_) => None,
         };
-        Line::try_build(image)?;
+        Estimator::try_build(image)?;
         let issue = self.issue.map_or_else(seconds_since_1970, Ok)?;
         let key = self.key.as_deref().map(SigningKey::read).transpose()?;
         let image = seal(&payload, machine.id(), issue, self.replaces, key.as_ref())?;

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use clap::Args;
-use loadtwin_common::raw::RawSample;
-use loadtwin_common::sealed;
+use loadtwin_common::io::raw::RawSample;
+use loadtwin_common::io::signed_image;
 use serde::Serialize;
 
 use super::layout::LayoutFile;
@@ -67,11 +67,11 @@ impl ModelArgs {
     fn image(&self) -> anyhow::Result<Vec<u8>> {
         let bytes = bounded::read(&self.machine, LARGEST_IMAGE)
             .with_context(|| self.machine.display().to_string())?;
-        if !bytes.starts_with(&sealed::MAGIC) {
+        if !bytes.starts_with(&signed_image::MAGIC) {
             return Ok(bytes);
         }
         let (_, payload) =
-            sealed::open(&bytes).with_context(|| self.machine.display().to_string())?;
+            signed_image::open(&bytes).with_context(|| self.machine.display().to_string())?;
         Ok(payload.to_vec())
     }
 }

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
-use loadtwin_common::estimate::Estimate;
-use loadtwin_common::fault::Fault;
-use loadtwin_common::line::Line;
+use loadtwin_common::estimator::Estimator;
+use loadtwin_common::io::estimate::Estimate;
+use loadtwin_common::io::fault::Fault;
 use serde_json::{Value, json};
 
 use super::layout::LayoutFile;
@@ -204,7 +204,7 @@ fn one_set(
     sensors: &Sensors,
     recording: &Path,
     mut baselines: Option<Baselines>,
-    mut each: impl FnMut(&Sample<'_>, &Estimate, &Line<'_>),
+    mut each: impl FnMut(&Sample<'_>, &Estimate, &Estimator<'_>),
 ) -> anyhow::Result<Outcome> {
     let started = Instant::now();
     let progress = Progress::new("replay");

@@ -10,7 +10,7 @@ pub struct Published {
     pub sensors: &'static str,
     /// What the loads' noise was tuned by.
     pub method: Method,
-    /// Cut-off frequency [Hz].
+    /// Cut-off frequency (Hz).
     pub cutoff_hz: f64,
     /// Whether each gauge has a state for its drift.
     pub drift: bool,

@@ -7,10 +7,11 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 use loadtwin::can::dbc::{DBC, LoadScale, of_machine};
-use loadtwin_common::estimate::{Estimate, LoadEstimate, SensorEstimate};
-use loadtwin_common::fault::Fault;
-use loadtwin_common::frame::{self, Encoder, Frame, Message, State, Status};
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::estimate::{Estimate, LoadEstimate, SensorEstimate};
+use loadtwin_common::io::fault::Fault;
+use loadtwin_common::io::frame;
+use loadtwin_common::io::frame::{Frame, FrameEncoder, Message, State, Status};
+use loadtwin_common::io::raw::RawSample;
 use serde_json::Value;
 
 /// Decodes `ID HEX` lines with cantools and `dbc`; one object for each line,
@@ -125,7 +126,7 @@ fn estimates(count: u32) -> impl Iterator<Item = Estimate> {
 const FULL_SCALES: [f32; 2] = [2500.0, 0.1];
 
 fn frames(base: u16) -> Vec<Frame> {
-    let mut encoder = Encoder::try_new(base, 1000.0, FULL_SCALES, 0xDEAD_BEEF).expect("good");
+    let mut encoder = FrameEncoder::try_new(base, 1000.0, FULL_SCALES, 0xDEAD_BEEF).expect("good");
     let mut frames = Vec::new();
     for estimate in estimates(4000) {
         encoder.estimate(&estimate, |frame| frames.push(frame));
@@ -261,7 +262,7 @@ fn cantools_reads_the_same_numbers_in_the_units_of_a_machine() {
 
 #[test]
 fn cantools_reads_raw_samples() {
-    let encoder = Encoder::try_new(0x500, 1000.0, FULL_SCALES, 0).expect("good");
+    let encoder = FrameEncoder::try_new(0x500, 1000.0, FULL_SCALES, 0).expect("good");
     let mut sample = RawSample {
         tick: 0x8000_0001,
         index: Some(0xFFFF_FFFE),

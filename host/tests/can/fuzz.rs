@@ -6,8 +6,9 @@ use loadtwin::can::Model;
 use loadtwin::can::bus::{Bus, BusError, Received};
 use loadtwin::can::comparison::Comparison;
 use loadtwin::can::log::LogBus;
-use loadtwin_common::frame::{self, DEFAULT_BASE, Encoder, RawAssembler};
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::frame;
+use loadtwin_common::io::frame::{DEFAULT_BASE, FrameEncoder, RawAssembler};
+use loadtwin_common::io::raw::RawSample;
 use proptest::prelude::*;
 use proptest::test_runner::{RngSeed, TestRunner};
 
@@ -57,7 +58,7 @@ fn a_frame_of_any_bytes_is_taken_whole_or_not_at_all() {
 #[test]
 fn raw_samples_survive_and_damage_to_them_does_not() {
     let mut runner = TestRunner::new(config(CASES));
-    let encoder = Encoder::try_new(DEFAULT_BASE, 1000.0, [1.0], 0).expect("good");
+    let encoder = FrameEncoder::try_new(DEFAULT_BASE, 1000.0, [1.0], 0).expect("good");
     let strategy = (
         any::<(u32, [i32; 8], [u32; 2], Option<u32>)>(),
         0_u16..1024,

@@ -1,13 +1,13 @@
-//! `common/src/frame/layout.rs` is what the DBC says, and so are its tables.
+//! `common/src/io/frame/layout.rs` is what the DBC says, and so are its tables.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use can_dbc::{Dbc, MessageId, MultiplexIndicator, ValueType};
 use loadtwin::can::dbc::DBC;
-use loadtwin_common::fault::Fault;
-use loadtwin_common::frame::{BLOCK, DEFAULT_BASE, State};
-use loadtwin_common::sealed::Refusal;
+use loadtwin_common::io::fault::Fault;
+use loadtwin_common::io::frame::{DEFAULT_BASE, IDS_PER_MACHINE, State};
+use loadtwin_common::io::signed_image::ImageError;
 
 fn dbc() -> Dbc {
     Dbc::try_from(DBC).expect("the DBC parses")
@@ -57,7 +57,7 @@ fn generate(dbc: &Dbc) -> String {
         }
         shapes.insert(group, shape);
         let offset = id(message.id) - DEFAULT_BASE;
-        assert!(offset < BLOCK);
+        assert!(offset < IDS_PER_MACHINE);
         let _ = write!(
             out,
             "\n/// `{}`.\npub mod {} {{\n    use crate::frame::Field;\n\n    \
@@ -100,7 +100,10 @@ fn generate(dbc: &Dbc) -> String {
 
 #[test]
 fn the_constants_are_those_of_the_dbc() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../common/src/frame/layout.rs");
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../common/src/io/frame/layout.rs"
+    );
     let generated = generate(&dbc());
     if std::env::var_os("LOADTWIN_BLESS").is_some() {
         std::fs::write(path, &generated).expect("written");
@@ -154,8 +157,8 @@ fn the_tables_name_every_fault_state_and_refusal() {
         .collect();
     assert_eq!(table(&dbc, DEFAULT_BASE, "State"), states);
     let refused = table(&dbc, DEFAULT_BASE, "Refused");
-    assert_eq!(refused.len(), 1 + Refusal::ALL.len());
-    for refusal in Refusal::ALL {
+    assert_eq!(refused.len(), 1 + ImageError::ALL.len());
+    for refusal in ImageError::ALL {
         assert!(
             refused.contains_key(&i64::from(refusal.code())),
             "{refusal:?}"

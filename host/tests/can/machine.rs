@@ -6,8 +6,8 @@ use loadtwin::build::{self, Sensors};
 use loadtwin::can::bus::Received;
 use loadtwin::can::{Model, to_bus, to_bus_fd};
 use loadtwin::machine::Machine;
-use loadtwin_common::frame::{State, Status};
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::frame::{State, Status};
+use loadtwin_common::io::raw::RawSample;
 
 pub fn image() -> Vec<u8> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/two_inertias.toml");

@@ -13,7 +13,7 @@ use loadtwin::can::page::Quiet;
 use loadtwin::can::send::{self, SendArgs};
 use loadtwin::can::twin::{self, ProveArgs};
 use loadtwin::can::{Model, standard, to_bus};
-use loadtwin_common::frame::Frame;
+use loadtwin_common::io::frame::Frame;
 use socketcan::CanAnyFrame;
 
 use crate::machine::{image, samples, traffic};
@@ -38,8 +38,8 @@ fn forged(received: &Received, bit: usize) -> Received {
     let mut data: [u8; 8] = data.try_into().expect("8 bytes");
     data[bit / 8] ^= 1 << (bit % 8);
     let counter = data[2];
-    loadtwin_common::frame::e2e::protect(
-        loadtwin_common::frame::e2e::data_id(id),
+    loadtwin_common::io::frame::e2e::protect(
+        loadtwin_common::io::frame::e2e::data_id(id),
         counter,
         &mut data,
     );

@@ -10,7 +10,7 @@ use loadtwin::build::Sensors;
 use loadtwin::machine::Machine;
 use loadtwin::recording::{CsvLayout, Reader, Wanted};
 use loadtwin::replay::{self, Samples};
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::raw::RawSample;
 
 /// Rows of the recording, from a place with two pulses of the index on.
 const ROWS: std::ops::Range<usize> = 14_900..16_400;

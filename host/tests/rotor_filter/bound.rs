@@ -10,9 +10,9 @@ use loadtwin::build::{self, Sensors};
 use loadtwin::machine::{Machine, Senses};
 use loadtwin::replay::Samples;
 use loadtwin::simulate::{AppliedUnbalance, RotorScenario};
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::{Image, Model};
-use loadtwin_common::line::Line;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::raw::RawSample;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -245,7 +245,7 @@ fn a_new_start_has_no_doubt() {
         };
         // Steady before it is doubted anew.
         model.levels[0].full_samples = 600;
-        Line::try_build(image).unwrap()
+        Estimator::try_build(image).unwrap()
     };
     let (mut going, mut fresh) = (line(), line());
     let mut raised = false;

@@ -5,10 +5,10 @@ use loadtwin::build::{self, Sensors};
 use loadtwin::machine::{LoadKind, Machine};
 use loadtwin::replay::run_line;
 use loadtwin::rotor::RotorFilterDesign;
-use loadtwin_common::fault::Fault;
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::{Image, Model};
-use loadtwin_common::line::Line;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::fault::Fault;
+use loadtwin_common::io::raw::RawSample;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -76,7 +76,7 @@ fn an_estimate_is_of_the_sample_that_it_says() {
             RotorFilterDesign::new(&machine, machine.rotor.as_ref().unwrap(), &sensors.channels);
         let plan = plan.unwrap();
         let payload = build::image(&machine, &sensors).unwrap();
-        let mut line = Line::try_build(Image::from_bytes(&payload).unwrap()).unwrap();
+        let mut line = Estimator::try_build(Image::from_bytes(&payload).unwrap()).unwrap();
         let mut told = vec![0.0; 2 * plan.nodes()];
         let (mut worst, mut moved, mut steady) = (0.0_f64, 0.0_f64, 0);
         let mut last = None;
@@ -144,7 +144,7 @@ fn the_deviation_that_is_told_is_that_of_the_error() {
         });
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
-        let mut line = Line::try_build(image).unwrap();
+        let mut line = Estimator::try_build(image).unwrap();
         let mut x = Mat::<f64>::zeros(n, 1);
         let mut forces = Vec::new();
         // All, and those after a gap: sum and count of the squared error over the variance.

@@ -16,11 +16,12 @@ use loadtwin::machine::{Drift, LoadKind, Machine};
 use loadtwin::replay::{Displacements, Figures, run_line};
 use loadtwin::rotor::discrete;
 use loadtwin::simulate::{AppliedUnbalance, RotorScenario, RotorSimulation};
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::{Image, Model};
-use loadtwin_common::line::Line;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::raw::RawSample;
 use loadtwin_common::rotor::filter::{
-    BIASES, Belief, Real, Row, Turn, predict_covariance, predict_state, update,
+    BIASES, LoadTransition, ObservationRow, Real, StateEstimate, predict_covariance, predict_state,
+    update,
 };
 use serde_json::Value;
 
@@ -66,16 +67,16 @@ fn golden<T: Real>(run: &str, from: fn(f64) -> T, into: fn(T) -> f64) -> f64 {
     let dense: [[T; NX]; NZ] = std::array::from_fn(|i| {
         std::array::from_fn(|j| from(model.dense[(i, j)] * scale[j] / scale[NZ + i]))
     });
-    let turn = Turn {
-        turning: if run == "rot" { 3 } else { 0 },
+    let turn = LoadTransition {
+        synchronous_mask: if run == "rot" { 3 } else { 0 },
         pairs: 2,
-        along: from((omega * dt).cos() - 1.0),
-        across: from((omega * dt).sin()),
-        left: [T::ZERO; BIASES],
+        cos_minus_one: from((omega * dt).cos() - 1.0),
+        sin: from((omega * dt).sin()),
+        bias_decay: [T::ZERO; BIASES],
     };
     let unit = 1e-6;
-    let rows: Vec<Row<T, NZ>> = (matrix(&file["D"]).iter())
-        .map(|row| Row {
+    let rows: Vec<ObservationRow<T, NZ>> = (matrix(&file["D"]).iter())
+        .map(|row| ObservationRow {
             modal: std::array::from_fn(|j| from(row[j] * scale[j] / unit)),
             bias: None,
         })
@@ -83,7 +84,7 @@ fn golden<T: Real>(run: &str, from: fn(f64) -> T, into: fn(T) -> f64) -> f64 {
     let variances: Vec<T> = (vector(&case["R_diag"]).iter())
         .map(|r| from(r / (unit * unit)))
         .collect();
-    let mut belief = Belief::<T, NX> {
+    let mut belief = StateEstimate::<T, NX> {
         state: [T::ZERO; NX],
         covariance: std::array::from_fn(|i| std::array::from_fn(|j| from(p[(i, j)]))),
     };
@@ -441,7 +442,7 @@ fn the_image_takes_a_second_and_a_full_step_three_microseconds() {
     };
     model.levels.truncate(1);
     model.levels[0].full_samples = u32::MAX;
-    let mut line = Line::try_build(image).unwrap();
+    let mut line = Estimator::try_build(image).unwrap();
     let count = 100_000;
     let started = Instant::now();
     for tick in 0..count {

@@ -2,11 +2,11 @@
 
 use loadtwin::build::{self, Sensors};
 use loadtwin::machine::Machine;
-use loadtwin_common::estimate::Estimate;
-use loadtwin_common::fault::Fault;
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
-use loadtwin_common::line::Line;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::estimate::Estimate;
+use loadtwin_common::io::fault::Fault;
+use loadtwin_common::io::raw::RawSample;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -42,11 +42,11 @@ impl Score {
 fn estimates(
     machine: &Machine,
     raw: &[RawSample],
-    mut each: impl FnMut(usize, &Estimate, &Line<'_>),
+    mut each: impl FnMut(usize, &Estimate, &Estimator<'_>),
 ) {
     let sensors = Sensors::choose(machine, None).unwrap();
     let payload = build::image(machine, &sensors).unwrap();
-    let mut line = Line::try_build(Image::from_bytes(&payload).unwrap()).unwrap();
+    let mut line = Estimator::try_build(Image::from_bytes(&payload).unwrap()).unwrap();
     for (k, raw) in raw.iter().enumerate() {
         let estimate = line.step(raw);
         each(k, &estimate, &line);

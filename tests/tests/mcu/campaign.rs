@@ -6,8 +6,8 @@ use std::time::Instant;
 
 use loadtwin::build::{self, Sensors};
 use loadtwin::machine::Machine as Description;
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
-use loadtwin_common::line::Line;
 use loadtwin_firmware::campaign::{self, Kind, Machine, Report};
 use loadtwin_tests::firmware::{build, root};
 use loadtwin_tests::simulated;
@@ -96,7 +96,7 @@ fn a_fault_is_flagged_forgotten_and_never_becomes_a_number_that_is_none() {
         ends: [-(1 << 23), (1 << 23) - 1],
     };
     let samples = simulated::samples(&description, &sensors, "constant", SAMPLES / 1000.0);
-    let line = Line::try_build(Image::from_bytes(&image).unwrap()).unwrap();
+    let line = Estimator::try_build(Image::from_bytes(&image).unwrap()).unwrap();
     let started = Instant::now();
     let host = campaign::run(&line, &machine, &samples, SETTLE);
     println!("host: {:.1} s", started.elapsed().as_secs_f64());

@@ -5,8 +5,8 @@ use std::thread;
 use std::time::Duration;
 
 use loadtwin::build::Filter;
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
-use loadtwin_common::line::Line;
 use loadtwin_tests::descriptions::{Variant, variants};
 
 use crate::line;
@@ -26,7 +26,7 @@ fn compare(variant: &Variant, seconds: f64) {
         frames.len()
     );
 
-    let mut host = Line::try_build(Image::from_bytes(&variant.image).unwrap()).unwrap();
+    let mut host = Estimator::try_build(Image::from_bytes(&variant.image).unwrap()).unwrap();
     let steady = samples.iter().filter(|raw| host.step(raw).steady).count();
     assert!(steady > 0 || variant.filter != Filter::Steady, "{name}");
     println!(

@@ -3,7 +3,7 @@
 use std::thread;
 use std::time::Duration;
 
-use loadtwin_common::frame::Frame;
+use loadtwin_common::io::frame::Frame;
 use loadtwin_firmware::stimulus::Stimulus;
 use loadtwin_tests::emulator::{self, Emulator, flash};
 use loadtwin_tests::gearbox::samples;

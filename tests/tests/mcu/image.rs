@@ -6,10 +6,10 @@ use loadtwin::can::Model;
 use loadtwin::key::SigningKey;
 use loadtwin::seal::seal;
 use loadtwin::upload::UploadError;
-use loadtwin_common::frame::{
-    BLOCK, DEFAULT_BASE, Frame, Message, State, Status, StatusPage, decode,
+use loadtwin_common::io::frame::{
+    DEFAULT_BASE, Frame, IDS_PER_MACHINE, Message, State, Status, StatusPage, decode,
 };
-use loadtwin_common::sealed::Refusal;
+use loadtwin_common::io::signed_image::ImageError;
 use loadtwin_firmware::ram_flash::LAYOUT;
 use loadtwin_firmware::stimulus::Stimulus;
 use loadtwin_tests::emulator::{Bus, Emulator, MACHINE_ID, flash};
@@ -20,7 +20,7 @@ fn status(frames: &[Frame]) -> (Status, Option<u32>) {
     let mut told = Status::new();
     let mut name = None;
     for frame in frames {
-        let base = frame.id / BLOCK * BLOCK;
+        let base = frame.id / IDS_PER_MACHINE * IDS_PER_MACHINE;
         if let Ok((Message::Status(status, page), _)) = decode(base, frame.id, &frame.data) {
             told.merge(&status, page);
             if let StatusPage::Image(hash) = page {
@@ -74,8 +74,8 @@ fn a_damaged_image_is_refused_and_the_last_valid_one_runs() {
     both[200] ^= 0x10;
     for (flash, runs, refused) in [
         (whole, Some(name(&new)), 0),
-        (damaged, Some(name(&old)), Refusal::BadCrc.code()),
-        (both, None, Refusal::BadCrc.code()),
+        (damaged, Some(name(&old)), ImageError::BadCrc.code()),
+        (both, None, ImageError::BadCrc.code()),
     ] {
         let board = Emulator::start_flash(&flash);
         let bus = board.bus();
@@ -108,10 +108,10 @@ fn a_model_from_the_bus_runs_after_a_restart_and_a_refused_one_never() {
     for (image, refusal) in [
         (
             signed(&new, 2, &SigningKey::generate().unwrap()),
-            Refusal::BadSignature,
+            ImageError::BadSignature,
         ),
-        (signed(&new, 1, &key), Refusal::Downgrade),
-        (signed(&bad, 2, &key), Refusal::BadModel),
+        (signed(&new, 1, &key), ImageError::Downgrade),
+        (signed(&bad, 2, &key), ImageError::BadModel),
     ] {
         let (refused, _) = bus.upload(image);
         assert_eq!(refused, Err(UploadError::Refused(refusal)));
@@ -123,11 +123,11 @@ fn a_model_from_the_bus_runs_after_a_restart_and_a_refused_one_never() {
     }
     let frames: Vec<Frame> = bus
         .by_ref()
-        .filter(|frame| frame.id % BLOCK == 0)
+        .filter(|frame| frame.id % IDS_PER_MACHINE == 0)
         .take(8)
         .collect();
     let (told, model) = status(&frames);
-    assert_eq!(told.refused, Refusal::BadModel.code());
+    assert_eq!(told.refused, ImageError::BadModel.code());
     assert_eq!(model, Some(name(&old)));
 
     let (taken, _) = bus.upload(signed(&new, 2, &key));

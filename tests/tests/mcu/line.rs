@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use loadtwin_common::frame::Frame;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::frame::Frame;
+use loadtwin_common::io::raw::RawSample;
 use loadtwin_tests::emulator::Emulator;
 use loadtwin_tests::gearbox::{self, is_estimate, on_host};
 use loadtwin_tests::rotor;

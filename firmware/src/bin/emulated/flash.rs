@@ -5,7 +5,7 @@
 use core::{ptr, slice};
 
 use embedded_storage::nor_flash::ReadNorFlash as _;
-use loadtwin_common::sealed::{Identity, KEY_PAGE_LEN};
+use loadtwin_common::io::signed_image::{Identity, KEY_PAGE_LEN};
 use loadtwin_firmware::ram_flash::{KEY_AT, LEN, RamFlash};
 
 pub type Memory = RamFlash<&'static mut [u8]>;

@@ -15,7 +15,7 @@ use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read,
     check_write,
 };
-use loadtwin_common::sealed::{Identity, KEY_PAGE_LEN};
+use loadtwin_common::io::signed_image::{Identity, KEY_PAGE_LEN};
 use loadtwin_firmware::store::Layout;
 
 /// Smallest part that is erased [bytes].

@@ -44,9 +44,9 @@ use embassy_stm32::{bind_interrupts, interrupt, pac, rcc};
 use embassy_time::{Delay, Instant, Timer};
 use embedded_hal_bus::spi::{ExclusiveDevice, NoDelay};
 use heapless::spsc::{Consumer, Producer, Queue};
-use loadtwin_common::frame::Frame;
-use loadtwin_common::raw::RawSample;
-use loadtwin_common::sealed::OVERHEAD;
+use loadtwin_common::io::frame::Frame;
+use loadtwin_common::io::raw::RawSample;
+use loadtwin_common::io::signed_image::OVERHEAD;
 use loadtwin_firmware::app::App;
 use loadtwin_firmware::board::Board;
 use loadtwin_firmware::counters::{BusState, Counters};
@@ -65,7 +65,7 @@ const CONVERTER: Config = Config {
 };
 const BITRATE: u32 = 500_000;
 const WATCHDOG_US: u32 = 500_000;
-/// Turn of the thread's slow work; a converter silent for that long is told.
+/// Turn of the thread's slow work; a converter silent for that long is reported.
 const TURN_MS: u64 = 20;
 /// Longest payload of an image [bytes].
 const IMAGE: usize = 24 * 1024;
@@ -356,7 +356,7 @@ async fn take_models(
 }
 
 /// Feeds the watchdog while samples are processed, counts bus-off, has a silent
-/// converter told until the watchdog starts the board over, which sets it up anew.
+/// converter reported until the watchdog starts the board over, which sets it up anew.
 #[embassy_executor::task]
 async fn watch(mut watchdog: IndependentWatchdog<'static, IWDG>, can: Properties) -> ! {
     let mut progress = Progress::default();

@@ -45,25 +45,27 @@ use core::ptr::{read_volatile, write_volatile};
 use cortex_m_rt::entry;
 use cortex_m_semihosting::{debug, hprintln};
 use embedded_alloc::LlffHeap as Heap;
-use loadtwin_common::butterworth::{Butterworth, ButterworthState};
-use loadtwin_common::frame::Encoder;
-use loadtwin_common::gaussian::Gaussian;
-use loadtwin_common::gearbox::{GearboxModel, Role};
+use loadtwin_common::drivetrain::{GearboxModel, Role};
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::{Image, Model};
-use loadtwin_common::innovation::Gate;
+use loadtwin_common::io::frame::FrameEncoder;
+use loadtwin_common::io::raw::{MAX_CHANNELS, RawSample};
+use loadtwin_common::io::signed_image;
+use loadtwin_common::kalman::gaussian::Gaussian;
+use loadtwin_common::kalman::innovation::Gate;
+use loadtwin_common::kalman::scheduled_gain::{GainBin, GainSchedule};
+use loadtwin_common::kalman::transition::{ProcessNoise, RandomWalk, Transition};
+use loadtwin_common::kalman::unscented::Unscented;
 use loadtwin_common::kalman::{predict, predict_constant, update};
-use loadtwin_common::line::Line;
-use loadtwin_common::phase::Phase;
-use loadtwin_common::raw::{MAX_CHANNELS, RawSample};
 use loadtwin_common::rotor::MAX_STATES;
+use loadtwin_common::rotor::filter;
 use loadtwin_common::rotor::filter::{
-    self, BIASES, Belief, FORCES, Row, Turn, predict_covariance, predict_state,
+    BIASES, FORCES, LoadTransition, ObservationRow, StateEstimate, predict_covariance,
+    predict_state,
 };
-use loadtwin_common::rotor::past::{Gain, Moment, Past};
-use loadtwin_common::scheduled_gain::{GainBin, GainSchedule};
-use loadtwin_common::sealed;
-use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
-use loadtwin_common::unscented::Unscented;
+use loadtwin_common::rotor::fixed_lag_smoother::{FixedLagSmoother, Gain, LaggedState};
+use loadtwin_common::signal::butterworth::{Butterworth, ButterworthState};
+use loadtwin_common::signal::phase::Phase;
 use nalgebra::{RowSVector, SMatrix, SVector};
 
 use peers::{minikalman, naive};
@@ -145,19 +147,19 @@ fn kalman<const NX: usize, const NY: usize>(name: &str) {
     let noise = ProcessNoise::independent(&SVector::repeat(1e-3)).unwrap();
     let rows: [RowSVector<f32, NX>; NY] = core::array::from_fn(channel);
     let (transition, noise, rows, samples) = black_box((transition, noise, rows, samples::<NY>()));
-    let mut belief = Gaussian::independent(SVector::zeros(), &SVector::repeat(1.0)).unwrap();
+    let mut posterior = Gaussian::independent(SVector::zeros(), &SVector::repeat(1.0)).unwrap();
     let mut gates = [Gate::try_new(1e6, 10).unwrap(); NY];
     report(name, |k| {
         let y = &samples[k as usize % 16];
-        predict(&mut belief, &transition, &noise);
+        predict(&mut posterior, &transition, &noise);
         let mut nis = 0.0;
         for i in 0..NY {
-            let nu = y[i] - (rows[i] * belief.state)[0];
-            nis += update(&mut belief, &rows[i], nu, 0.01, &mut gates[i]).nis;
+            let nu = y[i] - (rows[i] * posterior.state)[0];
+            nis += update(&mut posterior, &rows[i], nu, 0.01, &mut gates[i]).nis;
         }
         black_box(nis);
     });
-    black_box(belief);
+    black_box(posterior);
 }
 
 /// Five states that stay what they are, eight channels quadratic in them.
@@ -167,7 +169,7 @@ fn unscented() {
     let (rows, noise, samples) = black_box((rows, noise, samples::<8>()));
     let r = black_box(SVector::repeat(0.01));
     let filter = black_box(Unscented::default());
-    let mut belief = Gaussian::independent(SVector::zeros(), &SVector::repeat(1.0)).unwrap();
+    let mut posterior = Gaussian::independent(SVector::zeros(), &SVector::repeat(1.0)).unwrap();
     let mut gates = [Gate::try_new(1e6, 10).unwrap(); 8];
     let observe = |x: &SVector<f32, 5>| {
         SVector::<f32, 8>::from_fn(|i, _| {
@@ -176,17 +178,17 @@ fn unscented() {
         })
     };
     report("unscented_observation_5_8", |_| {
-        black_box(observe(black_box(&belief.state)));
+        black_box(observe(black_box(&posterior.state)));
     });
     report("unscented_5_8", |k| {
-        predict_constant(&mut belief, &noise);
+        predict_constant(&mut posterior, &noise);
         let y = SVector::from(samples[k as usize % 16]);
-        let told = filter
-            .update(&mut belief, observe, &y, &r, &mut gates)
+        let result = filter
+            .update(&mut posterior, observe, &y, &r, &mut gates)
             .unwrap();
-        black_box(told[7].nis);
+        black_box(result[7].nis);
     });
-    black_box(belief);
+    black_box(posterior);
 }
 
 /// Six states, four channels, 64 gains over the angle.
@@ -230,7 +232,7 @@ const TURN: usize = 1024;
 fn words(model: &GearboxModel<'_>) -> Vec<[i32; 4]> {
     let pulse = model.index.as_ref().unwrap().angle;
     let words = (0..TURN).map(|k| {
-        let angle = pulse.turned_by(Phase(((k as u64) << 32) / TURN as u64 * (1 << 32)));
+        let angle = pulse.wrapping_add(Phase(((k as u64) << 32) / TURN as u64 * (1 << 32)));
         core::array::from_fn(|i| {
             let channel = &model.channels[i];
             let Role::Measure { offset, map, .. } = &channel.role else {
@@ -248,14 +250,14 @@ fn words(model: &GearboxModel<'_>) -> Vec<[i32; 4]> {
 // Inlined, two of them would be on the stack at once.
 #[inline(never)]
 fn line(name: &str, sealed: &[u8]) {
-    let (_, payload) = sealed::open(sealed).unwrap();
+    let (_, payload) = signed_image::open(sealed).unwrap();
     let image = Image::from_bytes(payload).unwrap();
     let Model::Gearbox(model) = &image.model else {
         panic!("not the image of a gearbox");
     };
     let words = words(model);
-    let encoder = Encoder::try_build(&image, 0).unwrap();
-    let mut line = Line::try_build(image).unwrap();
+    let encoder = FrameEncoder::try_build(&image, 0).unwrap();
+    let mut line = Estimator::try_build(image).unwrap();
     let mut steady = 0;
     let mut sample = |tick: u32| {
         let mut raw = RawSample {
@@ -291,62 +293,64 @@ fn rotor_filter<const NX: usize>([full, scheduled, lagging]: [&str; 3]) {
             _ => 1e-3,
         })
     });
-    let rows: [Row<f32, NZ>; 4] = core::array::from_fn(|i| Row {
+    let rows: [ObservationRow<f32, NZ>; 4] = core::array::from_fn(|i| ObservationRow {
         modal: core::array::from_fn(|j| 1.0 / (1.0 + (i + 2 * j) as f32)),
         bias: (NX > 2 * NZ + FORCES).then_some(2 * NZ + FORCES + i),
     });
     let gain: Gain<NX> = [[1e-3; NX]; MAX_CHANNELS];
-    let turn = Turn {
-        turning: 3,
+    let turn = LoadTransition {
+        synchronous_mask: 3,
         pairs: 2,
-        along: -0.001,
-        across: 0.044,
-        left: [0.999; BIASES],
+        cos_minus_one: -0.001,
+        sin: 0.044,
+        bias_decay: [0.999; BIASES],
     };
     let noise = [1e-6_f32; MAX_STATES * (MAX_STATES + 1) / 2];
     let (dense, rows, gain, turn, samples) = black_box((dense, rows, gain, turn, samples::<4>()));
-    let mut belief = Belief {
+    let mut posterior = StateEstimate {
         state: [0.0; NX],
         covariance: core::array::from_fn(|i| core::array::from_fn(|j| f32::from(u8::from(i == j)))),
     };
     report(full, |k| {
-        predict_state(&mut belief.state, &dense, &turn);
-        predict_covariance(&mut belief.covariance, &dense, &turn, |i| noise[i]);
+        predict_state(&mut posterior.state, &dense, &turn);
+        predict_covariance(&mut posterior.covariance, &dense, &turn, |i| noise[i]);
         for (row, y) in rows.iter().zip(&samples[k as usize % 16]) {
-            black_box(filter::update(&mut belief, row, *y, 0.01, |nis| nis < 1e6));
+            black_box(filter::update(&mut posterior, row, *y, 0.01, |nis| {
+                nis < 1e6
+            }));
         }
     });
-    let by_gain = |belief: &mut Belief<f32, NX>, k: u32| {
-        predict_state(&mut belief.state, &dense, &turn);
+    let by_gain = |posterior: &mut StateEstimate<f32, NX>, k: u32| {
+        predict_state(&mut posterior.state, &dense, &turn);
         let y = &samples[k as usize % 16];
         let nu: [f32; 4] =
-            core::array::from_fn(|i| y[i] - filter::predicted(&belief.state, &rows[i]));
+            core::array::from_fn(|i| y[i] - filter::predicted(&posterior.state, &rows[i]));
         for (gain, nu) in gain.iter().zip(nu) {
             for j in 0..NX {
-                belief.state[j] += gain[j] * nu;
+                posterior.state[j] += gain[j] * nu;
             }
         }
         nu
     };
     report(scheduled, |k| {
-        by_gain(&mut belief, k);
+        by_gain(&mut posterior, k);
     });
-    let mut past = Past::new(Moment::unknown(0.0));
+    let mut past = FixedLagSmoother::new(LaggedState::unknown(0.0));
     let before = black_box([gain; 2]);
     report(lagging, |k| {
-        past.push().take::<NZ>(&belief, 0.0);
-        let nu = by_gain(&mut belief, k);
+        past.push().take::<NZ>(&posterior, 0.0);
+        let nu = by_gain(&mut posterior, k);
         past.correct(&before, &nu);
         black_box(past.at(2));
     });
-    black_box(belief);
+    black_box(posterior);
 }
 
 /// The rotor line, raw words to estimate: 4 sensors at rest but for noise; by the full
 /// recursion throughout, or after it has converged.
 #[inline(never)]
 fn rotor_line(name: &str, sealed: &[u8], full: bool) {
-    let (_, payload) = sealed::open(sealed).unwrap();
+    let (_, payload) = signed_image::open(sealed).unwrap();
     let mut image = Image::from_bytes(payload).unwrap();
     let Model::Rotor(model) = &mut image.model else {
         panic!("not the image of a rotor");
@@ -357,7 +361,7 @@ fn rotor_line(name: &str, sealed: &[u8], full: bool) {
         described.full_samples = u32::MAX;
     }
     let sensors = model.channels.len();
-    let mut line = Line::try_build(image).unwrap();
+    let mut line = Estimator::try_build(image).unwrap();
     let mut steady = 0;
     let mut sample = |tick: u32| {
         let mut raw = RawSample {
@@ -384,8 +388,8 @@ fn bearing_line(sealed: &[u8], mut recorded: &[u8]) {
         recorded = rest;
     }
     let (settled, measured) = samples.split_at(samples.len() - STEPS as usize);
-    let (_, payload) = sealed::open(sealed).unwrap();
-    let mut line = Line::try_build(Image::from_bytes(payload).unwrap()).unwrap();
+    let (_, payload) = signed_image::open(sealed).unwrap();
+    let mut line = Estimator::try_build(Image::from_bytes(payload).unwrap()).unwrap();
     for raw in settled {
         line.step(raw);
     }

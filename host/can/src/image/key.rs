@@ -9,7 +9,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use ed25519_compact::{KeyPair, Seed};
-use loadtwin_common::sealed::{Identity, MachineId, PublicKey, SIGNED_LEN};
+use loadtwin_common::io::signed_image::{Identity, MachineId, PublicKey, SIGNED_LEN};
 use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
 use loadtwin_files::bounded;
 use loadtwin_files::content::Content;

@@ -1,6 +1,6 @@
 //! Sealing a model image: header, signature, payload, CRC.
 
-use loadtwin_common::sealed::{CRC, Header, MachineId};
+use loadtwin_common::io::signed_image::{CRC, Header, MachineId};
 use thiserror::Error;
 
 use crate::image::key::SigningKey;
@@ -17,7 +17,7 @@ pub struct SealError(pub usize);
 ///
 /// ```
 /// use loadtwin_can::image::{key::SigningKey, seal::seal};
-/// use loadtwin_common::sealed::open_signed;
+/// use loadtwin_common::io::signed_image::open_signed;
 ///
 /// let key = SigningKey::generate()?;
 /// let image = seal(b"model", "bench", 7, None, Some(&key))?;

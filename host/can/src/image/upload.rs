@@ -4,9 +4,12 @@
 //! [`Uploader::on_frame`], frames from [`Uploader::poll`] go out with
 //! [`uds::REQUEST_ID`].
 
-use loadtwin_common::isotp::{FrameData, MAX_MESSAGE, SendError, Sender, Sending, single_message};
-use loadtwin_common::sealed::{self, HEADER_LEN, Refusal};
-use loadtwin_common::uds;
+use loadtwin_common::io::isotp::{
+    FrameData, MAX_MESSAGE, SendError, Sender, Sending, single_message,
+};
+use loadtwin_common::io::signed_image;
+use loadtwin_common::io::signed_image::{HEADER_LEN, ImageError};
+use loadtwin_common::io::uds;
 use thiserror::Error;
 
 /// Longest wait for an answer [us].
@@ -24,7 +27,7 @@ const PASSES: u8 = 3;
 pub enum UploadError {
     /// The board, or this host before it sent anything, refused the image.
     #[error("refused: {0}")]
-    Refused(Refusal),
+    Refused(ImageError),
     /// The board answered a request with a code that is no reason of an image.
     #[error("request {service:#04x} answered with code {code:#04x}")]
     Answered {
@@ -93,9 +96,9 @@ impl Uploader {
     /// `UploadError::Refused` when the image is damaged or not signed: the board
     /// would say the same.
     pub fn new(image: Vec<u8>) -> Result<Self, UploadError> {
-        let (header, _) = sealed::open(&image).map_err(UploadError::Refused)?;
+        let (header, _) = signed_image::open(&image).map_err(UploadError::Refused)?;
         if header.signature == [0; 64] {
-            return Err(UploadError::Refused(Refusal::Unsigned));
+            return Err(UploadError::Refused(ImageError::Unsigned));
         }
         let mut uploader = Self {
             image,
@@ -191,14 +194,14 @@ impl Uploader {
                 if s == service
                     && self.passes < PASSES
                     && matches!(
-                        Refusal::from_code(code),
-                        Some(Refusal::BadCrc | Refusal::BadDigest)
+                        ImageError::from_code(code),
+                        Some(ImageError::BadCrc | ImageError::BadDigest)
                     ) =>
             {
                 self.announce();
             }
             [uds::NEGATIVE, s, code] if s == service => {
-                let error = Refusal::from_code(code).map_or(
+                let error = ImageError::from_code(code).map_or(
                     UploadError::Answered { service, code },
                     UploadError::Refused,
                 );

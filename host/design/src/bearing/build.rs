@@ -4,8 +4,9 @@ use std::f64::consts::PI;
 
 use faer::{Mat, Side};
 use loadtwin_common::bearing::{BearingModel, GAUGES, GaugeModel, LOADS, Tuning};
-use loadtwin_common::image::{LoadSignal, Model};
-use loadtwin_common::measurement::Converter;
+use loadtwin_common::image::Model;
+use loadtwin_common::io::measurement::AdcScaling;
+use loadtwin_common::load_signal::LoadSignal;
 
 use crate::bearing::calibration::Calibration;
 use crate::bearing::physical_parameters::geometry;
@@ -125,7 +126,7 @@ fn gauge(channel: &Channel, bearing: &Bearing, calibration: &Calibration, g: usi
     let answer = &calibration.gauge[g];
     let passing = f64::from(bearing.balls) * bearing.gauges[g].azimuth_deg.to_radians();
     GaugeModel {
-        converter: Converter {
+        converter: AdcScaling {
             zero: channel.zero_word(),
             gain: (channel.lsb_si() * 1e6) as f32,
             lowest: (-(1_i64 << (channel.adc.bits - 1))) as i32,

@@ -20,7 +20,7 @@ pub type Local = [[[[f64; 2]; FEATURES]; HARMONICS]; ROWS];
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
-    /// Mean of the loads on the rig: forces [N], moments [N m].
+    /// Mean of the loads on the rig: forces (N), moments [N m].
     pub load_mean: [f64; LOADS],
     /// Their covariance.
     pub load_covariance: [[f64; LOADS]; LOADS],

@@ -46,7 +46,7 @@ pub fn settled<'a>(
     Ok(known
         .map(|block| {
             let at = match state {
-                None => contacts.settle(&block.loads, 0.0),
+                None => contacts.solve_equilibrium(&block.loads, 0.0),
                 Some(position) => balanced(&contacts, &position, &block.loads),
             };
             state = Some(at.position);

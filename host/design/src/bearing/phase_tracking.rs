@@ -1,7 +1,7 @@
 //! Phases of both rows on a rig whose loads are known.
 
-use loadtwin_common::bearing::block::Block;
-use loadtwin_common::bearing::{BLOCK_HZ, Bearing as Filter, BearingModel, LOADS, ROWS};
+use loadtwin_common::bearing::harmonic_block::HarmonicBlock;
+use loadtwin_common::bearing::{BLOCK_HZ, BearingEstimator as Filter, BearingModel, LOADS, ROWS};
 
 use crate::bearing::build::model;
 use crate::bearing::calibration::Calibration;
@@ -11,13 +11,13 @@ use crate::error::BuildError;
 /// Factor on the errors at rest: with the loads told there is time.
 const NOISE_INFLATION: f32 = 3.0;
 
-/// A block with its loads [kN] and the phases of both rows at its start.
+/// A block with its loads (kN) and the phases of both rows at its start.
 pub struct CalibrationBlock {
     /// What the gauges read.
-    pub block: Block,
+    pub block: HarmonicBlock,
     /// `Fx, Fy, Fz, Mx, Mz`, moments over the radius.
     pub loads: [f32; LOADS],
-    /// Phase of ball passing of each row [rad].
+    /// Phase of ball passing of each row (rad).
     pub phase: [f64; ROWS],
     /// Time as part of the recording, -1 to 1.
     pub time: f64,
@@ -66,11 +66,11 @@ pub fn track_phases(
                 }
             }
             if mean.iter().all(|load| load.is_finite()) {
-                state.know(mean.map(|load| load as f32));
+                state.set_known_loads(mean.map(|load| load as f32));
             }
         }
         filter.step(&mut state, raw);
-        if let Some((taken, belief)) = state.taken_in()
+        if let Some((taken, belief)) = state.updated()
             && state.is_locked()
             && mean.iter().all(|load| load.is_finite())
         {

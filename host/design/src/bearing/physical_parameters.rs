@@ -20,7 +20,7 @@ pub struct PhysicalParameters {
     pub stiffness: f64,
     /// Of the preload's approach, relative.
     pub preload: f64,
-    /// Of the unloaded contact angle [deg].
+    /// Of the unloaded contact angle (deg).
     pub contact_angle_deg: f64,
     /// Of the coupling of the rows.
     pub row_coupling: f64,

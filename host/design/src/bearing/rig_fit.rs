@@ -8,7 +8,7 @@
 //! Source: Kerst et al. 2019, section VI-D, in another form.
 
 use loadtwin_common::bearing::{GAUGES, LOADS};
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::raw::RawSample;
 
 use crate::bearing::baseline::Baseline;
 use crate::bearing::calibration::Calibration;
@@ -30,7 +30,7 @@ const INITIAL_MODEL_ERROR: f32 = 0.7;
 /// in each: how much larger they are told to it.
 pub(crate) const ERROR_CORRELATION_FACTOR: f64 = 4.0;
 
-/// A sample on the rig: raw words, and `Fx, Fy, Fz` [N], `Mx, Mz` [N m].
+/// A sample on the rig: raw words, and `Fx, Fy, Fz` (N), `Mx, Mz` [N m].
 pub type RigSample = (RawSample, [f64; LOADS]);
 
 /// A machine on its rig.

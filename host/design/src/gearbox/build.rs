@@ -2,13 +2,14 @@
 
 use faer::Mat;
 use heapless::Vec as FixedVec;
-use loadtwin_common::gearbox::{
-    Bias, Channel, Encoder, Friction, GearboxModel, LOADS, MAX_FRICTIONS, Response, Role,
+use loadtwin_common::drivetrain::{
+    Bias, Channel, Encoder, Friction, GaugeResponse, GearboxModel, LOADS, MAX_FRICTIONS, Role,
 };
-use loadtwin_common::image::{LoadSignal, Model};
-use loadtwin_common::line::STATES;
-use loadtwin_common::measurement::Converter;
-use loadtwin_common::table::PeriodicTable;
+use loadtwin_common::estimator::STATES;
+use loadtwin_common::image::Model;
+use loadtwin_common::io::measurement::AdcScaling;
+use loadtwin_common::load_signal::LoadSignal;
+use loadtwin_common::signal::periodic_lookup::PeriodicLookup;
 
 use crate::encoder;
 use crate::error::BuildError;
@@ -216,7 +217,7 @@ impl Plan {
         tables: &'a Tables,
         thermometer: Option<&Auxiliary>,
     ) -> Result<Channel<'a>, BuildError> {
-        let converter = Converter {
+        let converter = AdcScaling {
             zero: channel.zero_word(),
             gain: (channel.lsb_si() / tables.unit) as f32,
             lowest: (-(1_i64 << (channel.adc.bits - 1))) as i32,
@@ -246,10 +247,10 @@ impl Plan {
             let row = self.scaled_row(&self.torsion.sensed_row(&channel.senses));
             let role = Role::Measure {
                 offset: (channel.to_si(channel.offset) / tables.unit) as f32,
-                map: PeriodicTable::try_new(&tables.map, "map").map_err(BuildError::Model)?,
+                map: PeriodicLookup::try_new(&tables.map, "map").map_err(BuildError::Model)?,
                 map_mean: (tables.mean * tables.sensed / tables.unit) as f32,
                 map_deviation: (tables.deviation * tables.sensed / tables.unit) as f32,
-                variance: PeriodicTable::try_new(&tables.variance, "variance")
+                variance: PeriodicLookup::try_new(&tables.variance, "variance")
                     .map_err(BuildError::Model)?,
                 biases: (self.biases(i, channel, tables.unit).into_iter().flatten()).collect(),
                 response: self.response(channel, tables),
@@ -266,11 +267,11 @@ impl Plan {
     }
 
     /// As the filter has it: what is sensed in parts of nominal.
-    fn response(&self, channel: &loadtwin_machine::Channel, tables: &Tables) -> Response {
+    fn response(&self, channel: &loadtwin_machine::Channel, tables: &Tables) -> GaugeResponse {
         let creep = channel.creep.as_ref();
         let hysteresis = channel.hysteresis.as_ref();
         let thermal = channel.thermal.unwrap_or_default();
-        Response {
+        GaugeResponse {
             bend: channel.nonlinearity as f32,
             creep: creep.map_or(0.0, |c| channel.to_si(c.at_nominal) / tables.unit) as f32,
             creep_rate: creep.map_or(0.0, |c| 1.0 - (-self.dt_s / c.time_s).exp()) as f32,

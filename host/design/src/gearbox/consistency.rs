@@ -1,6 +1,6 @@
 //! What the consistency tests of gauges and speeds allow.
 
-use loadtwin_common::gearbox::Consistency;
+use loadtwin_common::drivetrain::Consistency;
 
 use crate::gearbox::channel_tables::Tables;
 use loadtwin_machine::Channel;

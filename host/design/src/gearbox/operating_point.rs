@@ -1,8 +1,8 @@
 //! The filter's model, linearised where the carrier stands.
 
 use faer::Mat;
-use loadtwin_common::gearbox::{GearboxModel, LOADS, Role};
-use loadtwin_common::phase::Phase;
+use loadtwin_common::drivetrain::{GearboxModel, LOADS, Role};
+use loadtwin_common::signal::phase::Phase;
 
 use crate::gearbox::torsion::Torsion;
 use loadtwin_machine::Drivetrain;

@@ -2,8 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use loadtwin_common::gearbox::{GearboxModel, LOADS, Role, SteadyGains};
-use loadtwin_common::phase::Phase;
+use loadtwin_common::drivetrain::{GearboxModel, LOADS, Role, SteadyGains};
+use loadtwin_common::signal::phase::Phase;
 
 /// Most bins of a turn, 2^7.
 const MOST_LOG2_BINS: u32 = 7;
@@ -255,7 +255,7 @@ impl<'a> Recursion<'a> {
         let samples = (TAU / turn.abs()).ceil() as usize;
         for k in 0..samples {
             let angle = turn * k as f64;
-            let bin = Phase::from_rad(angle as f32).locate(log2_bins).0;
+            let bin = Phase::from_rad(angle as f32).table_index(log2_bins).0;
             let (entries, count) = &mut bins[bin];
             *count += 1.0;
             self.step(p, angle, |d, g, v| {
@@ -292,7 +292,7 @@ impl<'a> Recursion<'a> {
                 self.step(&mut best, angle, |_, _, _| ());
                 self.predict(&mut fixed);
                 let phase = Phase::from_rad(angle as f32);
-                let bin = &table[phase.locate(log2_bins).0];
+                let bin = &table[phase.table_index(log2_bins).0];
                 for d in 0..self.rows.len() {
                     let (g, v) = (&bin[d * (n + 1)..][..n], bin[d * (n + 1) + n]);
                     let j = self.information(d, phase, fixed[0]);

@@ -8,8 +8,8 @@ use loadtwin_math::exponential::exponential;
 /// `dx/dt = A x + B d`, states `theta`, twists, speeds, all referred to the main
 /// shaft (speed ratio 1); loads `d` in their own sign and at their own shaft.
 ///
-/// `theta`: angle of the carrier [rad]; twist i: angle of inertia i minus that of
-/// i + 1 [rad]; speeds [rad/s].
+/// `theta`: angle of the carrier (rad); twist i: angle of inertia i minus that of
+/// i + 1 (rad); speeds [rad/s].
 ///
 /// Source: Bosmans et al. 2023, section 4.1.
 #[derive(Clone, Debug)]
@@ -201,7 +201,7 @@ impl Torsion {
     }
 
     /// Twist of each shaft when `loads` accelerate the whole train as one body
-    /// without drag [rad].
+    /// without drag (rad).
     pub fn rigid_twists(&self, loads: &[f64]) -> Vec<f64> {
         // B holds torque over moment at the main shaft.
         let torque: Vec<f64> = (0..self.n)

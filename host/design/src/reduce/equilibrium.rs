@@ -13,9 +13,9 @@ pub struct HousingForces {
     /// On the ring gear, from each planet: along the carrier's sense of turning,
     /// away from the axis, along z.
     pub contact: Contact,
-    /// Arc of the ring gear over which each planet's force is spread evenly [rad].
+    /// Arc of the ring gear over which each planet's force is spread evenly (rad).
     pub arc_rad: f64,
-    /// Angles of the planets at carrier angle 0 [rad].
+    /// Angles of the planets at carrier angle 0 (rad).
     pub planets: Vec<f64>,
     /// On the seat of each bearing, in the order of the description.
     pub bearings: Vec<Force>,
@@ -33,7 +33,7 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// The force at `angle` [rad] around the main shaft.
+    /// The force at `angle` (rad) around the main shaft.
     pub fn at(&self, angle: f64) -> Force {
         let (s, c) = angle.sin_cos();
         [
@@ -154,7 +154,7 @@ fn reaction(forces: &[Acting], z: f64, other: f64, locating: bool) -> Force {
     reaction
 }
 
-/// Axes of the shafts [m], in x and y.
+/// Axes of the shafts (m), in x and y.
 pub fn axes(gears: &Gears) -> Vec<[f64; 2]> {
     let mut axes = vec![[0.0; 2]];
     for stage in &gears.helical {

@@ -21,11 +21,11 @@ pub enum Axis {
 pub struct LoadCase {
     /// `ring`, or the name of a bearing.
     pub place: String,
-    /// Where on the ring gear [rad]; 0 for a bearing.
+    /// Where on the ring gear (rad); 0 for a bearing.
     pub angle_rad: f64,
     /// Direction, in the coordinates of the model.
     pub axis: Axis,
-    /// Size [N].
+    /// Size (N).
     pub force_n: f64,
 }
 

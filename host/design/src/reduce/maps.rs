@@ -26,7 +26,7 @@ pub struct GaugeMaps {
     pub channel: usize,
     /// Node next to the gauge's described position: number of the first of `candidates`.
     pub node: u64,
-    /// How far that node is from there [m].
+    /// How far that node is from there (m).
     pub distance_m: f64,
     /// Node and sensitivity over the carrier angle [m/m/Nm], the nearest first.
     pub candidates: Vec<(u64, Vec<f64>)>,

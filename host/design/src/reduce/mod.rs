@@ -26,7 +26,7 @@ use loadtwin_recording::Unit;
 pub struct Node {
     /// Its number in the model.
     pub number: u64,
-    /// Where it is [m].
+    /// Where it is (m).
     pub position_m: [f64; 3],
     /// Tensor strain for each load case: xx, yy, zz, xy, yz, zx.
     pub strains: Vec<[f64; 6]>,

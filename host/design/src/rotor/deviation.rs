@@ -61,7 +61,7 @@ impl RotorFilterDesign {
 }
 
 impl NodeDeviations {
-    /// Fills `into` with the standard deviations [m] of a sample, between the speeds of the tables as
+    /// Fills `into` with the standard deviations (m) of a sample, between the speeds of the tables as
     /// `(low, part)` of [`RotorFilterDesign::place_of_speed`] says.
     pub fn fill(&self, of: &Uncertainty<'_>, (low, part): (usize, f64), into: &mut [f64]) {
         into.fill(0.0);

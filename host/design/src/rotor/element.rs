@@ -12,13 +12,13 @@ pub type ElementMatrix = [[f64; SIZE]; SIZE];
 /// A cylindrical element of a Timoshenko beam with gyroscopic terms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShaftElement {
-    /// Length [m], > 0.
+    /// Length (m), > 0.
     pub length_m: f64,
-    /// Outer diameter [m], > 0.
+    /// Outer diameter (m), > 0.
     pub outer_m: f64,
-    /// Inner diameter [m], >= 0, < outer.
+    /// Inner diameter (m), >= 0, < outer.
     pub inner_m: f64,
-    /// Modulus of elasticity [Pa], > 0.
+    /// Modulus of elasticity (Pa), > 0.
     pub young_pa: f64,
     /// Density [kg/m^3], > 0.
     pub density_kg_per_m3: f64,

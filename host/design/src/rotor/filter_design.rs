@@ -2,7 +2,7 @@
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
-use loadtwin_common::line::ROTOR_SIZES;
+use loadtwin_common::estimator::ROTOR_SIZES;
 use loadtwin_common::rotor::filter::{BIASES, FORCES};
 
 use crate::error::BuildError;
@@ -295,7 +295,7 @@ impl RotorFilterDesign {
         (h, variances)
     }
 
-    /// Displacements along x and y of every node [m], node by node, of the
+    /// Displacements along x and y of every node (m), node by node, of the
     /// filter's state in the image's scale at a speed [rad/s].
     pub fn displacements(&self, state: &[f32], speed_rad_s: f64, into: &mut [f64]) {
         into.fill(0.0);

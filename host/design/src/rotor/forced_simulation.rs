@@ -33,9 +33,9 @@ struct Steps {
 /// How a shaft turns, sample by sample.
 #[derive(Clone, Debug)]
 pub struct ShaftRotation {
-    /// Sample period [s].
+    /// Sample period (s).
     pub dt_s: f64,
-    /// Angle [rad].
+    /// Angle (rad).
     pub angle: Vec<f64>,
     /// Speed [rad/s].
     pub speed: Vec<f64>,
@@ -61,7 +61,7 @@ pub struct SynchronousForce {
     pub node: usize,
     /// Turns a turn of the shaft; negative where it turns backward.
     pub order: f64,
-    /// Whether it grows with the speed squared, as an unbalance [kg m], or stays [N].
+    /// Whether it grows with the speed squared, as an unbalance [kg m], or stays (N).
     pub grows: bool,
 }
 

@@ -1,7 +1,9 @@
 //! How long the full recursion of a rotor's filter runs.
 
 use faer::Mat;
-use loadtwin_common::rotor::filter::{Belief, Row, Turn, predict_covariance, update};
+use loadtwin_common::rotor::filter::{
+    LoadTransition, ObservationRow, StateEstimate, predict_covariance, update,
+};
 
 /// Relative difference of every variance to its last at which the gain has converged.
 const CONVERGED: f64 = 0.02;
@@ -24,7 +26,7 @@ pub(crate) struct CovarianceRecursion<'a> {
     /// Covariance before the first sample.
     pub p: &'a Mat<f64>,
     /// How the forces move in a sample.
-    pub turn: Turn<f64>,
+    pub turn: LoadTransition<f64>,
     /// Sample period [s].
     pub dt_s: f64,
 }
@@ -47,14 +49,14 @@ impl CovarianceRecursion<'_> {
     fn sized<const NZ: usize, const NX: usize>(&self) -> u32 {
         let dense: [[f64; NX]; NZ] =
             std::array::from_fn(|i| std::array::from_fn(|j| changes(self.f, NZ, i, j)));
-        let rows: Vec<Row<f64, NZ>> = (self.rows.iter().zip(self.biases))
-            .map(|(row, bias)| Row {
+        let rows: Vec<ObservationRow<f64, NZ>> = (self.rows.iter().zip(self.biases))
+            .map(|(row, bias)| ObservationRow {
                 modal: std::array::from_fn(|j| row[j]),
                 bias: *bias,
             })
             .collect();
         let q = triangle(self.q);
-        let mut belief = Belief::<f64, NX> {
+        let mut belief = StateEstimate::<f64, NX> {
             state: [0.0; NX],
             covariance: std::array::from_fn(|i| std::array::from_fn(|j| self.p[(i, j)])),
         };

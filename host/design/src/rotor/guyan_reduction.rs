@@ -23,9 +23,9 @@ pub struct Reduced {
 /// The largest difference between the whole and the reduced rotor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReductionError {
-    /// Largest displacement error at any node [m].
+    /// Largest displacement error at any node (m).
     pub error_m: f64,
-    /// Largest displacement at any node [m].
+    /// Largest displacement at any node (m).
     pub peak_m: f64,
     /// Speed of the largest error [rad/s].
     pub speed_rad_s: f64,

@@ -2,11 +2,12 @@
 
 use faer::Mat;
 use heapless::Vec as FixedVec;
-use loadtwin_common::image::{LoadSignal, Model};
-use loadtwin_common::measurement::Converter;
-use loadtwin_common::rotor::filter::{FORCES, Turn};
+use loadtwin_common::image::Model;
+use loadtwin_common::io::measurement::AdcScaling;
+use loadtwin_common::load_signal::LoadSignal;
+use loadtwin_common::rotor::filter::{FORCES, LoadTransition};
 use loadtwin_common::rotor::{
-    Noise, Numbers, RotorChannel, RotorModel as ImageModel, ShaftEncoder, Speeds,
+    NoiseModel, PackedF32, RotorChannel, RotorModel as ImageModel, ShaftEncoder, SpeedGrid,
 };
 
 use crate::encoder;
@@ -62,12 +63,12 @@ impl RotorFilterDesign {
                 variances: &variances,
                 q: &q,
                 p: &p,
-                turn: Turn {
-                    turning: self.turning_bits(),
+                turn: LoadTransition {
+                    synchronous_mask: self.turning_bits(),
                     pairs: self.turning.len(),
-                    along: angle.cos() - 1.0,
-                    across: angle.sin(),
-                    left: self.left(),
+                    cos_minus_one: angle.cos() - 1.0,
+                    sin: angle.sin(),
+                    bias_decay: self.left(),
                 },
                 dt_s: self.dt_s,
             };
@@ -94,19 +95,19 @@ impl RotorFilterDesign {
             modes: nz as u8,
             scale: fixed(&self.scale)?,
             sample_s: self.dt_s as f32,
-            speeds: Speeds {
+            speeds: SpeedGrid {
                 lowest: self.speeds[0] as f32,
                 step: step as f32,
                 count: self.speeds.len() as u16,
                 nominal: self.nominal_speed as f32,
             },
             lag: rotor.lag(),
-            dense: Numbers::new(&dense),
+            increment_matrix: PackedF32::new(&dense),
             levels: levels.iter().map(PackedNoise::view).collect(),
-            initial_covariance: Numbers::new(&p),
+            initial_covariance: PackedF32::new(&p),
             gate_nis: machine.tuning.gate_nis as f32,
-            turning: self.turning_bits(),
-            left: self.left().map(|left| left as f32),
+            synchronous_mask: self.turning_bits(),
+            bias_decay: self.left().map(|left| left as f32),
             loads: Self::loads(rotor)?,
             channels: (sensors.channels.iter().zip(&rows).zip(&variances))
                 .map(|((channel, row), variance)| self.channel(channel, row, *variance))
@@ -234,7 +235,7 @@ impl RotorFilterDesign {
     ) -> Result<RotorChannel, BuildError> {
         let extreme = 1_i64 << (channel.adc.bits - 1);
         Ok(RotorChannel {
-            converter: Converter {
+            converter: AdcScaling {
                 zero: channel.zero_word(),
                 gain: (channel.lsb_si() / UNIT_M) as f32,
                 lowest: (-extreme) as i32,
@@ -275,11 +276,11 @@ pub(super) struct SteadyState {
 }
 
 impl PackedNoise {
-    fn view(&self) -> Noise<'_> {
-        Noise {
-            process: Numbers::new(&self.process),
-            steady: Numbers::new(&self.steady),
-            covariance: Numbers::new(&self.covariance),
+    fn view(&self) -> NoiseModel<'_> {
+        NoiseModel {
+            process: PackedF32::new(&self.process),
+            steady: PackedF32::new(&self.steady),
+            covariance: PackedF32::new(&self.covariance),
             full_samples: self.full_samples,
             tolerance: self.tolerance,
         }

@@ -150,7 +150,7 @@ impl RotorModel {
         self.bearings.iter().map(|bearing| bearing.node)
     }
 
-    /// A unit force along a direction [rad] at a node, or the row that measures
+    /// A unit force along a direction (rad) at a node, or the row that measures
     /// the displacement there.
     pub fn direction(&self, node: usize, angle_rad: f64) -> Vec<f64> {
         let mut row = vec![0.0; self.len()];

@@ -39,9 +39,9 @@ impl PhasorInversion {
         }
     }
 
-    /// Amplitude `F` of each load [N]: along x `Re(F exp(i angle))`, along y `Im` of it.
+    /// Amplitude `F` of each load (N): along x `Re(F exp(i angle))`, along y `Im` of it.
     ///
-    /// `readings`: amplitude of each sensor [m], `Re(Y exp(i angle))`. None where fewer
+    /// `readings`: amplitude of each sensor (m), `Re(Y exp(i angle))`. None where fewer
     /// sensors than loads are there, or at the critical speed of an undamped rotor.
     pub fn forces(&self, speed_rad_s: f64, readings: &[c64]) -> Option<Vec<c64>> {
         if readings.len() < self.nodes.len() {

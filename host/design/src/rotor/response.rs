@@ -25,7 +25,7 @@ pub struct TimeResponse {
 }
 
 impl TimeResponse {
-    /// At rest, with steps of `dt_s` [s] under `forces`, rows over the degrees of freedom.
+    /// At rest, with steps of `dt_s` (s) under `forces`, rows over the degrees of freedom.
     pub fn new(
         model: &RotorModel,
         reduced: &Reduced,
@@ -54,14 +54,14 @@ impl TimeResponse {
         }
     }
 
-    /// Sets the force of the present sample [N]; 0 at the start.
+    /// Sets the force of the present sample (N); 0 at the start.
     pub fn set_force(&mut self, force: &[f64]) {
         for (i, f) in force.iter().enumerate() {
             self.force[(i, 0)] = *f;
         }
     }
 
-    /// One sample on, to the force `next` [N].
+    /// One sample on, to the force `next` (N).
     pub fn step(&mut self, next: &[f64]) {
         let next = Mat::from_fn(next.len(), 1, |i, _| next[i]);
         let change = &next - &self.force;

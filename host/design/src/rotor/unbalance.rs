@@ -14,7 +14,7 @@ pub struct Unbalance {
     pub node: usize,
     /// Mass times distance from the axis [kg m].
     pub moment_kg_m: f64,
-    /// Angle from x at time 0 [rad].
+    /// Angle from x at time 0 (rad).
     pub phase_rad: f64,
 }
 

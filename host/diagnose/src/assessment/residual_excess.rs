@@ -19,9 +19,9 @@ pub struct ResidualExcess {
     /// Part of what is left over that sits in the tenth of the time where
     /// there is most of it; 0.1 where it is everywhere.
     pub concentration: f64,
-    /// Middle of that time [s].
+    /// Middle of that time (s).
     pub at_s: f64,
-    /// Frequency around which most of it lies [Hz].
+    /// Frequency around which most of it lies (Hz).
     pub frequency_hz: f64,
     /// The same per turn of the carrier at the mean speed.
     pub order: f64,

@@ -110,7 +110,7 @@ impl BearingContext {
         let block = &self.recorded.known[at].block;
         let share = f64::from(block.count).sqrt().recip();
         let (read, told) = (&block.reading[g], &self.predicted[at].strain[g]);
-        block.whole[g].then(|| std::array::from_fn(|k| share * f64::from(read[k]) - told[k]))
+        block.complete[g].then(|| std::array::from_fn(|k| share * f64::from(read[k]) - told[k]))
     }
 
     /// The part of a gauge's `strain` that goes with the balls along the predicted one; none

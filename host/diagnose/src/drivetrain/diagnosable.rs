@@ -189,7 +189,7 @@ impl ResidualModel for DrivetrainResiduals {
     /// stiffness in an angle; what is only known roughly; what vibrates at first; and what a fault-free machine leaves
     /// when it does the same. Zeros, counts and first vibrations differ from recording to recording.
     ///
-    /// The zero comes first, and at [`DESCRIBED`] the inertia of a balance or the twist of an angle.
+    /// The zero comes first, and at `DESCRIBED` the inertia of a balance or the twist of an angle.
     fn nuisances(&self, k: usize) -> Vec<Nuisance> {
         let (signal, signals) = (&self.residuals[k], &self.signals);
         let n = signals.len();

@@ -16,7 +16,7 @@ pub enum Kind {
     /// Torque that the loads bring in and neither inertias nor drag take
     /// [N m referred]: `sum loads - sum J dw/dt - sum c w`, smoothed.
     Balance,
-    /// Angle of a further encoder against the first, less the twist [rad].
+    /// Angle of a further encoder against the first, less the twist (rad).
     Angle,
     /// What a sensor says beyond what the filter expected, over its standard deviation.
     Innovation,
@@ -100,13 +100,13 @@ pub enum Regressor {
         /// Whether what it sets off hangs on how it sticks, and is not predicted.
         sticks: bool,
     },
-    /// An error `u` [rad] of the angle that the encoder on inertia `body` counts.
+    /// An error `u` (rad) of the angle that the encoder on inertia `body` counts.
     EncoderError {
         /// Number of the inertia.
         body: usize,
-        /// Error, referred [rad].
+        /// Error, referred (rad).
         u: Vec<f64>,
-        /// The error about which the maps are taken as straight [rad].
+        /// The error about which the maps are taken as straight (rad).
         about: Vec<f64>,
     },
     /// Lost motion `u` in parts of the nominal twist of shaft `shaft`.
@@ -129,7 +129,7 @@ pub struct DrivetrainResiduals {
     pub signals: Signals,
     /// The residuals.
     pub residuals: Vec<ResidualSignal>,
-    /// Nominal twist of each shaft, referred [rad].
+    /// Nominal twist of each shaft, referred (rad).
     pub twist: Vec<f64>,
     /// What would have to be done to see the same again; none where the first
     /// load is not known.

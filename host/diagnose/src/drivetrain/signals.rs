@@ -33,13 +33,13 @@ pub struct Response {
 /// Signals that effects are made of, sample by sample, about 125 a second.
 #[derive(Clone, Debug, Default)]
 pub struct Signals {
-    /// Sample period [s].
+    /// Sample period (s).
     pub dt_s: f64,
     /// Raw samples of which one is the mean.
     pub means_of: usize,
-    /// Time, continuous over all recordings [s].
+    /// Time, continuous over all recordings (s).
     pub t: Vec<f64>,
-    /// Carrier angle, continuous over turns [rad].
+    /// Carrier angle, continuous over turns (rad).
     pub angle: Vec<f64>,
     /// Speed of the main shaft [rad/s].
     pub speed: Vec<f64>,
@@ -49,11 +49,11 @@ pub struct Signals {
     pub acceleration: Vec<f64>,
     /// Torque of the first shaft, referred, as part of nominal.
     pub level: Vec<f64>,
-    /// How much warmer it is than where zeros hold [K].
+    /// How much warmer it is than where zeros hold (K).
     pub warming: Option<Vec<f64>>,
-    /// Noise of the temperature where zeros hold, where that is the first one read [K].
+    /// Noise of the temperature where zeros hold, where that is the first one read (K).
     pub zero_noise_k: f64,
-    /// Lag of the gauges behind the thermometer that is described, and in it [s].
+    /// Lag of the gauges behind the thermometer that is described, and in it (s).
     pub lag_s: f64,
     /// Speed of the main shaft that counts as nominal [rad/s].
     pub nominal_speed: f64,
@@ -68,7 +68,7 @@ pub struct Signals {
     /// Moving means of this many samples, three times over, smooth the
     /// accelerations; odd.
     pub smoothing: usize,
-    /// Angle of one count of the encoder that tells the carrier angle [rad].
+    /// Angle of one count of the encoder that tells the carrier angle (rad).
     pub count: f64,
     /// None where the loads of the chain are not all known.
     pub response: Option<Response>,

@@ -87,17 +87,17 @@ pub struct Scale {
     pub accelerates: bool,
     /// Number of measured loads.
     pub loads: usize,
-    /// Mean temperature, where it is measured and varies [K].
+    /// Mean temperature, where it is measured and varies (K).
     pub temperature: Option<f64>,
     /// Travel of one turn.
     pub turn: Option<f64>,
     /// Whether the position is a recorded angle.
     pub is_angle: bool,
-    /// Resolution in time of what is judged [s].
+    /// Resolution in time of what is judged (s).
     pub resolution_s: f64,
     /// Judged values in all recordings.
     pub rows: usize,
-    /// Greatest duration of a recording [s].
+    /// Greatest duration of a recording (s).
     pub duration_s: f64,
 }
 

@@ -76,7 +76,7 @@ impl Default for Moments {
 }
 
 impl Moments {
-    /// Adds reading `y` at carrier angle `angle` [rad] while the channel sensed `s`.
+    /// Adds reading `y` at carrier angle `angle` (rad) while the channel sensed `s`.
     pub fn push(&mut self, angle: f64, s: f64, y: f64) {
         if !(angle.is_finite() && s.is_finite()) {
             return;

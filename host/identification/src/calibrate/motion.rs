@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use std::path::Path;
 
 use loadtwin_common::image::Image;
-use loadtwin_common::measurement::Unwrap;
+use loadtwin_common::io::measurement::SignalConditioner;
 
 use crate::calibrate::CalibrateError;
 use loadtwin_design::build::{self, Filter, Sensors};
@@ -17,7 +17,7 @@ use loadtwin_replay::{ReplayError, Samples};
 /// angles [s]: wide enough for coarse encoders, short against ramps.
 const HALF_SPAN_S: f64 = 0.25;
 
-/// Turns in one unit of a [`loadtwin_common::phase::Phase`].
+/// Turns in one unit of a [`loadtwin_common::signal::phase::Phase`].
 const TURNS_PER_PHASE: f64 = 1.0 / 18_446_744_073_709_551_616.0;
 
 /// How a recorded machine moved and was loaded, sample by sample.
@@ -98,12 +98,13 @@ impl Motion {
             usable: Vec::new(),
             homed: model.index.is_none(),
         };
-        let (mut unwrap, mut last, mut angle, mut step) = (Unwrap::default(), None, 0.0, 0.0);
+        let (mut unwrap, mut last, mut angle, mut step) =
+            (SignalConditioner::default(), None, 0.0, 0.0);
         let mut samples = Samples::open(machine, &sensors, recording)?;
         loop {
             let more = samples.next_block(|sample| {
                 // The twist between carrier and encoder is small against what a map resolves.
-                let lead = loadtwin_common::phase::Phase::default();
+                let lead = loadtwin_common::signal::phase::Phase::default();
                 let m = unwrap.convert(&sample.raw, &[], &counters, model.index.as_ref(), lead);
                 let phase = m.angles[0].ok();
                 if let Some(phase) = phase {
@@ -214,7 +215,7 @@ impl Motion {
         self.homed
     }
 
-    /// Carrier angle of sample `i` [rad]; none where it was not measured.
+    /// Carrier angle of sample `i` (rad); none where it was not measured.
     pub fn angle(&self, i: usize) -> Option<f64> {
         self.usable[i].then(|| self.angle[i])
     }
@@ -229,7 +230,7 @@ impl Motion {
         self.loads[j][i]
     }
 
-    /// What `senses` sensed in each sample [SI], NaN where unknown; none for
+    /// What `senses` sensed in each sample (SI), NaN where unknown; none for
     /// what no reference of the recording tells.
     ///
     /// The torque of a shaft follows from the loads on one side of it, less

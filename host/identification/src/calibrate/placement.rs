@@ -18,9 +18,9 @@ pub struct Placement {
     pub offset: f64,
     /// Factor on the described sensitivity.
     pub gain: f64,
-    /// How far the gauge sits ahead of where it was said to be [rad].
+    /// How far the gauge sits ahead of where it was said to be (rad).
     pub shift_rad: f64,
-    /// Width over which its peaks are spread [rad]: away from the load concentration.
+    /// Width over which its peaks are spread (rad): away from the load concentration.
     pub spread_rad: f64,
     /// The node of its patch that fits best, where the machine gives maps of such nodes.
     pub node: Option<String>,
@@ -151,7 +151,7 @@ fn search(moments: &Moments, map: &[f64], shifts: &[f64], spreads: &[f64]) -> Op
         .min_by(|a, b| a.mae.total_cmp(&b.mae))
 }
 
-/// `map` at the middle of each fine bin, turned by `shift` [rad].
+/// `map` at the middle of each fine bin, turned by `shift` (rad).
 pub fn fine(map: &[f64], shift: f64) -> Vec<f64> {
     let n = map.len();
     if n == 1 {

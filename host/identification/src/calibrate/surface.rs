@@ -21,9 +21,9 @@ const SAMPLES_PER_NODE: f64 = 4.0;
 pub struct Surface {
     /// `f_T f_theta` at the nodes [reading per unit sensed].
     pub map: Vec<f64>,
-    /// `d` [reading].
+    /// `d` (reading).
     pub offset: f64,
-    /// Root mean square of the residuals, `sqrt(SSR / (n - p))` [reading].
+    /// Root mean square of the residuals, `sqrt(SSR / (n - p))` (reading).
     pub rmse: f64,
     /// `1 - (SSR / (n - p)) / (SST / (n - 1))`.
     pub adjusted_r2: f64,

@@ -14,7 +14,7 @@ use loadtwin_replay::{Displacements, Figures, ReplayError, run_line};
 pub struct Evaluation {
     /// Mean normalised innovation squared; 1 in a consistent filter.
     pub nis_mean: Option<f64>,
-    /// Largest error of a displacement at any node, full and by segment [µm]; empty where the
+    /// Largest error of a displacement at any node, full and by segment (µm); empty where the
     /// recording has none.
     pub displacement_um: BTreeMap<String, f64>,
     /// Mean absolute error of each load, full and by segment [% of the nominal load].

@@ -5,11 +5,11 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use faer::Mat;
-use loadtwin_common::estimate::Estimate;
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::{Image, Model};
-use loadtwin_common::line::Line;
-use loadtwin_common::raw::RawSample;
-use loadtwin_common::rotor::{Numbers, RotorModel as ImageModel};
+use loadtwin_common::io::estimate::Estimate;
+use loadtwin_common::io::raw::RawSample;
+use loadtwin_common::rotor::{PackedF32, RotorModel as ImageModel};
 
 use crate::tune::{TuneError, starts};
 use loadtwin_design::build::{BuildError, Sensors};
@@ -130,9 +130,9 @@ impl<'a> Trial<'a> {
         let Some(noise) = model.levels.first_mut() else {
             return Ok(Outcome::REFUSED);
         };
-        noise.process = Numbers::new(&q);
+        noise.process = PackedF32::new(&q);
         noise.full_samples = u32::MAX;
-        model.initial_covariance = Numbers::new(&p);
+        model.initial_covariance = PackedF32::new(&p);
         for (channel, sensor) in model.channels.iter_mut().zip(&self.sensors.channels) {
             let is = |c: &&loadtwin_machine::Channel| c.name == sensor.name;
             if let Some(changed) = machine.channels.iter().find(is) {
@@ -143,7 +143,7 @@ impl<'a> Trial<'a> {
         let mut fit = Fit::new(model);
         let mut misfit = 0.0;
         for recording in &self.recordings {
-            let mut line = Line::try_build(image.clone()).map_err(BuildError::Model)?;
+            let mut line = Estimator::try_build(image.clone()).map_err(BuildError::Model)?;
             let mut forced = vec![0.0; self.transitions[0].1.nrows()];
             let mut angle = None;
             for raw in recording {

@@ -54,7 +54,7 @@ impl FrequencyResponse {
         }
     }
 
-    /// `|H_dd|` of each load over the frequencies [Hz], where the loads' steps
+    /// `|H_dd|` of each load over the frequencies (Hz), where the loads' steps
     /// in one sample have variance `load_noise`; none where no steady gain exists.
     ///
     /// `H(z) = S [I - (I - K H) F z^-1]^-1 K (C [zI - A]^-1 B + D)`

@@ -73,7 +73,7 @@ pub struct LoadNoise {
 pub struct Tuned {
     /// In the order asked for.
     pub methods: Vec<(Method, LoadNoise)>,
-    /// Frequency [Hz] and the median over the carrier angle of `|H|` of each
+    /// Frequency (Hz) and the median over the carrier angle of `|H|` of each
     /// load, with the noise of the first method.
     pub response: Vec<(f64, Vec<f64>)>,
 }

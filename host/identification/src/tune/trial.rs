@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use loadtwin_common::gearbox::{GearboxModel, Role};
+use loadtwin_common::drivetrain::{GearboxModel, Role};
+use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::{Image, Model};
-use loadtwin_common::line::Line;
-use loadtwin_common::raw::RawSample;
+use loadtwin_common::io::raw::RawSample;
 
 use crate::tune::TuneError;
 use loadtwin_design::build::Sensors;
@@ -90,7 +90,7 @@ impl<'a> Trial<'a> {
         };
         let (mut sum, mut count) = (Outcome::default(), 0);
         for recording in &self.recordings {
-            let Ok(mut line) = Line::try_build(image.clone()) else {
+            let Ok(mut line) = Estimator::try_build(image.clone()) else {
                 return infinite;
             };
             for (k, raw) in recording.iter().enumerate() {

@@ -8,7 +8,7 @@ use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
 ///
 /// The names are those of National Instruments. In the formulas `vr` is the output ratio less the
 /// ratio at rest [V/V], `gf` the gauge factor, `nu` Poisson's ratio, `rl` the lead resistance and
-/// `rg` the nominal gauge resistance [ohm]. Tension gives a negative `vr`.
+/// `rg` the nominal gauge resistance (ohm). Tension gives a negative `vr`.
 ///
 /// Source: National Instruments, Strain Gauge Configuration Types; each formula follows from the
 /// two voltage dividers `vr = R3/(R3 + R4) - R2/(R1 + R2)`.
@@ -74,11 +74,11 @@ pub struct StrainBridge {
     #[serde(deserialize_with = "positive")]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub gauge_factor: f64,
-    /// Nominal resistance of one gauge [ohm], > 0.
+    /// Nominal resistance of one gauge (ohm), > 0.
     #[serde(deserialize_with = "positive")]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub gauge_resistance_ohm: f64,
-    /// Resistance of one lead wire [ohm], >= 0. Quarter and half bridges only: the formulas of
+    /// Resistance of one lead wire (ohm), >= 0. Quarter and half bridges only: the formulas of
     /// the full bridges do not contain it.
     #[serde(default, deserialize_with = "not_negative")]
     #[schemars(range(min = 0.0))]
@@ -118,7 +118,7 @@ pub struct Calibration {
     )]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub gauge_factor: Option<f64>,
-    /// Shunt resistor that gave the adjusted gauge factor [ohm], > 0.
+    /// Shunt resistor that gave the adjusted gauge factor (ohm), > 0.
     #[serde(
         default,
         deserialize_with = "some_positive",

@@ -17,7 +17,7 @@ pub enum Simulates {
 pub struct ShuntReading {
     /// Mean output ratio [V/V].
     pub ratio: f64,
-    /// Resistance of the shunt [ohm], > 0.
+    /// Resistance of the shunt (ohm), > 0.
     pub shunt_ohm: f64,
     /// Which arm it is across.
     pub simulates: Simulates,

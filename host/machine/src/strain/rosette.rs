@@ -40,7 +40,7 @@ pub struct PrincipalStrains {
     pub minimum: f64,
     /// Largest engineering shear strain in the plane, `maximum - minimum`.
     pub max_shear: f64,
-    /// Angle from the x axis, counter-clockwise, to the direction of `maximum` [rad],
+    /// Angle from the x axis, counter-clockwise, to the direction of `maximum` (rad),
     /// -pi/2 to pi/2; 0 where both principal strains are equal.
     pub angle_rad: f64,
 }

@@ -5,9 +5,9 @@
 pub struct Segment {
     /// Name in the error table.
     pub name: String,
-    /// Start [s], included.
+    /// Start (s), included.
     pub from_s: f64,
-    /// End [s], not included; infinite for "to the end".
+    /// End (s), not included; infinite for "to the end".
     pub to_s: f64,
 }
 
@@ -77,7 +77,7 @@ impl LoadError {
         }
     }
 
-    /// Takes one sample at `t_s` [s]; estimate and reference in the load's unit.
+    /// Takes one sample at `t_s` (s); estimate and reference in the load's unit.
     ///
     /// A reference that is not finite is no reference: the sample is passed over.
     pub fn push(&mut self, t_s: f64, estimate: f64, reference: f64) {

@@ -12,11 +12,11 @@ pub(crate) trait Driven: Send {
 /// What a wheel did, in equal steps; between them it changes evenly.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BearingCourse {
-    /// Step [s].
+    /// Step (s).
     pub dt_s: f64,
     /// Speed of the wheel [rad/s].
     pub speed: Vec<f64>,
-    /// `Fx, Fy, Fz` [N], `Mx, Mz` [N m].
+    /// `Fx, Fy, Fz` (N), `Mx, Mz` [N m].
     pub loads: Vec<[f64; 5]>,
 }
 

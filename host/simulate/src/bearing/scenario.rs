@@ -65,7 +65,7 @@ const TYRE_M: f64 = 0.32;
 const RIG_SPEED: f64 = 1000.0 * TAU / 60.0;
 
 impl BearingScenario {
-    /// The scenario of that name and its usual duration [s].
+    /// The scenario of that name and its usual duration (s).
     ///
     /// # Errors
     /// [`SimulateError::Scenario`], with the names that there are.

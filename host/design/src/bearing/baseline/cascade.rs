@@ -8,13 +8,13 @@ use std::f64::consts::{PI, TAU};
 
 use loadtwin_common::bearing::contact::Contacts;
 use loadtwin_common::bearing::{GAUGES, LOADS, ROWS};
-use loadtwin_common::butterworth::{Butterworth, ButterworthState};
-use loadtwin_common::gaussian::Gaussian;
-use loadtwin_common::innovation::Gate;
+use loadtwin_common::kalman::gaussian::Gaussian;
+use loadtwin_common::kalman::innovation::Gate;
+use loadtwin_common::kalman::transition::{ProcessNoise, RandomWalk, Transition};
+use loadtwin_common::kalman::unscented::Unscented;
 use loadtwin_common::kalman::{predict, predict_constant, update};
-use loadtwin_common::phase::wrap_rad;
-use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
-use loadtwin_common::unscented::Unscented;
+use loadtwin_common::signal::butterworth::{Butterworth, ButterworthState};
+use loadtwin_common::signal::phase::wrap_rad;
 use nalgebra::{Matrix6, RowVector6, SVector, Vector6};
 
 use crate::bearing::baseline::load_model::{Contact, Displacement, LoadModel, Ring, shapes};
@@ -172,7 +172,7 @@ impl Cascade {
             }
         };
         let known = std::array::from_fn(|i| (known[i] * unit(i)) as f32);
-        let rest = Contacts::try_new(g.clone())?.settle(&known, 0.0);
+        let rest = Contacts::try_new(g.clone())?.solve_equilibrium(&known, 0.0);
         let position = rest.position.map(f64::from);
         let (inner, ring) = position.split_at(LOADS);
         let inner = Displacement::from_row_slice(inner);

@@ -1,8 +1,8 @@
 //! The joint filter beside the paper's two algorithms, in the layout of its tables III to V.
 
 use loadtwin_common::bearing::{GAUGES, LOADS};
-use loadtwin_common::butterworth::{Butterworth, ButterworthState};
-use loadtwin_common::estimate::Estimate;
+use loadtwin_common::io::estimate::Estimate;
+use loadtwin_common::signal::butterworth::{Butterworth, ButterworthState};
 use serde::Serialize;
 
 use crate::bearing::Calibration;

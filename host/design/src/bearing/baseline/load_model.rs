@@ -154,7 +154,7 @@ mod tests {
         let told = [-2.0_f32, 3.0, 7.0, 20.0, -5.0];
         let at = Contacts::try_new(model.geometry().clone())
             .unwrap()
-            .settle(&told, 0.0)
+            .solve_equilibrium(&told, 0.0)
             .position
             .map(f64::from);
         let ring = [&at[LOADS..LOADS + SHAPES], &at[LOADS + SHAPES..]].map(Ring::from_row_slice);

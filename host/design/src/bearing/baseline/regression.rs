@@ -1,7 +1,7 @@
 //! Loads from the bulk strain by a regression, with a thermal offset.
 
 use loadtwin_common::bearing::GAUGES;
-use loadtwin_common::butterworth::{Butterworth, ButterworthState};
+use loadtwin_common::signal::butterworth::{Butterworth, ButterworthState};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 

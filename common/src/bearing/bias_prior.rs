@@ -1,0 +1,162 @@
+//! What rows have learnt of preload and biases, to be handed to other posteriors.
+
+use nalgebra::SVector;
+
+use crate::bearing::ekf::{BIAS_INDEX, DRIFT_CORRELATION, JointEkf, NX, PRELOAD_INDEX};
+use crate::bearing::{GAUGES, Tuning};
+use crate::kalman::gaussian::factor;
+
+/// Preload and biases.
+pub(crate) const OFFSETS: usize = 1 + GAUGES;
+
+/// Preload (um) and biases [um/m], as a posterior has learnt them.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct BiasPrior {
+    pub(crate) mean: [f32; OFFSETS],
+    /// Covariance, upper triangle by columns.
+    pub(crate) upper: [[f32; OFFSETS]; OFFSETS],
+}
+
+impl BiasPrior {
+    /// Before anything is learnt.
+    pub fn expected(tuning: &Tuning) -> Self {
+        let mut offsets = Self::default();
+        for (i, column) in offsets.upper.iter_mut().enumerate() {
+            let std = if i == 0 {
+                tuning.preload_std
+            } else {
+                tuning.bias_std
+            };
+            column[i] = std * std;
+        }
+        offsets
+    }
+
+    /// Distance of other preload and biases from these, squared, in units of the covariance of these with what they walk
+    /// in `time_s`: chi-squared; none where the covariance is not positive.
+    pub(crate) fn distance(&self, other: &Self, tuning: &Tuning, time_s: f32) -> Option<f32> {
+        let mut p = self.upper;
+        let walk = 2.0 * time_s / tuning.bias_time_s * tuning.bias_std * tuning.bias_std;
+        p[0][0] += tuning.preload_walk * tuning.preload_walk * time_s;
+        for j in 1..OFFSETS {
+            for i in 1..j {
+                p[j][i] += DRIFT_CORRELATION * walk;
+            }
+            p[j][j] += walk;
+        }
+        let u = factor(&p)?;
+        let mut solve = [0.0; OFFSETS];
+        let mut sum = 0.0;
+        for i in (0..OFFSETS).rev() {
+            let mut part = other.mean[i] - self.mean[i];
+            for m in i + 1..OFFSETS {
+                part -= u[m][i] * solve[m];
+            }
+            solve[i] = part;
+            sum += part * part / u[i][i];
+        }
+        Some(sum)
+    }
+
+    /// Moves these by `share` towards others, mean and covariance.
+    pub(crate) fn follow(&mut self, other: &Self, share: f32) {
+        for j in 0..OFFSETS {
+            self.mean[j] += share * (other.mean[j] - self.mean[j]);
+            for i in 0..=j {
+                self.upper[j][i] += share * (other.upper[j][i] - self.upper[j][i]);
+            }
+        }
+    }
+}
+
+/// Takes from state `i` what it has in common with the others; its variance stays.
+#[inline(never)]
+pub(super) fn decorrelate_state(p: &mut [[f32; NX]; NX], i: usize) {
+    for (j, column) in p.iter_mut().enumerate() {
+        // Column j ends at the diagonal.
+        if j == i {
+            column.iter_mut().take(i).for_each(|entry| *entry = 0.0);
+        } else if let Some(entry) = column.get_mut(i).filter(|_| j > i) {
+            *entry = 0.0;
+        }
+    }
+}
+
+/// Biases forget: `x+ = k x`, `P+ = k P k + (1 - k^2) std^2 C`, `k = 1 - share`; `C` is 1 on its diagonal
+/// and [`DRIFT_CORRELATION`] elsewhere.
+pub(super) fn propagate_bias(
+    x: &mut SVector<f32, NX>,
+    p: &mut [[f32; NX]; NX],
+    share: f32,
+    std: f32,
+) {
+    let keep = 1.0 - share.min(1.0);
+    let new = (1.0 - keep * keep) * std * std;
+    for i in BIAS_INDEX..NX {
+        x[i] *= keep;
+        for j in 0..NX {
+            if j != i {
+                p[i.max(j)][i.min(j)] *= keep;
+            }
+        }
+        p[i][i] = keep * keep * p[i][i] + new;
+    }
+    for (j, column) in p.iter_mut().enumerate().skip(BIAS_INDEX) {
+        for entry in column.iter_mut().take(j).skip(BIAS_INDEX) {
+            *entry += DRIFT_CORRELATION * new;
+        }
+    }
+}
+
+impl JointEkf {
+    /// Preload and biases by the posterior.
+    pub fn offsets(&self) -> BiasPrior {
+        let mut offsets = BiasPrior::default();
+        for j in 0..OFFSETS {
+            offsets.mean[j] = self.gaussian.state[PRELOAD_INDEX + j];
+            for i in 0..=j {
+                offsets.upper[j][i] = self.gaussian.upper[PRELOAD_INDEX + j][PRELOAD_INDEX + i];
+            }
+        }
+        offsets
+    }
+
+    /// Takes preload and biases from `offsets`: what it has taken up itself may belong to other rows.
+    pub fn set_offsets(&mut self, offsets: &BiasPrior) {
+        let p = &mut self.gaussian.upper;
+        for j in 0..OFFSETS {
+            self.gaussian.state[PRELOAD_INDEX + j] = offsets.mean[j];
+            decorrelate_state(p, PRELOAD_INDEX + j);
+        }
+        for j in 0..OFFSETS {
+            for i in 0..=j {
+                p[PRELOAD_INDEX + j][PRELOAD_INDEX + i] = offsets.upper[j][i];
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+impl BiasPrior {
+    /// With these means and standard deviations, independent.
+    pub fn known(mean: &[f32; OFFSETS], std: &[f32; OFFSETS]) -> Self {
+        let mut offsets = Self {
+            mean: *mean,
+            ..Self::default()
+        };
+        for (i, std) in std.iter().enumerate() {
+            offsets.upper[i][i] = std * std;
+        }
+        offsets
+    }
+
+    /// With means moved.
+    #[must_use]
+    pub fn moved(&self, by: &[f32; OFFSETS]) -> Self {
+        let mut offsets = *self;
+        for (mean, by) in offsets.mean.iter_mut().zip(by) {
+            *mean += by;
+        }
+        offsets
+    }
+}

@@ -1,0 +1,135 @@
+//! Whether a gauge still answers to the balls.
+
+use crate::bearing::ekf::BlockInnovation;
+use crate::bearing::harmonic_block::HarmonicBlock;
+use crate::bearing::{BASIS, GAUGES, GaugeModel};
+use crate::io::fault::Fault;
+
+/// Blocks of a window over which a gauge is judged.
+const WINDOW: u16 = 25;
+
+/// Windows in a row in which a gauge is silent though it should be heard: a posterior that is still on
+/// its way expects anything for a quarter of a second.
+const PATIENCE: u8 = 2;
+
+/// Mean square of the local strain over what noise alone comes to: below the first a gauge is silent,
+/// above the second it is heard. The third is what the primary must expect of a silent one, three times the noise.
+///
+/// Noise scatters by `sqrt(2 / 150) = 0.12` over the window's 25 blocks of six readings: the first is four of these from it.
+/// Silence alone is no fault: without a moment a live gauge may hear nothing for half a second.
+const DEAD_RATIO: f32 = 1.5;
+const ALIVE_RATIO: f32 = 2.0;
+const EXPECTED: f32 = 9.0;
+
+/// What is known of the gauges, judged four times a second.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct GaugeHealth {
+    /// Mean square of local strain over that of noise, read and expected, summed over the window.
+    sums: [(f32, f32); GAUGES],
+    /// Blocks of the window in which each gauge gave every reading.
+    complete: [u16; GAUGES],
+    blocks: u16,
+    /// Windows in a row in which each was silent against expectation.
+    silent: [u8; GAUGES],
+    fault: [Fault; GAUGES],
+}
+
+impl GaugeHealth {
+    /// Takes in what the gauges said of a block to the primary.
+    ///
+    /// True when a gauge has just fallen silent.
+    pub fn update(
+        &mut self,
+        innovations: &[BlockInnovation; GAUGES],
+        block: &HarmonicBlock,
+        gauges: &[GaugeModel; GAUGES],
+    ) -> bool {
+        let readings = (BASIS - 1) as f32 / f32::from(block.count.max(1));
+        for g in 0..GAUGES {
+            if !block.complete[g] {
+                continue;
+            }
+            let noise = gauges[g].noise_std * gauges[g].noise_std * readings;
+            let (read, expected) = innovations[g].local;
+            self.sums[g].0 += read * read / noise;
+            self.sums[g].1 += expected * expected / noise;
+            self.complete[g] = self.complete[g].saturating_add(1);
+        }
+        self.blocks = self.blocks.saturating_add(1);
+        if self.blocks < WINDOW {
+            return false;
+        }
+        let mut fell_silent = false;
+        for g in 0..GAUGES {
+            let count = f32::from(self.complete[g].max(1));
+            let (read, expected) = (self.sums[g].0 / count, self.sums[g].1 / count);
+            let missed = self.complete[g] == WINDOW && read < DEAD_RATIO && expected > EXPECTED;
+            self.silent[g] = if missed {
+                self.silent[g].saturating_add(1)
+            } else {
+                0
+            };
+            if read > ALIVE_RATIO {
+                self.fault[g] = Fault::None;
+            } else if self.silent[g] >= PATIENCE && self.fault[g].is_none() {
+                self.fault[g] = Fault::Stuck;
+                fell_silent = true;
+            }
+        }
+        self.sums = Default::default();
+        self.complete = Default::default();
+        self.blocks = 0;
+        fell_silent
+    }
+
+    /// What is wrong with a gauge.
+    pub fn fault(&self, g: usize) -> Fault {
+        self.fault[g % GAUGES]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::measurement::AdcScaling;
+
+    /// Blocks until a gauge that reads and is expected at these multiples of its noise is named; 200 at most.
+    fn named_after(read: f32, expected: f32) -> Option<usize> {
+        let gauge = GaugeModel {
+            converter: AdcScaling {
+                zero: 0,
+                gain: 1.0,
+                lowest: -1,
+                highest: 1,
+                stuck_after: 0,
+            },
+            passing: 0.0,
+            noise_std: 0.8,
+            resting_error: 0.0,
+            model_error: 0.0,
+            offset: 0.0,
+            bulk_load: Default::default(),
+            bulk_feature: Default::default(),
+            local: Default::default(),
+        };
+        let gauges = [0; GAUGES].map(|_| gauge.clone());
+        let block = HarmonicBlock {
+            count: 20,
+            complete: [true; GAUGES],
+            ..HarmonicBlock::default()
+        };
+        // Six readings of noise in 20 samples.
+        let noise = 0.8 * libm::sqrtf(6.0 / 20.0);
+        let mut innovations = [BlockInnovation::default(); GAUGES];
+        innovations[3].local = (read * noise, expected * noise);
+        let mut health = GaugeHealth::default();
+        (1..=200).find(|_| health.update(&innovations, &block, &gauges))
+    }
+
+    #[test]
+    fn silence_names_a_gauge_only_where_it_should_be_heard() {
+        assert_eq!(named_after(1.0, 10.0), Some(50));
+        assert_eq!(named_after(1.0, 1.5), None);
+        assert_eq!(named_after(1.5, 10.0), None);
+    }
+}

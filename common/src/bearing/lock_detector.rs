@@ -1,0 +1,84 @@
+//! How far the primary is to be trusted.
+
+use crate::bearing::ekf::BlockInnovation;
+use crate::bearing::{GAUGES, GaugeModel};
+
+/// Part of the local strain's mean square that may stay unexplained, and the
+/// blocks over which it is judged.
+const UNEXPLAINED: f32 = 0.06;
+const FITTED_BLOCKS: f32 = 16.0;
+
+/// Mean normalised innovation squared of the worst gauge beyond which a posterior is in
+/// suspicion, and the blocks over which it is taken.
+const MAX_MEAN_NIS: f32 = 2.0;
+const SURPRISED_BLOCKS: f32 = 8.0;
+
+/// What a posterior may hold against what is expected of it: 12 unknowns, seven
+/// times what they come to on average.
+const MAX_PRIOR_COST: f32 = 80.0;
+
+/// Blocks under suspicion after which the search starts anew.
+const PATIENCE: u16 = 40;
+
+/// Part of a gauge's resting variance that is not taken for strain left unexplained.
+const NOISE_SHARE: f32 = 2.7;
+
+/// What speaks for and against a posterior.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LockDetector {
+    /// Mean square of the local strain, unexplained and read [(um/m)^2].
+    left: f32,
+    read: f32,
+    mean_nis: f32,
+    prior: f32,
+    suspect_blocks: u16,
+}
+
+impl LockDetector {
+    /// Takes in what the gauges said of a block; `used`: those that count;
+    /// `prior`: of the posterior, see [`crate::bearing::ekf::JointEkf::prior`].
+    pub fn update(
+        &mut self,
+        innovations: &[BlockInnovation; GAUGES],
+        used: [bool; GAUGES],
+        gauges: &[GaugeModel; GAUGES],
+        prior: f32,
+    ) {
+        let (mut left, mut read, mut mean_nis) = (0.0, 0.0, 0.0_f32);
+        for ((innovations, gauge), _) in innovations
+            .iter()
+            .zip(gauges)
+            .zip(used)
+            .filter(|(_, used)| *used)
+        {
+            let noise = NOISE_SHARE * gauge.resting_variance();
+            left += (innovations.left - noise).max(0.0);
+            read += innovations.local.0 * innovations.local.0;
+            mean_nis = mean_nis.max(innovations.nis);
+        }
+        self.left += (left - self.left) / FITTED_BLOCKS;
+        self.read += (read - self.read) / FITTED_BLOCKS;
+        self.mean_nis += (mean_nis - self.mean_nis) / SURPRISED_BLOCKS;
+        self.prior = prior;
+        self.suspect_blocks = if self.mean_nis > MAX_MEAN_NIS || self.prior > MAX_PRIOR_COST {
+            self.suspect_blocks.saturating_add(1)
+        } else {
+            0
+        };
+    }
+
+    /// Whether readings and expectations are met.
+    pub fn is_confirmed(&self) -> bool {
+        self.suspect_blocks == 0 && self.left < UNEXPLAINED * self.read
+    }
+
+    /// Whether suspicion has just arisen.
+    pub fn is_suspect(&self) -> bool {
+        self.suspect_blocks == 1
+    }
+
+    /// Whether it has been doubted for so long that nothing of it is worth keeping.
+    pub fn has_lost_lock(&self) -> bool {
+        self.suspect_blocks > PATIENCE
+    }
+}

@@ -1,0 +1,207 @@
+//! Which gauges are left out: the simplest hypothesis that explains the readings.
+
+use crate::drivetrain::kind::Moments;
+use crate::drivetrain::vote::{ANCHORED, Gauge, RETURN, Vote, Voting, pair};
+use crate::io::fault::Fault;
+use crate::io::raw::MAX_CHANNELS;
+
+/// Gauges of a direction by what a hypothesis says of them, one bit each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Hypothesis {
+    left_out: u8,
+    swapped: bool,
+}
+
+impl Hypothesis {
+    const SOUND: Self = Self {
+        left_out: 0,
+        swapped: false,
+    };
+}
+
+fn bit(i: usize) -> u8 {
+    1 << (i % MAX_CHANNELS)
+}
+
+impl Voting {
+    /// Chooses among the hypotheses of direction `d`: all sound, one gauge at fault, two that
+    /// are each other's, two at fault; where the gauges cannot decide, those that
+    /// contradict the prediction; else none, and the direction is contradicted.
+    pub(crate) fn decide(
+        &self,
+        vote: &mut Vote,
+        d: usize,
+        members: &[u8],
+        gauges: &[Gauge; MAX_CHANNELS],
+    ) {
+        let all = members.iter().fold(0, |all, i| all | bit((*i).into()));
+        let before = vote.left_out & all;
+        let limit = if before == 0 && vote.contradicted & bit(d) == 0 {
+            1.0
+        } else {
+            RETURN
+        };
+        let sound = (members.iter()).all(|i| vote.none[d] - vote.single[at(*i)] <= limit)
+            && vote.none[d] <= limit * self.limit(members.len());
+        if sound && before == 0 {
+            vote.contradicted &= !bit(d);
+            vote.sound[d] = vote.sound[d].saturating_add(1);
+            return;
+        }
+        let chosen = if sound {
+            Some(Hypothesis::SOUND)
+        } else {
+            self.culprits(vote, d, members, before)
+        };
+        vote.contradicted &= !bit(d);
+        let chosen = chosen.unwrap_or_else(|| {
+            vote.contradicted |= bit(d);
+            Hypothesis::SOUND
+        });
+        vote.left_out = vote.left_out & !all | chosen.left_out;
+        for i in members {
+            let i = at(*i);
+            self.name(vote, i, chosen, before, &gauges[i]);
+        }
+    }
+
+    /// The cost that `voters` gauges do not exceed: the first of their residuals is at the limit,
+    /// the others are noise.
+    fn limit(&self, voters: usize) -> f32 {
+        1.0 + voters.saturating_sub(2) as f32 / self.consistency.noise_bound
+    }
+
+    fn culprits(&self, vote: &Vote, d: usize, members: &[u8], before: u8) -> Option<Hypothesis> {
+        let n = members.len();
+        let leave = |left_out: u8| {
+            Some(Hypothesis {
+                left_out,
+                swapped: false,
+            })
+        };
+        // A jump away from a prediction that was sound.
+        let anchored = f32::from(vote.sound[d]) * self.consistency.forgetting >= ANCHORED;
+        let against = (members.iter())
+            .filter(|i| anchored && vote.prior[at(**i)] > RETURN)
+            .fold(0, |set, i| set | bit((*i).into()));
+        let rest = n - against.count_ones() as usize;
+        if against != 0 && rest > 1 && self.remain(vote, members, against) {
+            return leave(against);
+        }
+        // The prediction says nothing where all, or none, are off it.
+        let accused = |i: usize| against == 0 || rest == 0 || against & bit(i) != 0;
+        if n > 2 {
+            let lowest = |a: &usize, b: &usize| vote.single[*a].total_cmp(&vote.single[*b]);
+            // What explains the readings so far is kept as long as it does.
+            let kept = (members.iter().map(|i| at(*i)))
+                .find(|i| bit(*i) == before && vote.single[*i] <= self.limit(n - 1));
+            let single = match kept {
+                Some(single) => single,
+                None => members.iter().map(|i| at(*i)).min_by(lowest)?,
+            };
+            let explains = vote.single[single] <= self.limit(n - 1)
+                && accused(single)
+                && agrees(vote, members, single);
+            let pairs = || {
+                (members.iter().enumerate())
+                    .flat_map(|(q, j)| members.iter().take(q).map(|i| (at(*i), at(*j))))
+            };
+            let cheapest = |costs: &[f32]| {
+                pairs().min_by(|a, b| {
+                    let cost = |(i, j): (usize, usize)| costs[pair(i, j)];
+                    cost(*a).total_cmp(&cost(*b))
+                })
+            };
+            let (i, j) = cheapest(&vote.swap)?;
+            let exchanged = vote.swap[pair(i, j)] <= self.limit(n);
+            // One gauge turned round, or two exchanged whose maps are opposite: the readings
+            // are the same, the load is not.
+            if explains && exchanged && against == 0 {
+                return None;
+            }
+            if explains {
+                return leave(bit(single));
+            }
+            if exchanged {
+                return Some(Hypothesis {
+                    left_out: bit(i) | bit(j),
+                    swapped: true,
+                });
+            }
+            if n > 3 {
+                let kept = pairs().find(|(i, j)| {
+                    bit(*i) | bit(*j) == before && vote.pair[pair(*i, *j)] <= self.limit(n - 2)
+                });
+                let (i, j) = kept.or_else(|| cheapest(&vote.pair))?;
+                let cost = vote.pair[pair(i, j)];
+                let rival = |(k, l): &(usize, usize)| {
+                    (*k, *l) != (i, j) && vote.pair[pair(*k, *l)] - cost <= RETURN
+                };
+                let alone = kept.is_some() || !pairs().any(|other| rival(&other));
+                if cost <= self.limit(n - 2) && alone {
+                    return leave(bit(i) | bit(j));
+                }
+            }
+        }
+        // One alone: nothing but the prediction speaks for it.
+        if rest == 1 {
+            return leave(against);
+        }
+        let alone = before != 0 && before.count_ones() as usize + 1 == n;
+        if alone && against & !before == 0 && anchored {
+            return leave(before);
+        }
+        None
+    }
+
+    /// Whether those that `against` leaves agree, as far as two at most are left out.
+    fn remain(&self, vote: &Vote, members: &[u8], against: u8) -> bool {
+        let mut out = members
+            .iter()
+            .map(|i| at(*i))
+            .filter(|i| against & bit(*i) != 0);
+        let n = members.len();
+        match (out.next(), out.next(), out.next()) {
+            (Some(i), None, None) => vote.single[i] <= self.limit(n - 1),
+            (Some(i), Some(j), None) => vote.pair[pair(i, j)] <= self.limit(n - 2),
+            _ => false,
+        }
+    }
+
+    /// Names the kind of fault of gauge `i`.
+    fn name(&self, vote: &mut Vote, i: usize, chosen: Hypothesis, before: u8, gauge: &Gauge) {
+        if chosen.left_out & bit(i) == 0 {
+            vote.kinds[i] = Fault::None;
+            return;
+        }
+        if before & bit(i) == 0 {
+            vote.moments[i] = Moments::default();
+        }
+        if gauge.value.is_some() {
+            let reading = gauge.innovation + gauge.response;
+            let tolerance = self.tolerance(i, gauge, 1.0);
+            let moments = &mut vote.moments[i];
+            moments.push(reading, gauge.response, self.consistency.forgetting);
+            vote.kinds[i] = if chosen.swapped {
+                Fault::Swapped
+            } else {
+                moments.kind(tolerance, self.consistency.forgetting)
+            };
+        }
+    }
+}
+
+fn at(i: u8) -> usize {
+    usize::from(i) % MAX_CHANNELS
+}
+
+/// Whether the gauges without `single` show no further culprit.
+fn agrees(vote: &Vote, members: &[u8], single: usize) -> bool {
+    members.len() <= 3
+        || (members.iter().map(|i| at(*i)))
+            .filter(|i| *i != single)
+            .all(|i| {
+                let (low, high) = (i.min(single), i.max(single));
+                vote.single[single] - vote.pair[pair(low, high)] <= 1.0
+            })
+}

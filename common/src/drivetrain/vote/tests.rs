@@ -1,0 +1,171 @@
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+use crate::drivetrain::vote::*;
+
+/// Response of each gauge at nominal load; noise is 0.3, as of strain in micrometre a metre.
+const MAPS: [f32; 4] = [100.0, 80.0, 120.0, -60.0];
+const NOISE: f32 = 0.3;
+const CONSISTENCY: Consistency = Consistency {
+    forgetting: 0.02,
+    noise_bound: 1.86,
+    model_bound: 24.0,
+    most_turn: 1.0,
+};
+
+/// The gauges of one direction and their maps' errors.
+struct Rig {
+    voting: Voting,
+    vote: Vote,
+    direction: Direction,
+    rng: ChaCha8Rng,
+    errors: [f32; 4],
+    sample: u32,
+}
+
+impl Rig {
+    fn new(gauges: usize, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let errors = core::array::from_fn(|_| {
+            let z: f32 = rng.sample(StandardNormal);
+            1.0 + 0.02 * z.clamp(-2.0, 2.0)
+        });
+        let error = |map: &f32| ([0.5, 0.03 * map.abs()], 1.0);
+        Self {
+            voting: Voting::new(CONSISTENCY, MAPS.iter().map(error)),
+            vote: Vote::default(),
+            direction: Direction {
+                members: (0..gauges as u8).collect(),
+            },
+            rng,
+            errors,
+            sample: 0,
+        }
+    }
+
+    /// `samples` under a load that swings, each reading changed by `change`.
+    fn run(&mut self, samples: u32, change: impl Fn(&mut [f32; 4], u32)) {
+        for k in 0..samples {
+            self.sample += 1;
+            let swing = libm::sinf(self.sample as f32 * 0.01);
+            let sensed = 0.8 + 0.3 * swing;
+            let mut readings = core::array::from_fn(|i| {
+                let noise: f32 = self.rng.sample(StandardNormal);
+                MAPS[i] * self.errors[i] * sensed + NOISE * noise
+            });
+            change(&mut readings, k);
+            let mut gauges = [Gauge::default(); MAX_CHANNELS];
+            for (i, gauge) in gauges.iter_mut().enumerate().take(4) {
+                *gauge = Gauge {
+                    value: Some(readings[i]),
+                    innovation: readings[i] - MAPS[i] * sensed,
+                    response: MAPS[i] * sensed,
+                    sensitivity: MAPS[i],
+                    variance: NOISE * NOISE,
+                    slope: 0.0,
+                };
+            }
+            let prior = Prior {
+                sensed,
+                variance: 1e-4,
+            };
+            let direction = self.direction.clone();
+            (self.voting).weigh(&mut self.vote, 0, &direction, &gauges, prior);
+        }
+    }
+
+    fn faults(&self) -> [Option<Fault>; 4] {
+        core::array::from_fn(|i| self.vote.fault(i))
+    }
+}
+
+#[test]
+fn gauges_whose_maps_are_roughly_right_are_not_flagged() {
+    for seed in 0..40 {
+        let mut rig = Rig::new(2 + seed as usize % 3, seed);
+        for _ in 0..25 {
+            rig.run(100, |_, _| ());
+            assert_eq!(rig.faults(), [None; 4], "{seed}");
+            assert!(!rig.vote.contradicted(), "{seed}");
+        }
+    }
+}
+
+#[test]
+fn a_fault_is_isolated_named_and_forgotten() {
+    type Change = fn(&mut [f32; 4], u32);
+    let cases: [(Change, Fault); 5] = [
+        (|y, _| y[1] = 0.1, Fault::Dead),
+        (|y, _| y[1] = -y[1], Fault::Reversed),
+        (|y, _| y[1] *= 0.6, Fault::Gain),
+        (|y, _| y[1] += 50.0, Fault::Offset),
+        (|y, k| y[1] += 0.02 * k as f32, Fault::Drift),
+    ];
+    for (change, kind) in cases {
+        for seed in 0..10 {
+            for gauges in [3, 4] {
+                let mut rig = Rig::new(gauges, seed);
+                rig.run(1000, |_, _| ());
+                rig.run(2000, change);
+                let mut expected = [None; 4];
+                expected[1] = Some(kind);
+                assert_eq!(rig.faults(), expected, "{kind:?} {seed} {gauges}");
+                // Two seconds at 500 Hz.
+                rig.run(1000, |_, _| ());
+                assert_eq!(rig.faults(), [None; 4], "{kind:?} {seed} {gauges}");
+            }
+        }
+    }
+}
+
+#[test]
+fn two_at_once_are_isolated_among_four() {
+    for seed in 0..10 {
+        let mut rig = Rig::new(4, seed);
+        rig.run(1000, |_, _| ());
+        rig.run(1000, |y, _| {
+            y[0] = 0.0;
+            y[2] += 80.0;
+        });
+        let expected = [Some(Fault::Dead), None, Some(Fault::Offset), None];
+        assert_eq!(rig.faults(), expected, "{seed}");
+    }
+}
+
+#[test]
+fn exchanged_gauges_are_named() {
+    for seed in 0..10 {
+        let mut rig = Rig::new(4, seed);
+        rig.run(1000, |_, _| ());
+        rig.run(1000, |y, _| y.swap(1, 2));
+        let out = rig.faults().map(|fault| fault.is_some());
+        assert_eq!(out, [false, true, true, false], "{seed}");
+    }
+}
+
+/// Two gauges that drift apart slowly: the prediction follows both, and none is isolated.
+#[test]
+fn where_nothing_isolates_the_culprit_the_direction_is_contradicted() {
+    let mut rig = Rig::new(2, 1);
+    // From the start: no prediction speaks for either.
+    rig.run(200, |y, _| y[1] *= 0.5);
+    assert!(rig.vote.contradicted());
+    rig.run(500, |_, _| ());
+    assert!(!rig.vote.contradicted());
+}
+
+#[test]
+fn disagreement_grows_the_deviation() {
+    let mut rig = Rig::new(3, 1);
+    rig.errors = [1.0; 4];
+    rig.run(500, |_, _| ());
+    assert_eq!(rig.voting.inflation(&rig.vote, 0), 1.0);
+    assert_eq!(rig.voting.deviation(&rig.vote, 1).1, 0.0);
+    rig.run(500, |y, _| y[1] *= 1.08);
+    let (_, added) = rig.voting.deviation(&rig.vote, 1);
+    // By hand: a spread of 8 % in one of three gauges of about equal weight, sqrt(2)/3 of it.
+    let deviation = libm::sqrtf(added);
+    assert!((0.02..0.05).contains(&deviation), "{deviation}");
+    assert!(rig.voting.inflation(&rig.vote, 0) > 10.0);
+}

@@ -1,0 +1,203 @@
+//! The straight line: raw sample in, estimate out, for any machine.
+
+use crate::Error;
+use crate::bearing::{BearingEstimator, BearingModel, BearingState};
+use crate::drivetrain::{DrivetrainEstimator, DrivetrainState, GearboxModel};
+use crate::image::{Image, Model};
+use crate::io::estimate::Estimate;
+use crate::io::raw::RawSample;
+use crate::rotor::{RotorEstimator, RotorModel, RotorState};
+
+/// Numbers of states that filters are compiled for; a model with another one
+/// is filled up with states that nothing depends on.
+pub const STATES: [usize; 4] = [6, 8, 12, 16];
+
+/// Modal displacements and states of the filters of rotors, without and with biases of
+/// sensors; a model with fewer is filled up with states that nothing depends on.
+pub const ROTOR_SIZES: [(usize, usize); 2] = [(8, 20), (8, 24)];
+
+/// The estimator of one machine and its state.
+///
+/// Which machine and how many states it has is known only from the image;
+/// the filters are compiled for each number of states, so that their loops
+/// are of fixed length.
+///
+/// `step` is the same sequence of f32 operations on every target: same image
+/// and same raw samples, same bits.
+#[derive(Clone, Debug)]
+pub struct Estimator<'a> {
+    kind: Kind<'a>,
+}
+
+#[derive(Clone, Debug)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "there is one line in a program, and no heap; whether it is large hangs on the target"
+)]
+enum Kind<'a> {
+    Gearbox6(DrivetrainEstimator<'a, 6>, DrivetrainState<6>),
+    Gearbox8(DrivetrainEstimator<'a, 8>, DrivetrainState<8>),
+    Gearbox12(DrivetrainEstimator<'a, 12>, DrivetrainState<12>),
+    Gearbox16(DrivetrainEstimator<'a, 16>, DrivetrainState<16>),
+    Rotor20(RotorEstimator<'a, 8, 20>, RotorState<8, 20>),
+    Rotor24(RotorEstimator<'a, 8, 24>, RotorState<8, 24>),
+    Bearing(BearingEstimator, BearingState),
+}
+
+// Inlined, the stack would hold the temporaries of all instances at once.
+#[inline(never)]
+fn start<'a, const NX: usize>(
+    model: GearboxModel<'a>,
+    kind: impl FnOnce(DrivetrainEstimator<'a, NX>, DrivetrainState<NX>) -> Kind<'a>,
+    slot: &mut Option<Estimator<'a>>,
+) -> Result<(), Error> {
+    let gearbox = DrivetrainEstimator::try_build(model)?;
+    let state = gearbox.start();
+    *slot = Some(Estimator {
+        kind: kind(gearbox, state),
+    });
+    Ok(())
+}
+
+#[inline(never)]
+fn start_rotor<'a, const NZ: usize, const NX: usize>(
+    model: RotorModel<'a>,
+    kind: impl FnOnce(RotorEstimator<'a, NZ, NX>, RotorState<NZ, NX>) -> Kind<'a>,
+    slot: &mut Option<Estimator<'a>>,
+) -> Result<(), Error> {
+    let rotor = RotorEstimator::try_build(model)?;
+    let state = rotor.start();
+    *slot = Some(Estimator {
+        kind: kind(rotor, state),
+    });
+    Ok(())
+}
+
+#[inline(never)]
+fn start_bearing(
+    model: BearingModel,
+    rate_hz: f32,
+    slot: &mut Option<Estimator<'_>>,
+) -> Result<(), Error> {
+    let bearing = BearingEstimator::try_build(model, rate_hz)?;
+    let state = bearing.start();
+    *slot = Some(Estimator {
+        kind: Kind::Bearing(bearing, state),
+    });
+    Ok(())
+}
+
+impl<'a> Estimator<'a> {
+    /// The line of `image`, before its first sample.
+    ///
+    /// # Errors
+    /// The name of the first number that is out of its range.
+    pub fn try_build(image: Image<'a>) -> Result<Self, Error> {
+        let mut slot = None;
+        Self::build_into(&mut slot, image)?;
+        slot.ok_or(Error::OutOfRange("number of states"))
+    }
+
+    /// As [`Self::try_build`], in its slot: a line is long, and where the
+    /// stack is short a copy on it too many.
+    ///
+    /// # Errors
+    /// As [`Self::try_build`]; the slot is as it was then.
+    #[inline(never)]
+    pub fn build_into(slot: &mut Option<Self>, image: Image<'a>) -> Result<(), Error> {
+        if !(image.rate_hz > 0.0 && image.rate_hz.is_finite()) {
+            return Err(Error::NotPositive("rate_hz"));
+        }
+        match image.model {
+            Model::Gearbox(model) => match model.scale.len() {
+                6 => start(model, Kind::Gearbox6, slot),
+                8 => start(model, Kind::Gearbox8, slot),
+                12 => start(model, Kind::Gearbox12, slot),
+                16 => start(model, Kind::Gearbox16, slot),
+                _ => Err(Error::OutOfRange("number of states")),
+            },
+            Model::Rotor(model) => match (model.modes, model.scale.len()) {
+                (8, 20) => start_rotor(model, Kind::Rotor20, slot),
+                (8, 24) => start_rotor(model, Kind::Rotor24, slot),
+                _ => Err(Error::OutOfRange("number of states")),
+            },
+            Model::Bearing(model) => start_bearing(model, image.rate_hz, slot),
+        }
+    }
+
+    /// Takes one sample and gives the estimate.
+    pub fn step(&mut self, raw: &RawSample) -> Estimate {
+        let mut estimate = self.estimate(raw);
+        estimate.contain();
+        estimate
+    }
+
+    fn estimate(&mut self, raw: &RawSample) -> Estimate {
+        match &mut self.kind {
+            Kind::Gearbox6(g, s) => g.step(s, raw),
+            Kind::Gearbox8(g, s) => g.step(s, raw),
+            Kind::Gearbox12(g, s) => g.step(s, raw),
+            Kind::Gearbox16(g, s) => g.step(s, raw),
+            Kind::Rotor20(r, s) => r.step(s, raw),
+            Kind::Rotor24(r, s) => r.step(s, raw),
+            Kind::Bearing(b, s) => b.step(s, raw),
+        }
+    }
+
+    /// Samples by which the estimates lag: that of tick `k` is of `k` minus them.
+    pub fn lag_samples(&self) -> usize {
+        match &self.kind {
+            Kind::Rotor20(r, _) => r.lag(),
+            Kind::Rotor24(r, _) => r.lag(),
+            _ => 0,
+        }
+    }
+
+    /// The tracked speed of a rotor that the estimate is of [rad/s]; 0 for other machines.
+    pub fn rotor_speed(&self) -> f32 {
+        match &self.kind {
+            Kind::Rotor20(r, s) => r.speed(s),
+            Kind::Rotor24(r, s) => r.speed(s),
+            _ => 0.0,
+        }
+    }
+
+    /// Index of the noise level by which the next sample of a rotor is estimated: 0 is that of the
+    /// description, and of other machines.
+    pub fn rotor_level(&self) -> u8 {
+        match &self.kind {
+            Kind::Rotor20(r, s) => r.level(s),
+            Kind::Rotor24(r, s) => r.level(s),
+            _ => 0,
+        }
+    }
+
+    /// Model error of a rotor that is allowed for, in the usual tolerances; 0 for other machines.
+    pub fn rotor_tolerance(&self) -> f32 {
+        match &self.kind {
+            Kind::Rotor20(r, s) => r.tolerance(s),
+            Kind::Rotor24(r, s) => r.tolerance(s),
+            _ => 0.0,
+        }
+    }
+
+    /// Covariance of a rotor's state by rows, in the image's scale, where it is not the steady one
+    /// of the speed; of the last sample, also where estimates lag.
+    pub fn rotor_covariance(&self) -> Option<&[f32]> {
+        match &self.kind {
+            Kind::Rotor20(r, s) => r.covariance(s),
+            Kind::Rotor24(r, s) => r.covariance(s),
+            _ => None,
+        }
+    }
+
+    /// The modal displacements and the rest of a rotor's state that the estimate is of, in the image's
+    /// scale, for displacements at nodes without sensor; empty for other machines.
+    pub fn rotor_state(&self) -> &[f32] {
+        match &self.kind {
+            Kind::Rotor20(r, s) => r.state(s),
+            Kind::Rotor24(r, s) => r.state(s),
+            _ => &[],
+        }
+    }
+}

@@ -1,0 +1,24 @@
+//! A load as it is sent, and the vectors that every image has.
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+/// Longest name of a machine or a load in an image (bytes).
+pub const MAX_NAME: usize = 24;
+
+/// A load as the outside knows it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LoadSignal {
+    /// Its name.
+    pub name: heapless::String<MAX_NAME>,
+    /// The load at the end of the scale on the bus [N m, N], > 0.
+    pub full_scale: f32,
+    /// A standard deviation above this makes the estimate not valid [N m, N], > 0.
+    pub valid_std: f32,
+}
+
+/// Small vectors of an image: states, noise, initial values.
+pub type StateVec<T> = Vec<T, MAX_STATES>;
+
+/// Most states that a model can have.
+pub const MAX_STATES: usize = 16;
