@@ -1,7 +1,7 @@
 //! Boards over their lives: uploads, cuts, bits that rot, cells that wear out.
 //!
 //! `LOADTWIN_HISTORIES` sets how many of each kind; 100 000 in all were run for the figures in
-//! docs/boards.md.
+//! docs/reference/boards.md.
 
 mod signer;
 

@@ -15,7 +15,7 @@ fn measured(folder: &str) -> Option<PathBuf> {
         return Some(path);
     }
     let line = format!(
-        "no {}: set LOADTWIN_DATA as docs/accuracy.md says",
+        "no {}: set LOADTWIN_DATA as docs/reference/accuracy.md says",
         path.display()
     );
     eprintln!("skipped: {line}");
@@ -31,12 +31,15 @@ fn measured(folder: &str) -> Option<PathBuf> {
     None
 }
 
-/// Each error of a measured drive in docs/accuracy.md is that of the laboratory notes.
+/// Each error of a measured drive in docs/reference/accuracy.md is that of the laboratory notes.
 #[test]
 fn the_accuracy_page_states_the_figures_of_the_laboratory_notes() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let read = |path: &str| std::fs::read_to_string(root.join(path)).unwrap();
-    let (page, notes) = (read("docs/accuracy.md"), read("docs/lab/results.md"));
+    let (page, notes) = (
+        read("docs/reference/accuracy.md"),
+        read("docs/lab/results.md"),
+    );
     let figure = |row: &str| -> Option<String> {
         let cell = row.split('|').find(|cell| cell.contains("** ("))?;
         Some(cell.trim().to_string())

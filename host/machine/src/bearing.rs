@@ -15,7 +15,7 @@ pub const SHAPES: usize = 5;
 ///
 /// `x` points forward, `y` along the axis, `z` up; the azimuth runs from `x`
 /// towards `z`. Loads are those that the inner ring puts on the outer ring,
-/// in the middle between the rows. `docs/bearing.md` draws them.
+/// in the middle between the rows. `docs/reference/bearing.md` draws them.
 ///
 /// Source: Kerst et al. 2019, section III and fig. 4.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]

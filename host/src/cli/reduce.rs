@@ -17,7 +17,7 @@ use crate::reduce::{GaugeMaps, Reduction, read_cases, read_nodes};
 /// Turn finite-element strains for unit loads into strain maps over the carrier angle.
 ///
 /// The machine's `drivetrain.gears` give the forces, each channel's `place` the
-/// position and direction of its gauge. docs/reduce.md says what to export from
+/// position and direction of its gauge. docs/how-to/strain-maps.md says what to export from
 /// a finite-element package.
 #[derive(Debug, Args)]
 pub struct Reduce {
