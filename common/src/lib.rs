@@ -4,6 +4,7 @@
 #![forbid(unsafe_code)]
 
 pub mod bearing;
+pub mod counting;
 pub mod drivetrain;
 pub mod error;
 pub mod estimator;
