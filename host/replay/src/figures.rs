@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use loadtwin_common::io::estimate::Estimate;
 use serde::Serialize;
 
-use super::Sample;
+use super::{Band, BandFigures, Sample};
 use loadtwin_machine::Machine;
-use loadtwin_math::metrics::{LoadError, Segment};
+use loadtwin_math::metrics::{Autocorrelation, LAGS, LoadError, Segment};
 
 /// Mean NIS that no noise, drift or small error of a description makes.
 const CONTRADICTING: f64 = 100.0;
@@ -22,6 +22,10 @@ pub struct Figures {
     segments_from_s: f64,
     steady: u64,
     nis: (f64, u64),
+    /// Of each load.
+    bands: Vec<Band>,
+    /// Normalised innovations of each sensor.
+    innovations: Vec<Autocorrelation>,
     flags: BTreeMap<&'static str, u64>,
 }
 
@@ -34,6 +38,17 @@ pub struct LoadFigures {
     pub rmse_percent: Option<f64>,
     /// Root mean square error [the load's unit].
     pub rmse: Option<f64>,
+    /// Valid samples inside the stated band.
+    pub band: Option<BandFigures>,
+}
+
+/// Whether the innovations of one sensor are white.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Whiteness {
+    /// Autocorrelation from one sample to the next; 0 in a consistent filter.
+    pub next: Option<f64>,
+    /// Lags of 1 to 25 samples whose autocorrelation is beyond what 99 % of white sequences have [%].
+    pub coloured_lags_percent: f64,
 }
 
 impl Figures {
@@ -58,6 +73,8 @@ impl Figures {
             .map(|r| position(&r.load))
             .collect();
         Self {
+            bands: vec![Band::default(); loads.len()],
+            innovations: Vec::new(),
             loads,
             reference_of,
             samples: 0,
@@ -82,9 +99,21 @@ impl Figures {
                 && load.std < f32::MAX
             {
                 error.push(sample.segment_t, f64::from(load.value), *reference);
+                if let Some(band) = self.bands.get_mut(*j).filter(|_| load.fault.is_none()) {
+                    band.push(f64::from(load.value) - reference, f64::from(load.std));
+                }
             }
         }
-        for sensor in &estimate.sensors {
+        self.innovations
+            .resize_with(estimate.sensors.len(), Autocorrelation::default);
+        for (sensor, sequence) in estimate.sensors.iter().zip(&mut self.innovations) {
+            let is_used = sensor.fault.is_none() && sensor.innovation_variance > 0.0;
+            let sigma = f64::from(sensor.innovation_variance).sqrt();
+            sequence.push(if is_used {
+                f64::from(sensor.innovation) / sigma
+            } else {
+                f64::NAN
+            });
             if !sensor.fault.is_none() {
                 *self.flags.entry(sensor.fault.name()).or_default() += 1;
             } else if sensor.innovation_variance > 0.0 {
@@ -112,6 +141,24 @@ impl Figures {
     /// Mean normalised innovation squared of one channel; 1 in a consistent filter.
     pub fn nis_mean(&self) -> Option<f64> {
         (self.nis.1 > 0).then(|| self.nis.0 / self.nis.1 as f64)
+    }
+
+    /// Whiteness of the innovations of each sensor, in the order of the sensors.
+    pub fn whiteness(&self) -> Vec<Whiteness> {
+        (self.innovations.iter())
+            .map(|sequence| Whiteness {
+                next: sequence.coefficients()[0],
+                coloured_lags_percent: 100.0 * sequence.significant_lags().len() as f64
+                    / LAGS as f64,
+            })
+            .collect()
+    }
+
+    /// Largest autocorrelation of innovations from one sample to the next, by size.
+    pub fn largest_next(&self) -> Option<f64> {
+        (self.whiteness().iter())
+            .filter_map(|of| of.next)
+            .max_by(|a, b| a.abs().total_cmp(&b.abs()))
     }
 
     /// Where the readings contradict the description, that in one line.
@@ -155,6 +202,9 @@ impl Figures {
                     nmae_percent: nmae,
                     rmse_percent: rmse.map(|rmse| 100.0 * rmse / nominal),
                     rmse,
+                    band: (self.bands.get(j))
+                        .filter(|_| known)
+                        .and_then(Band::figures),
                 };
                 (name.as_str(), figures)
             })

@@ -1,6 +1,7 @@
 //! `loadtwin replay`: the estimator on a recording.
 #![forbid(unsafe_code)]
 
+mod band;
 mod baselines;
 mod bearing_rig;
 mod displacements;
@@ -22,11 +23,12 @@ use loadtwin_common::image::Image;
 use loadtwin_common::io::estimate::Estimate;
 use thiserror::Error;
 
+pub use band::{Band, BandFigures};
 pub use baselines::Baselines;
 pub use bearing_rig::{RecordedError, recorded};
 pub use displacements::{Displacements, NodeFigures, displacement_columns};
 pub use estimates::{ESTIMATES, EstimateWriter};
-pub use figures::{Figures, LoadFigures};
+pub use figures::{Figures, LoadFigures, Whiteness};
 pub use index::IndexError;
 pub use nodes::{NodeChoice, NodeColumns};
 pub use page::ReportPage;

@@ -116,6 +116,26 @@ fn key_figures(figures: &Figures) -> Vec<KeyFigure> {
             })
         })
         .collect();
+    for (name, load) in figures.loads() {
+        if let Some(band) = load.band {
+            let [one, two, three] = band.inside_percent;
+            key_figures.push(KeyFigure {
+                label: format!("inside 2 σ {name}"),
+                value: format!("{two:.1} %"),
+                note: format!(
+                    "1 σ {one:.1} %, 3 σ {three:.1} %, error over σ {:.2}; normal: 95.4, 68.3, 99.7 % and 1",
+                    band.error_over_sigma
+                ),
+            });
+        }
+    }
+    if let Some(next) = figures.largest_next() {
+        key_figures.push(KeyFigure {
+            label: "innovations, one sample to the next".into(),
+            value: format!("{next:.2}"),
+            note: "largest autocorrelation of a sensor; 0 in a consistent filter".into(),
+        });
+    }
     if let Some(nis) = figures.nis_mean() {
         key_figures.push(KeyFigure {
             label: "mean NIS".into(),

@@ -61,6 +61,8 @@ pub struct Replay {
 /// What one replay found.
 pub(super) struct Outcome {
     pub(super) set: String,
+    /// Names of its sensors.
+    pub(super) sensors: Vec<String>,
     pub(super) filter: Filter,
     pub(super) figures: Figures,
     pub(super) displacements: Displacements,
@@ -232,6 +234,9 @@ fn one_set(
     )?;
     Ok(Outcome {
         set: sensors.name.clone(),
+        sensors: (sensors.channels.iter().map(|c| c.name.clone()))
+            .chain(sensors.encoders.iter().map(|e| e.name.clone()))
+            .collect(),
         filter: sensors.filter,
         figures,
         displacements,
@@ -279,6 +284,10 @@ pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> 
         .loads()
         .map(|(name, load)| (name.to_owned(), json!(load)))
         .collect();
+    let whiteness: serde_json::Map<String, Value> = (outcome.sensors.iter())
+        .zip(figures.whiteness())
+        .map(|(name, of)| (name.clone(), json!(of)))
+        .collect();
     json!({
         "machine": machine.name,
         "recording": recording,
@@ -291,6 +300,7 @@ pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> 
         "samples_per_second": figures.samples() as f64 / outcome.seconds,
         "loads": loads,
         "nis_mean": figures.nis_mean(),
+        "whiteness": whiteness,
         "reading_notes": outcome.reading,
         "flags": figures.flags(),
         "virtual": outcome.displacements.nodes(),
@@ -313,7 +323,15 @@ pub(super) fn print_table(machine: &Machine, outcomes: &[Outcome]) {
     for segment in &machine.segments {
         header += &format!("{:>11}", segment.name);
     }
-    say!("{header}{:>8}{:>8}", "RMSE", "NIS");
+    say!(
+        "{header}{:>8}{:>8}{:>8}{:>8}{:>8}{:>8}",
+        "RMSE",
+        "NIS",
+        "next",
+        "1 σ %",
+        "2 σ %",
+        "3 σ %"
+    );
     for outcome in outcomes {
         for (name, load) in outcome.figures.loads() {
             if load.rmse.is_none()
@@ -335,10 +353,18 @@ pub(super) fn print_table(machine: &Machine, outcomes: &[Outcome]) {
                     cell(load.nmae_percent.get(&segment.name).copied().flatten())
                 );
             }
+            let inside = |k: usize| {
+                let percent = load.band.map(|band| band.inside_percent[k]);
+                percent.map_or_else(|| "-".to_owned(), |percent| format!("{percent:.1}"))
+            };
             say!(
-                "{line}{:>8}{:>8}",
+                "{line}{:>8}{:>8}{:>8}{:>8}{:>8}{:>8}",
                 cell(load.rmse_percent),
-                cell(outcome.figures.nis_mean())
+                cell(outcome.figures.nis_mean()),
+                cell(outcome.figures.largest_next()),
+                inside(0),
+                inside(1),
+                inside(2)
             );
         }
     }
