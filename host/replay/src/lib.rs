@@ -4,6 +4,7 @@
 mod band;
 mod baselines;
 mod bearing_rig;
+mod comparison;
 mod displacements;
 mod estimates;
 mod figures;
@@ -26,6 +27,7 @@ use thiserror::Error;
 pub use band::{Band, BandFigures};
 pub use baselines::Baselines;
 pub use bearing_rig::{RecordedError, recorded};
+pub use comparison::{Change, Comparison, Course};
 pub use displacements::{Displacements, NodeFigures, displacement_columns};
 pub use estimates::{ESTIMATES, EstimateWriter};
 pub use figures::{Figures, LoadFigures, Whiteness};

@@ -3,7 +3,7 @@
 use special::Beta;
 
 /// Stretches apart over which a recording may stay as loud as it is.
-const APART: usize = 3;
+pub(super) const APART: usize = 3;
 
 /// Probability of a value outside the interval.
 const OUTSIDE: f64 = 0.05;
@@ -85,7 +85,7 @@ fn prediction_factor(relative_variance: f64) -> Option<f64> {
 }
 
 /// What Student's t is beyond, on either side, in 5 of 100 cases.
-fn student(freedom: f64) -> f64 {
+pub(super) fn student(freedom: f64) -> f64 {
     let (a, b) = (0.5 * freedom, 0.5);
     let x = OUTSIDE.inv_inc_beta(a, b, a.ln_beta(b));
     (freedom * (1.0 - x) / x).sqrt()
