@@ -51,7 +51,7 @@ pub struct Calibrate {
     #[arg(long, value_name = "DEGREES", default_value_t = 6.0)]
     patch: f64,
     /// Sensitivity over the carrier angle that the output gets.
-    #[arg(long, value_enum, default_value_t = Maps::Placed)]
+    #[arg(long, value_enum, default_value_t = Maps::Best)]
     maps: Maps,
     /// Largest mean absolute error of a gauge that is proposed for use [um/m];
     /// for channels other than strain there is no limit.
@@ -70,6 +70,8 @@ enum Maps {
     Placed,
     /// The measured surface itself.
     Measured,
+    /// Of each gauge the one with the smaller error on turns of the carrier that it was not fitted to.
+    Best,
 }
 
 impl Calibrate {
@@ -105,6 +107,7 @@ impl Calibrate {
         let source = match self.maps {
             Maps::Placed => MapSource::Placed,
             Maps::Measured => MapSource::Measured,
+            Maps::Best => MapSource::Best,
         };
         let patch_rad = self.patch.to_radians();
         let gauges = calibrate::calibrate(
@@ -331,6 +334,7 @@ fn report(machine: &Machine, gauge: &Gauge, source: MapSource) -> Value {
         "gain": gauge.placement.as_ref().map(|p| p.gain),
         "shift_deg": gauge.placement.as_ref().map(|p| p.shift_rad.to_degrees()),
         "spread_deg": gauge.placement.as_ref().map(|p| p.spread_rad.to_degrees()),
+        "map": gauge.source(source).name(),
         "node": gauge.placement.as_ref().and_then(|p| p.node.as_ref()),
         "mae_before": gauge.placement.as_ref().map(|p| own(p.mae_before)),
         "mae": gauge.placement.as_ref().map(|p| own(p.mae)),

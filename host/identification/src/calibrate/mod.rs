@@ -3,9 +3,11 @@
 //! Reads recordings in two passes, the motion first and then the readings,
 //! and keeps sums over the carrier angle instead of samples.
 
+mod answer;
 mod description;
 mod fault;
 mod gauge_model;
+mod map_selection;
 mod measurement_noise;
 mod moments;
 mod motion;
@@ -14,7 +16,6 @@ mod placement;
 mod selection;
 mod surface;
 
-use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
@@ -23,6 +24,7 @@ use thiserror::Error;
 pub use crate::calibrate::description::{Description, DescriptionError, map_file};
 pub use crate::calibrate::fault::GaugeFault;
 pub use crate::calibrate::gauge_model::{calibrated, maps_beside, with_noise};
+pub use crate::calibrate::map_selection::MapSource;
 pub use crate::calibrate::moments::{BINS, Moments, Sums};
 pub use crate::calibrate::motion::Motion;
 pub use crate::calibrate::page::{Proposal, page};
@@ -31,7 +33,8 @@ pub use crate::calibrate::selection::{Candidate, fronts, select};
 pub use crate::calibrate::surface::Surface;
 pub use measurement_noise::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
 
-use loadtwin_machine::{Channel, Machine, MachineError, Senses, earlier};
+use self::answer::Answered;
+use loadtwin_machine::{Channel, Machine, MachineError, Senses};
 use loadtwin_recording::{Column, Quantity, Reader, RecordingError, Unit, Wanted, columns};
 use loadtwin_replay::ReplayError;
 
@@ -72,6 +75,8 @@ pub struct Observations {
     /// Sums of each channel, in the order of the machine; none for a channel
     /// that measures no load, or for one that no reference tells the truth of.
     pub channels: Vec<Option<Moments>>,
+    /// The same of the even and of the odd turns of the carrier.
+    pub turn_parity: Vec<Option<[Moments; 2]>>,
     /// Samples read.
     pub samples: u64,
     /// Turns of the carrier that were used.
@@ -87,16 +92,31 @@ impl Observations {
     pub fn read(
         machine: &Machine,
         recordings: &[PathBuf],
+        progress: impl FnMut(f64),
+    ) -> Result<Self, CalibrateError> {
+        Self::read_part(machine, recordings, 1.0, progress)
+    }
+
+    /// As [`Observations::read`], of the first `part` of each recording, 0 to 1.
+    ///
+    /// # Errors
+    /// As [`Observations::read`].
+    pub fn read_part(
+        machine: &Machine,
+        recordings: &[PathBuf],
+        part: f64,
         mut progress: impl FnMut(f64),
     ) -> Result<Self, CalibrateError> {
         let mut all = Self {
             channels: machine.channels.iter().map(|_| None).collect(),
+            turn_parity: machine.channels.iter().map(|_| None).collect(),
             samples: 0,
             turns: 0.0,
         };
         for (i, recording) in recordings.iter().enumerate() {
             let done = |part: f64| (i as f64 + part) / recordings.len() as f64;
-            let motion = Motion::read(machine, recording, |part| progress(done(0.3 * part)))?;
+            let mut motion = Motion::read(machine, recording, |part| progress(done(0.3 * part)))?;
+            motion.use_first(part);
             if !motion.homed() {
                 return Err(CalibrateError::TooLittle {
                     recording: recording.clone(),
@@ -146,32 +166,34 @@ impl Observations {
             .map(|i| motion.angle(i).unwrap_or(f64::NAN))
             .collect();
         let warming = warming(machine, recording)?;
-        let mut jobs: Vec<(&Channel, &mut Moments, Answered<'_>)> = machine
+        let mut jobs: Vec<Reading<'_>> = machine
             .channels
             .iter()
-            .zip(&mut self.channels)
-            .filter_map(|(channel, slot)| {
+            .zip(self.channels.iter_mut().zip(&mut self.turn_parity))
+            .filter_map(|(channel, (slot, turn_parity))| {
                 let sensed = sensed(channel)?;
                 let answered = Answered::new(machine, channel, &angles, sensed, warming.as_deref());
-                Some((channel, slot.get_or_insert_default(), answered))
+                Some(Reading {
+                    channel,
+                    moments: slot.get_or_insert_default(),
+                    turn_parity: turn_parity.get_or_insert_default(),
+                    answered,
+                })
             })
             .collect();
-        let mut reader = open(
-            machine,
-            recording,
-            jobs.iter().map(|(channel, ..)| *channel),
-        )?;
+        let mut reader = open(machine, recording, jobs.iter().map(|job| job.channel))?;
         let words: Vec<bool> = jobs
             .iter()
-            .map(|(channel, ..)| is_words(reader.columns(), channel))
+            .map(|job| is_words(reader.columns(), job.channel))
             .collect();
         let mut row = 0;
         while let Some(block) = reader.next().transpose()? {
             jobs.par_iter_mut()
                 .zip(&words)
                 .zip(&block.columns)
-                .for_each(|(((channel, moments, answered), words), column)| {
+                .for_each(|((job, words), column)| {
                     let Some(column) = column else { return };
+                    let (channel, answered) = (job.channel, &job.answered);
                     let stuck_after = match channel.adc.stuck_after {
                         0 => (fault::STUCK_AFTER_S * machine.rate_hz) as u32,
                         words => u32::from(words),
@@ -182,10 +204,15 @@ impl Observations {
                         } else {
                             *value
                         };
-                        moments.watch(y, stuck_after);
+                        job.moments.watch(y, stuck_after);
                         let k = row + i;
                         if !y.is_nan() && k < answered.angle.len() {
-                            moments.push(answered.angle[k], answered.bent[k], y - answered.zero[k]);
+                            let (angle, bent) = (answered.angle[k], answered.bent[k]);
+                            let y = y - answered.zero[k];
+                            job.moments.push(angle, bent, y);
+                            let turn = (angle / std::f64::consts::TAU).floor();
+                            job.turn_parity[usize::from(turn.rem_euclid(2.0) == 1.0)]
+                                .push(angle, bent, y);
                         }
                     }
                 });
@@ -201,52 +228,12 @@ impl Observations {
     }
 }
 
-/// What the reading of a channel is in proportion to, and how its zero moves; where the carrier was.
-struct Answered<'a> {
-    /// Carrier angle when each reading was taken [rad]; NaN where it is not known.
-    angle: Cow<'a, [f64]>,
-    /// As [`Channel::bent`], warmed.
-    bent: Vec<f64>,
-    /// Creep, hysteresis and warmth [SI].
-    zero: Vec<f64>,
-}
-
-impl<'a> Answered<'a> {
-    fn new(
-        machine: &Machine,
-        channel: &Channel,
-        angle: &'a [f64],
-        sensed: &[f64],
-        warming: Option<&[f64]>,
-    ) -> Self {
-        let late = channel.late_s * machine.rate_hz;
-        let sensed = &earlier(sensed, late);
-        let nominal = (machine.drivetrain.as_ref())
-            .map_or(1.0, |drivetrain| drivetrain.nominal_sensed(&channel.senses));
-        let level = |s: &f64| if s.is_finite() { s / nominal } else { 0.0 };
-        let crept = channel.creep.map_or(vec![0.0; sensed.len()], |creep| {
-            creep.course(sensed.iter().map(level), 1.0 / machine.rate_hz)
-        });
-        let mut last = 0.0;
-        let held = sensed.iter().map(|s| {
-            if s.is_finite() {
-                last = s / nominal;
-            }
-            last
-        });
-        let turned = (channel.hysteresis).map_or(vec![0.0; sensed.len()], |h| h.course(held));
-        let thermal = channel.thermal.unwrap_or_default();
-        let warm = |i: usize| warming.and_then(|w| w.get(i)).copied().unwrap_or(0.0);
-        Self {
-            angle: earlier(angle, late),
-            bent: (sensed.iter().enumerate())
-                .map(|(i, s)| channel.bent(*s, nominal) * (1.0 + thermal.gain_per_k * warm(i)))
-                .collect(),
-            zero: (crept.into_iter().zip(turned).enumerate())
-                .map(|(i, (z, q))| channel.to_si(z + q + thermal.zero_per_k * warm(i)))
-                .collect(),
-        }
-    }
+/// A channel while a recording is read.
+struct Reading<'a> {
+    channel: &'a Channel,
+    moments: &'a mut Moments,
+    turn_parity: &'a mut [Moments; 2],
+    answered: Answered<'a>,
 }
 
 /// How much warmer each sample of `recording` is than where zeros hold [K]; none where no gauge
@@ -336,15 +323,8 @@ pub struct Gauge {
     pub noise: Option<MeasurementNoise>,
     /// What is wrong with it.
     pub fault: Option<GaugeFault>,
-}
-
-/// Which sensitivity the calibrated description gets.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MapSource {
-    /// The described map, moved and spread over the patch of candidates.
-    Placed,
-    /// The surface that was fitted to the readings.
-    Measured,
+    /// The source with the smaller error on turns of the carrier that it was not fitted to.
+    pub best: MapSource,
 }
 
 /// Fits every channel of `machine` to its observations.
@@ -424,6 +404,10 @@ pub fn calibrate(
                 placement,
                 noise: None,
                 fault,
+                best: match &observations.turn_parity[*i] {
+                    Some(halves) => map_selection::best(halves, map, patch, described, patch_rad),
+                    None => MapSource::Placed,
+                },
             };
             gauge.noise = gauge.model(source).map(|(offset, map)| {
                 MeasurementNoise::new(
@@ -441,10 +425,18 @@ pub fn calibrate(
 }
 
 impl Gauge {
+    /// Where the map of `asked` comes from.
+    pub fn source(&self, asked: MapSource) -> MapSource {
+        match asked {
+            MapSource::Best => self.best,
+            given => given,
+        }
+    }
+
     /// Offset and sensitivity over the angle of the calibrated model.
     pub fn model(&self, source: MapSource) -> Option<(f64, &[f64])> {
-        match source {
-            MapSource::Placed => self
+        match self.source(source) {
+            MapSource::Placed | MapSource::Best => self
                 .placement
                 .as_ref()
                 .map(|p| (p.offset, p.map.as_slice())),

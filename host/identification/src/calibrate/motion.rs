@@ -200,6 +200,15 @@ impl Motion {
         }
     }
 
+    /// Leaves all samples after the first `part`, 0 to 1, unused.
+    pub fn use_first(&mut self, part: f64) {
+        let used = (part * self.usable.len() as f64) as usize;
+        self.usable
+            .iter_mut()
+            .skip(used)
+            .for_each(|usable| *usable = false);
+    }
+
     /// Number of samples.
     pub fn len(&self) -> usize {
         self.angle.len()
