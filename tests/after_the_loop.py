@@ -45,6 +45,15 @@ def errors(machine, recording, load):
     return nmae
 
 
+def tune(machine, recording, to):
+    """The tuned description, or that as it is where tuning is not shown to be no worse."""
+    try:
+        loadtwin("tune", machine, recording, "--method", "likelihood", "-o", to)
+    except subprocess.CalledProcessError:
+        return machine
+    return to
+
+
 def loop(individual, effect, load, folder):
     """What was named, and the errors at each of the four stages."""
 
@@ -62,10 +71,9 @@ def loop(individual, effect, load, folder):
     unseen = recorded("start-stop", 300 + individual)
     found, tuned, only = folder / "found.toml", folder / "tuned.toml", folder / "only.toml"
     named = loadtwin("diagnose", MACHINE, fitted, "--out", found)
-    if not named["effects"]:
+    if not found.exists():
         found = MACHINE
-    for machine, to in [(found, tuned), (MACHINE, only)]:
-        loadtwin("tune", machine, tuning, "--method", "likelihood", "-o", to)
+    tuned, only = (tune(machine, tuning, to) for machine, to in [(found, tuned), (MACHINE, only)])
     names = ", ".join(e["name"] for e in named["effects"]) or named["verdict"]
     stages = [errors(machine, unseen, load) for machine in (MACHINE, found, tuned, only)]
     return names, stages

@@ -8,6 +8,7 @@ use loadtwin::build::{self, Sensors};
 use loadtwin::machine::Machine;
 use loadtwin::rotor_tune::Trial;
 use loadtwin::simulate::{RotorScenario, RotorSimulation};
+use loadtwin::tune::Training;
 use serde_json::Value;
 
 /// Noise of the sensors in that of the description.
@@ -54,7 +55,14 @@ fn the_objectives_of_the_paper_hold_where_the_speed_varies() {
     simulation.write(&path, |_| ()).unwrap();
     let sensors = Sensors::choose(&machine, None).unwrap();
     let payload = build::image(&machine, &sensors).unwrap();
-    let trial = Trial::new(&machine, rotor, &sensors, &payload, &[path]).unwrap();
+    let trial = Trial::new(
+        &machine,
+        rotor,
+        &sensors,
+        &payload,
+        Training::whole(&[path]),
+    )
+    .unwrap();
     let objectives = trial.run(&[0.0; 8]).objectives;
     println!("objectives in a run-up: {objectives:?}");
     assert!(objectives.iter().all(|f| *f < 0.02), "{objectives:?}");

@@ -19,6 +19,7 @@ mod simulate;
 mod spool;
 mod tables;
 mod tune;
+mod tune_report;
 mod tune_rotor;
 mod zero;
 

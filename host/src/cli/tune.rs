@@ -1,38 +1,44 @@
 //! `loadtwin tune`.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use serde_json::{Map, Value, json};
+use rayon::prelude::*;
+use serde_json::{Value, json};
 
 use super::layout::LayoutFile;
 use super::output::{note, say};
 use super::plan::{Plan, Replace};
 use super::progress::Progress;
-use crate::atomic_file::{AtomicFile, Complete, publish};
+use super::tune_report::{
+    check_lines, check_report, complete_response, doubts, load_names, noise_report, print,
+    process_noise, reached, report, shortfalls,
+};
+use crate::atomic_file::{Complete, publish};
 use crate::build::Sensors;
 use crate::calibrate::{Description, with_noise};
 use crate::files::content::Content;
-use crate::machine::{Channel, Machine};
+use crate::files::scratch::Scratch;
+use crate::machine::Machine;
+use crate::recording::columns;
 use crate::report::PAGE;
 use crate::tune::{
-    LoadNoise, MeasurementNoise, Method, Tuned, common_walk, measure_noise, page, rms,
-    sampled_process_noise, tune_loads,
+    Check, Descriptions, HOLDOUT_PART, Holdout, MeasurementNoise, Method, Training, Tuned,
+    common_walk, measure_noise, page, tune_loads,
 };
-
-/// First column of a response.
-const FREQUENCY: &str = "f [Hz]";
 
 /// What is written as the response of the estimated to the true loads.
 const RESPONSE: Content = Content {
     noun: "frequency response",
     suffixes: &["csv"],
-    is_same: |file| Ok(file.header().starts_with(FREQUENCY.as_bytes())),
+    is_same: |file| {
+        Ok(file
+            .header()
+            .starts_with(super::tune_report::FREQUENCY.as_bytes()))
+    },
 };
-
-/// Draws of the Monte Carlo check of the process noise.
-const DRAWS: usize = 2000;
 
 /// Choose the noise of the filter from recordings and from the wanted bandwidth.
 ///
@@ -42,6 +48,11 @@ const DRAWS: usize = 2000;
 /// rotor: walk of the loads, model error, spread
 /// before the first sample and noise of the sensors, by the likelihood of the
 /// innovations and by the differential evolution of the paper, side by side.
+///
+/// Of a drivetrain the described and the tuned noise run on data that took no part. Written are the walks of
+/// sets that are shown not to be worse: the error of no load rises by more than 0.1 % of nominal at the upper
+/// end of its 95 % interval (without references: they are not less likely). If nothing remains, nothing is
+/// written and the exit code is 1.
 #[derive(Debug, Args)]
 pub struct Tune {
     /// Machine description (TOML), calibrated.
@@ -52,12 +63,12 @@ pub struct Tune {
     /// Only this set of sensors.
     #[arg(long, value_name = "NAME")]
     pub(super) sensors: Option<String>,
-    /// How the noise is chosen: on a drivetrain that of the loads' steps, frf where
-    /// absent; on a rotor all of it, likelihood where absent.
+    /// How the noise is chosen: on a drivetrain that of the loads' steps, where absent reference if a
+    /// recording has reference loads, else likelihood; on a rotor all of it, likelihood where absent.
     #[arg(long, value_enum)]
     pub(super) method: Option<Choice>,
-    /// A recording that takes no part and on which the methods for a rotor are judged;
-    /// without it the first of those that are tuned on.
+    /// A recording that takes no part and on which the noise is evaluated; without it the last
+    /// third of each recording, which is held out.
     #[arg(long, value_name = "RECORDING")]
     pub(super) validate: Option<PathBuf>,
     /// Also say what the other methods would choose.
@@ -98,6 +109,8 @@ pub(super) enum Choice {
     LCurve,
     /// Largest likelihood of the innovations; of several sets of sensors the median is written.
     Likelihood,
+    /// Least mean absolute error to the reference loads.
+    Reference,
     /// On a rotor: differential evolution on the paper's two objectives.
     Evolution,
 }
@@ -111,19 +124,20 @@ impl Choice {
             Self::Innovation => Method::Innovation,
             Self::LCurve => Method::LCurve,
             Self::Likelihood => Method::Likelihood,
+            Self::Reference => Method::Reference,
             Self::Evolution => anyhow::bail!(
                 "--method: found evolution, allowed on a drivetrain: frf, frf-per-band, \
-                 innovation, l-curve, likelihood"
+                 innovation, l-curve, likelihood, reference"
             ),
         })
     }
 }
 
 /// One tuned set of sensors.
-struct Set {
-    name: String,
-    tuned: Tuned,
-    seconds: f64,
+pub(super) struct Set {
+    pub(super) name: String,
+    pub(super) tuned: Tuned,
+    pub(super) seconds: f64,
 }
 
 /// Walk of each load that is written for each set, `[set][load]` [N m/sqrt(s)].
@@ -137,6 +151,31 @@ fn chosen_walks(sets: &[Set], method: Method) -> Vec<Vec<f64>> {
     match method {
         Method::Likelihood => vec![common_walk(&told().collect::<Vec<_>>()); sets.len()],
         _ => told().map(<[f64]>::to_vec).collect(),
+    }
+}
+
+/// R and the walks of all sets, with what they come to on the hold-out data.
+struct Attempt {
+    noise: Vec<(usize, MeasurementNoise)>,
+    machine: Machine,
+    sets: Vec<Set>,
+    /// Walks of the loads of each of `sets`.
+    walks: Vec<Vec<f64>>,
+    /// Each set of the description, the tuned ones first.
+    checks: Vec<Check>,
+    /// Holds the noise map.
+    _folder: Scratch,
+}
+
+impl Attempt {
+    /// Whether measured R makes no set worse.
+    fn is_accepted(&self) -> bool {
+        !self.checks.iter().any(Check::refuses_noise)
+    }
+
+    /// Whether the tuned noise of some set is written; R alone is not, for nothing shows that it helps.
+    fn has_news(&self) -> bool {
+        self.is_accepted() && self.checks.iter().any(Check::takes_walks)
     }
 }
 
@@ -154,198 +193,276 @@ impl Tune {
         if let Some(rotor) = &described.rotor {
             return self.run_rotor(&described, rotor, as_json);
         }
-        anyhow::ensure!(
-            self.validate.is_none(),
-            "--validate: there is nothing to judge on a drivetrain; allowed: a machine with [rotor]"
-        );
-        let method = self.method.unwrap_or(Choice::Frf).method()?;
-        let cutoff_hz = self.cutoff.unwrap_or(described.tuning.cutoff_hz);
+        let method = match self.method {
+            Some(choice) => choice.method()?,
+            None => default_method(&described, &self.recordings)?,
+        };
         let started = Instant::now();
-        let folder = crate::files::scratch::Scratch::new()?;
-        let noise = if self.keep_r {
-            Vec::new()
+        let mut attempt = self.attempt(&described, method, !self.keep_r)?;
+        if !attempt.is_accepted() {
+            let refused = attempt.checks.iter().filter(|check| check.refuses_noise());
+            for worse in refused.filter_map(|check| check.measured.as_ref()) {
+                note(format_args!(
+                    "R stays as described, for with measured R this is not shown to be no worse: {}\n",
+                    worse.line()
+                ));
+            }
+            attempt = self.attempt(&described, method, false)?;
+        }
+        let cutoff_hz = self.cutoff.unwrap_or(described.tuning.cutoff_hz);
+        if as_json {
+            let mut out = self.json(&attempt, method, cutoff_hz);
+            out["seconds"] = json!(started.elapsed().as_secs_f64());
+            say!("{out}");
         } else {
+            print(&attempt.machine, &attempt.sets);
+            say!("{}:", self.holdout_text());
+            for check in &attempt.checks {
+                for line in check_lines(check) {
+                    say!("  {line}");
+                }
+            }
+            for doubt in doubts(&attempt.machine, &attempt.sets, &attempt.walks) {
+                note(format_args!("{doubt}\n"));
+            }
+            for short in shortfalls(&attempt.machine, &attempt.sets, cutoff_hz) {
+                note(format_args!("{short}\n"));
+            }
+        }
+        anyhow::ensure!(
+            self.output.is_none() || attempt.has_news(),
+            "nothing is written: for no set of sensors is the tuned noise shown not to be worse than the described \
+             noise, by more than 0.1 % of a nominal load, or less likely ({}); give recordings that are more alike \
+             those of use, another --method, or leave the description as it is",
+            self.holdout_text()
+        );
+        self.publish(&described, &attempt, cutoff_hz)
+    }
+
+    /// Recordings to tune on, without what is held out.
+    pub(super) fn training(&self) -> Training<'_> {
+        let part = match self.validate {
+            Some(_) => 1.0,
+            None => 1.0 - HOLDOUT_PART,
+        };
+        Training {
+            recordings: &self.recordings,
+            part,
+        }
+    }
+
+    pub(super) fn holdout(&self) -> Holdout<'_> {
+        match &self.validate {
+            Some(recording) => Holdout {
+                recordings: std::slice::from_ref(recording),
+                part: 1.0,
+            },
+            None => Holdout {
+                recordings: &self.recordings,
+                part: HOLDOUT_PART,
+            },
+        }
+    }
+
+    pub(super) fn holdout_text(&self) -> String {
+        match &self.validate {
+            Some(recording) => format!("hold-out recording {}", recording.display()),
+            None => "hold-out, the last third of each recording".into(),
+        }
+    }
+
+    /// Tunes all sets that are asked for, with R measured or as described, and evaluates every set
+    /// of the description.
+    fn attempt(
+        &self,
+        described: &Machine,
+        method: Method,
+        measures: bool,
+    ) -> anyhow::Result<Attempt> {
+        let folder = Scratch::new()?;
+        let noise = if measures {
             let progress = Progress::new("noise");
-            measure_noise(&described, &self.recordings[0], |part| progress.show(part))?
+            let (recording, part) = (&self.recordings[0], self.training().part);
+            measure_noise(described, recording, part, |part| progress.show(part))?
+        } else {
+            Vec::new()
         };
         let measured = noise.iter().map(|(i, noise)| (*i, noise));
-        let machine = with_noise(&described, measured, folder.path())?;
-        let noise_seconds = started.elapsed().as_secs_f64();
+        let machine = with_noise(described, measured, folder.path())?;
+        let (names, others) = self.sets(&machine);
+        let progress = Progress::new("tune");
+        let mut sets = Vec::new();
+        for (k, name) in names.iter().enumerate() {
+            let part = |part| progress.show((k as f64 + part) / (names.len() + 1) as f64);
+            sets.push(self.tuned(&machine, name.as_deref(), method, part)?);
+        }
+        let walks = chosen_walks(&sets, method);
+        for (set, walk) in sets.iter_mut().zip(&walks) {
+            set.tuned.response = set.tuned.response_with(walk);
+        }
+        let descriptions = Descriptions {
+            described,
+            measured: &machine,
+        };
+        let by_name: Vec<BTreeMap<String, f64>> = (walks.iter())
+            .map(|walk| {
+                load_names(&machine)
+                    .map(str::to_owned)
+                    .zip(walk.iter().copied())
+                    .collect()
+            })
+            .collect();
+        let tuned = names.iter().zip(by_name.iter().map(Some));
+        // As described they need no check.
+        let others = if noise.is_empty() { Vec::new() } else { others };
+        let untuned = others.iter().map(|name| (name, None));
+        let jobs: Vec<_> = tuned.chain(untuned).collect();
+        let checks = jobs
+            .into_par_iter()
+            .map(|(name, walks)| self.holdout().check(descriptions, name.as_deref(), walks))
+            .collect::<Result<Vec<_>, _>>()?;
+        Ok(Attempt {
+            noise,
+            machine,
+            sets,
+            walks,
+            checks,
+            _folder: folder,
+        })
+    }
+
+    fn tuned(
+        &self,
+        machine: &Machine,
+        name: Option<&str>,
+        method: Method,
+        progress: impl Fn(f64),
+    ) -> anyhow::Result<Set> {
+        let started = Instant::now();
         let mut methods = vec![method];
         if self.compare {
             methods.extend(Method::ALL.into_iter().filter(|m| *m != method));
         }
-        let names: Vec<Option<String>> = match (&self.sensors, machine.sensor_sets.as_slice()) {
-            (Some(name), _) => vec![Some(name.clone())],
-            (None, []) => vec![None],
-            (None, sets) => sets.iter().map(|set| Some(set.name.clone())).collect(),
-        };
-        let progress = Progress::new("tune");
-        let mut sets = Vec::new();
-        for (k, name) in names.iter().enumerate() {
-            let started = Instant::now();
-            let sensors = Sensors::choose(&machine, name.as_deref())?;
-            let tuned = tune_loads(
-                &machine,
-                &sensors,
-                &self.recordings,
-                cutoff_hz,
-                &methods,
-                |part| {
-                    progress.show((k as f64 + part) / names.len() as f64);
-                },
-            )?;
-            sets.push(Set {
-                name: sensors.name,
-                tuned,
-                seconds: started.elapsed().as_secs_f64(),
-            });
+        let cutoff_hz = self.cutoff.unwrap_or(machine.tuning.cutoff_hz);
+        let sensors = Sensors::choose(machine, name)?;
+        let tuned = tune_loads(
+            machine,
+            &sensors,
+            self.training(),
+            cutoff_hz,
+            &methods,
+            progress,
+        )?;
+        Ok(Set {
+            name: sensors.name,
+            tuned,
+            seconds: started.elapsed().as_secs_f64(),
+        })
+    }
+
+    /// Names of the sets that are tuned, and of the others.
+    fn sets(&self, machine: &Machine) -> (Vec<Option<String>>, Vec<Option<String>>) {
+        let all = || machine.sensor_sets.iter().map(|set| set.name.clone());
+        match (&self.sensors, machine.sensor_sets.as_slice()) {
+            (Some(name), _) => {
+                let others = all().filter(|other| other != name).map(Some).collect();
+                (vec![Some(name.clone())], others)
+            }
+            (None, []) => (vec![None], Vec::new()),
+            (None, _) => (all().map(Some).collect(), Vec::new()),
         }
-        drop(progress);
-        let walks = chosen_walks(&sets, method);
+    }
+
+    fn publish(
+        &self,
+        described: &Machine,
+        attempt: &Attempt,
+        cutoff_hz: f64,
+    ) -> anyhow::Result<()> {
         let mut files = Vec::new();
         if let Some(output) = &self.output {
-            files = complete(&described, &machine, &names, &walks, output)?;
+            let (names, _) = self.sets(&attempt.machine);
+            let chosen: Vec<_> = (names.iter().zip(&attempt.walks).zip(&attempt.checks))
+                .filter(|(_, check)| check.takes_walks())
+                .map(|(set, _)| set)
+                .collect();
+            files = complete(described, &attempt.machine, &chosen, output)?;
         }
         if let Some(path) = &self.response {
-            files.push(complete_response(&machine, &sets, path)?);
+            files.push(complete_response(&attempt.machine, &attempt.sets, path)?);
         }
         if let Some(path) = &self.report {
-            let tuned: Vec<(&str, &Tuned)> = sets
-                .iter()
+            let tuned: Vec<(&str, &Tuned)> = (attempt.sets.iter())
                 .map(|set| (set.name.as_str(), &set.tuned))
                 .collect();
-            files.push(page(&machine, cutoff_hz, &noise, &tuned).complete(path)?);
+            let page = page(
+                &attempt.machine,
+                cutoff_hz,
+                &attempt.noise,
+                &tuned,
+                &attempt.checks,
+            );
+            files.push(page.complete(path)?);
         }
-        publish(files)?;
-        if as_json {
-            let out = json!({
-                "machine": machine.name,
-                "recordings": self.recordings,
-                "cutoff_hz": cutoff_hz,
-                "method": method.name(),
-                "noise": noise.iter().map(|(i, n)| noise_report(&machine.channels[*i], n)).collect::<Vec<_>>(),
-                "noise_seconds": noise_seconds,
-                "process_noise": process_noise(&machine),
-                "sets": sets.iter().zip(&walks).map(|(set, walk)| report(&machine, set, walk)).collect::<Vec<_>>(),
-                "machine_out": self.output,
-                "seconds": started.elapsed().as_secs_f64(),
-            });
-            say!("{out}");
-        } else {
-            print(&machine, &sets);
-            for doubt in doubts(&machine, &sets, &walks) {
-                note(format_args!("{doubt}\n"));
-            }
-        }
-        Ok(())
+        Ok(publish(files)?)
     }
-}
 
-/// Largest ratio of drawn to first-order standard deviations over the states.
-fn process_noise(machine: &Machine) -> Value {
-    let Some(drivetrain) = &machine.drivetrain else {
-        return Value::Null;
-    };
-    let (dt_s, std) = (1.0 / machine.rate_hz, machine.tuning.parameter_std);
-    let drawn = sampled_process_noise(drivetrain, dt_s, std, DRAWS, 1);
-    let zero = vec![0.0; drawn.nrows()];
-    let first = crate::gearbox::process_noise(drivetrain, dt_s, std, &zero);
-    let ratios: Vec<f64> = (0..drawn.nrows())
-        .filter(|i| first[(*i, *i)] > 0.0)
-        .map(|i| (drawn[(i, i)] / first[(i, i)]).sqrt())
-        .collect();
-    json!({ "parameter_std": std, "draws": DRAWS, "drawn_to_first_order_std": ratios })
-}
-
-/// Where a set tells another size of walk than the one that is written for it.
-fn doubts(machine: &Machine, sets: &[Set], walks: &[Vec<f64>]) -> Vec<String> {
-    const FACTOR: f64 = 10.0;
-    let mut doubts = Vec::new();
-    for (set, chosen) in sets.iter().zip(walks) {
-        let told = &set.tuned.methods[0].1.walk;
-        for (load, (told, chosen)) in load_names(machine).zip(told.iter().zip(chosen)) {
-            if !(chosen / FACTOR..=chosen * FACTOR).contains(told) {
-                doubts.push(format!(
-                    "{}: alone it tells a walk of {load} of {told:.3e} N m/sqrt(s), most others {chosen:.3e}, \
-                     which is taken: its model or its noise may be wrong",
-                    set.name
-                ));
-            }
-        }
-    }
-    doubts
-}
-
-fn load_names(machine: &Machine) -> impl Iterator<Item = &str> {
-    let loads = machine.drivetrain.iter().flat_map(|d| &d.loads);
-    loads.map(|load| load.name.as_str())
-}
-
-fn report(machine: &Machine, set: &Set, walk: &[f64]) -> Value {
-    let loads = |noise: &LoadNoise| -> Map<String, Value> {
-        load_names(machine)
-            .map(str::to_owned)
-            .zip(noise.walk.iter().zip(&noise.log10_qd))
-            .map(|(name, (walk, qd))| (name, json!({ "walk_nm_per_sqrt_s": walk, "log10_qd": qd })))
-            .collect()
-    };
-    let methods: Map<String, Value> = set
-        .tuned
-        .methods
-        .iter()
-        .map(|(method, noise)| {
-            let mut entry = loads(noise);
-            if let Some(outcome) = noise.outcome {
-                entry.insert("misfit".into(), json!(outcome.misfit));
-                entry.insert("innovation_norm".into(), json!(outcome.innovation));
-                entry.insert("solution_norm".into(), json!(outcome.load));
-            }
-            (method.name().to_owned(), Value::Object(entry))
+    fn json(&self, attempt: &Attempt, method: Method, cutoff_hz: f64) -> Value {
+        let machine = &attempt.machine;
+        let noise = attempt.noise.iter();
+        let sets = attempt.sets.iter().zip(&attempt.walks).zip(&attempt.checks);
+        json!({
+            "machine": machine.name,
+            "recordings": self.recordings,
+            "cutoff_hz": cutoff_hz,
+            "method": method.name(),
+            "noise": noise.map(|(i, n)| noise_report(&machine.channels[*i], n)).collect::<Vec<_>>(),
+            "process_noise": process_noise(machine),
+            "sets": sets.map(|((set, walk), check)| {
+                let mut out = report(machine, set, walk);
+                out["walk_is_written"] = json!(check.takes_walks());
+                out["reached_hz"] = reached(machine, set);
+                out
+            }).collect::<Vec<_>>(),
+            "holdout": {
+                "recordings": self.holdout().recordings,
+                "last_part": self.holdout().part,
+                "sets": attempt.checks.iter().map(check_report).collect::<Vec<_>>(),
+            },
+            "machine_out": self.output.as_ref().filter(|_| attempt.has_news()),
         })
-        .collect();
-    let chosen: Map<String, Value> = load_names(machine)
-        .zip(walk)
-        .map(|(name, walk)| (name.to_owned(), json!(walk)))
-        .collect();
-    json!({
-        "sensors": set.name, "methods": methods, "walk_nm_per_sqrt_s": chosen, "seconds": set.seconds,
-    })
+    }
 }
 
-fn print(machine: &Machine, sets: &[Set]) {
-    let mut header = format!("{:<24}{:<13}", "log10 Qd", "method");
-    for load in load_names(machine) {
-        header += &format!("{load:>18}");
-    }
-    say!("{header}{:>12}{:>12}{:>8}", "misfit", "innovation", "s");
-    for set in sets {
-        for (method, noise) in &set.tuned.methods {
-            let mut line = format!("{:<24}{:<13}", set.name, method.name());
-            for qd in &noise.log10_qd {
-                line += &format!("{qd:>18.2}");
-            }
-            if let Some(outcome) = noise.outcome {
-                line += &format!("{:>12.3}{:>12.3}", outcome.misfit, outcome.innovation);
-            } else {
-                line += &format!("{:>12}{:>12}", "-", "-");
-            }
-            say!("{line}{:>8.1}", set.seconds);
+/// [`Method::Reference`] where a recording has a reference load, else the likelihood.
+fn default_method(machine: &Machine, recordings: &[PathBuf]) -> anyhow::Result<Method> {
+    let names: Vec<(&str, bool)> = machine
+        .references
+        .iter()
+        .map(|r| (r.name.as_str(), false))
+        .collect();
+    for recording in recordings {
+        let found = columns(recording, &machine.recording, &names)?;
+        if found
+            .iter()
+            .any(|column| names.iter().any(|(name, _)| column.name == *name))
+        {
+            return Ok(Method::Reference);
         }
     }
+    Ok(Method::Likelihood)
 }
 
-/// The description with the walks of each set and R, and its maps, without names yet.
+/// The description with the walks of each set of `chosen` and R, and its maps, without names yet.
 fn complete(
     described: &Machine,
     machine: &Machine,
-    names: &[Option<String>],
-    walks: &[Vec<f64>],
+    chosen: &[(&Option<String>, &Vec<f64>)],
     output: &Path,
 ) -> anyhow::Result<Vec<Complete>> {
     let mut description = Description::read(&described.path)?;
     let loads: Vec<&str> = load_names(machine).collect();
-    for (name, walk) in names.iter().zip(walks) {
+    for (name, walk) in chosen {
         let walks = || loads.iter().copied().zip(walk.iter().copied());
         match name {
             Some(name) => {
@@ -359,37 +476,4 @@ fn complete(
         }
     }
     Ok(description.with_gauges(described, machine, output)?)
-}
-
-fn noise_report(channel: &Channel, noise: &MeasurementNoise) -> Value {
-    let own = |values: &[f64]| channel.unit.from_si(rms(values));
-    json!({
-        "channel": channel.name, "unit": channel.unit.symbol(),
-        "std": own(&noise.scaled), "std_eq_15": own(&noise.plain),
-    })
-}
-
-/// `|H|` of each load and set over the frequency.
-fn complete_response(machine: &Machine, sets: &[Set], path: &Path) -> anyhow::Result<Complete> {
-    let loads: Vec<&str> = load_names(machine).collect();
-    let mut text = String::from(FREQUENCY);
-    for set in sets {
-        for load in &loads {
-            text += &format!(",{} {load} [1]", set.name);
-        }
-    }
-    text.push('\n');
-    let rows = sets.first().map_or(0, |set| set.tuned.response.len());
-    for i in 0..rows {
-        text += &format!("{:.4}", sets[0].tuned.response[i].0);
-        for set in sets {
-            for magnitude in &set.tuned.response[i].1 {
-                text += &format!(",{magnitude:.5}");
-            }
-        }
-        text.push('\n');
-    }
-    let mut file = AtomicFile::create(path)?;
-    std::io::Write::write_all(&mut file, text.as_bytes())?;
-    Ok(file.complete()?)
 }

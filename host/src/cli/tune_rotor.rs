@@ -12,6 +12,7 @@ use crate::atomic_file::{Complete, publish};
 use crate::build::Sensors;
 use crate::calibrate::Description;
 use crate::machine::{Machine, Rotor, RotorLoad, six_digits};
+use crate::replay::Comparison;
 use crate::rotor_tune::{Choice, Evaluation, Method, judge, page, tune};
 
 impl Tune {
@@ -38,7 +39,7 @@ impl Tune {
         let started = Instant::now();
         let sensors = Sensors::choose(described, self.sensors.as_deref())?;
         let progress = Progress::new("tune");
-        let choices = tune(described, rotor, &sensors, &self.recordings, |part| {
+        let choices = tune(described, rotor, &sensors, self.training(), |part| {
             progress.show(part);
         })?;
         drop(progress);
@@ -50,6 +51,19 @@ impl Tune {
             })
             .collect::<anyhow::Result<Vec<_>>>()?;
         let chosen = choices.iter().find(|(choice, _)| choice.method == method);
+        let set = self.sensors.as_deref();
+        let comparison = (chosen.as_ref())
+            .map(|(choice, _)| self.holdout().compare(described, &choice.machine, set))
+            .transpose()?;
+        let is_worse = comparison.as_ref().is_some_and(Comparison::is_worse);
+        if let (Some(comparison), true, Some(_)) = (&comparison, is_worse, &self.output) {
+            anyhow::bail!(
+                "nothing is written: the tuned noise is worse than the described noise ({}): {}; give recordings \
+                 that are more alike those of use, another --method, or leave the description as it is",
+                self.holdout_text(),
+                comparison.line()
+            );
+        }
         let mut files = Vec::new();
         if let (Some(path), Some((choice, _))) = (&self.output, chosen) {
             files = complete(described, &choice.machine, path)?;
@@ -69,12 +83,21 @@ impl Tune {
                 "method": method.name(),
                 "methods": methods,
                 "judged_on": recording,
+                "holdout": {
+                    "recordings": self.holdout().recordings,
+                    "last_part": self.holdout().part,
+                    "comparison": comparison,
+                    "is_worse": is_worse,
+                },
                 "machine_out": self.output,
                 "seconds": started.elapsed().as_secs_f64(),
             });
             say!("{out}");
         } else {
             print(&choices, recording, self.validate.is_none());
+            if let Some(comparison) = &comparison {
+                say!("{}: {}", self.holdout_text(), comparison.line());
+            }
         }
         Ok(())
     }

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::{Individual, TablesError};
 use crate::build;
-use crate::tune::{Method, Trial, TuneError, tune_loads};
+use crate::tune::{Method, Training, Trial, TuneError, tune_loads};
 
 /// Decades of Qd around what eq. (23) gives at 10 Hz.
 const REACH: i32 = 6;
@@ -36,10 +36,17 @@ pub struct Point {
 pub fn curve(individual: &Individual, set: &'static str) -> Result<Curve, TablesError> {
     let sensors = individual.sensors(set)?;
     let (machine, recordings) = (&individual.machine, &individual.fitted_to);
-    let tuned = tune_loads(machine, &sensors, recordings, 10.0, &[Method::Frf], |_| ())?;
+    let tuned = tune_loads(
+        machine,
+        &sensors,
+        Training::whole(recordings),
+        10.0,
+        &[Method::Frf],
+        |_| (),
+    )?;
     let middle = &tuned.methods[0].1;
     let payload = build::image(machine, &sensors).map_err(TuneError::from)?;
-    let trial = Trial::new(machine, &sensors, &payload, recordings)?;
+    let trial = Trial::new(machine, &sensors, &payload, Training::whole(recordings))?;
     let loads: Vec<_> = machine.drivetrain.iter().flat_map(|d| &d.loads).collect();
     let points = (-2 * REACH..=2 * REACH)
         .into_par_iter()

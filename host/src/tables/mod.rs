@@ -22,7 +22,7 @@ use crate::machine::{Drift, Machine};
 use crate::recording::RecordingError;
 use crate::replay::{self, Figures, ReplayError};
 use crate::simulate::{Applied, Scenario, SimulateError, Simulation};
-use crate::tune::{TuneError, measure_noise, tune_loads};
+use crate::tune::{Training, TuneError, measure_noise, tune_loads};
 
 pub use curve::{Curve, Point, curve};
 pub use page::page;
@@ -106,7 +106,7 @@ impl Individual {
         let source = MapSource::Placed;
         let gauges = calibrate(machine, &observations, &fitted_to[0], PATCH_RAD, source)?;
         let machine = calibrated(machine, &gauges, source, folder.path())?;
-        let noise = measure_noise(&machine, &fitted_to[0], |_| ())?;
+        let noise = measure_noise(&machine, &fitted_to[0], 1.0, |_| ())?;
         let noise = noise.iter().map(|(i, noise)| (*i, noise));
         let machine = with_noise(&machine, noise, folder.path())?;
         Ok(Self {
@@ -136,7 +136,7 @@ impl Individual {
                 let tuned = tune_loads(
                     machine,
                     &sensors,
-                    recordings,
+                    Training::whole(recordings),
                     row.cutoff_hz,
                     &methods,
                     |_| (),

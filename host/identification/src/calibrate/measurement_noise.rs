@@ -77,16 +77,18 @@ impl MeasurementNoise {
 }
 
 /// The noise of every channel of `machine` about its model, by the channel's
-/// number, from a recording at constant load with reference loads.
+/// number, from the first `part` (0 to 1) of a recording at constant load with reference loads.
 ///
 /// # Errors
 /// When the recording cannot be used or a map cannot be read.
 pub fn measure_noise(
     machine: &Machine,
     recording: &PathBuf,
+    part: f64,
     progress: impl FnMut(f64),
 ) -> Result<Vec<(usize, MeasurementNoise)>, CalibrateError> {
-    let observations = Observations::read(machine, std::slice::from_ref(recording), progress)?;
+    let recordings = std::slice::from_ref(recording);
+    let observations = Observations::read_part(machine, recordings, part, progress)?;
     let mut noise = Vec::new();
     for (i, (channel, moments)) in machine
         .channels

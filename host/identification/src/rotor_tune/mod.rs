@@ -5,13 +5,11 @@ mod evaluation;
 mod page;
 mod trial;
 
-use std::path::PathBuf;
-
 pub use crate::rotor_tune::evaluation::{Evaluation, judge};
 pub use crate::rotor_tune::page::page;
 pub use crate::rotor_tune::trial::{Outcome, Trial};
 
-use crate::tune::{Evolution, TuneError, pattern_search};
+use crate::tune::{Evolution, Training, TuneError, pattern_search};
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{Machine, Rotor};
 
@@ -61,7 +59,7 @@ pub struct Choice {
 }
 
 /// Tunes walk of the loads, model error, spread before the first sample and noise of the
-/// sensors of `rotor` on `recordings`: as described, and by each method.
+/// sensors of `rotor` on `training`: as described, and by each method.
 ///
 /// The evolution minimises `f_1 = sum_j 1 - R^2(y_j, h_j x)` over the sensors, with x the
 /// estimate, and `f_2`, the same with displacements that the model makes of the estimated
@@ -76,7 +74,7 @@ pub fn tune(
     machine: &Machine,
     rotor: &Rotor,
     sensors: &Sensors,
-    recordings: &[PathBuf],
+    training: Training<'_>,
     progress: impl Fn(f64),
 ) -> Result<Vec<Choice>, TuneError> {
     // Readings are held against the estimate that they themselves make.
@@ -85,7 +83,7 @@ pub fn tune(
         rotor.lag_samples = Some(0);
     }
     let payload = loadtwin_design::build::image(&prompt, sensors)?;
-    let trial = Trial::new(machine, rotor, sensors, &payload, recordings)?;
+    let trial = Trial::new(machine, rotor, sensors, &payload, training)?;
     let count = rotor.loads.len() + 2 + sensors.channels.len();
     let start = vec![0.0; count];
     progress(0.05);

@@ -2,7 +2,6 @@
 
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
-use std::path::PathBuf;
 
 use faer::Mat;
 use loadtwin_common::estimator::Estimator;
@@ -11,7 +10,7 @@ use loadtwin_common::io::estimate::Estimate;
 use loadtwin_common::io::raw::RawSample;
 use loadtwin_common::rotor::{PackedF32, RotorModel as ImageModel};
 
-use crate::tune::{TuneError, starts};
+use crate::tune::{Training, TuneError, starts};
 use loadtwin_design::build::{BuildError, Sensors};
 use loadtwin_design::rotor::RotorFilterDesign;
 use loadtwin_machine::{Machine, Rotor};
@@ -50,7 +49,7 @@ impl Outcome {
 }
 
 impl<'a> Trial<'a> {
-    /// Reads the start of each recording; `payload` is the image's.
+    /// Reads the start of each recording of `training`; `payload` is the image's.
     ///
     /// # Errors
     /// When a recording or the image cannot be read.
@@ -59,7 +58,7 @@ impl<'a> Trial<'a> {
         rotor: &'a Rotor,
         sensors: &'a Sensors,
         payload: &'a [u8],
-        recordings: &[PathBuf],
+        training: Training<'_>,
     ) -> Result<Self, TuneError> {
         let plan = RotorFilterDesign::new(machine, rotor, &sensors.channels)?;
         Ok(Self {
@@ -69,7 +68,10 @@ impl<'a> Trial<'a> {
             transitions: plan.transitions()?,
             plan,
             image: Image::from_bytes(payload).map_err(ReplayError::Image)?,
-            recordings: starts(machine, sensors, recordings)?,
+            recordings: starts(machine, sensors, training)?
+                .into_iter()
+                .map(|start| start.raw)
+                .collect(),
         })
     }
 

@@ -1,7 +1,6 @@
 //! Q of the loads, by every method that is known for it.
 
 use std::f64::consts::TAU;
-use std::path::PathBuf;
 
 use loadtwin_common::image::{Image, Model};
 use rayon::prelude::*;
@@ -9,7 +8,7 @@ use rayon::prelude::*;
 use crate::tune::TuneError;
 use crate::tune::frequency_response::{FrequencyResponse, Weighting};
 use crate::tune::pattern_search::pattern_search;
-use crate::tune::trial::{Outcome, Trial};
+use crate::tune::trial::{Outcome, Training, Trial};
 use loadtwin_design::build::{self, Sensors};
 use loadtwin_design::gearbox::OperatingPoint;
 use loadtwin_machine::Machine;
@@ -24,7 +23,7 @@ const REACH: f64 = 4.0;
 /// How the variance of the loads' steps is chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// Closed-loop frequency response, eq. (23) as printed: the default.
+    /// Closed-loop frequency response, eq. (23) as printed.
     Frf,
     /// The same with each band averaged by itself: full bandwidth at any price.
     FrfPerBand,
@@ -34,16 +33,19 @@ pub enum Method {
     LCurve,
     /// Largest likelihood of the innovations (prediction error).
     Likelihood,
+    /// Least mean absolute error to the reference loads.
+    Reference,
 }
 
 impl Method {
-    /// All of them, the default first.
-    pub const ALL: [Self; 5] = [
+    /// All of them.
+    pub const ALL: [Self; 6] = [
         Self::Frf,
         Self::FrfPerBand,
         Self::Innovation,
         Self::LCurve,
         Self::Likelihood,
+        Self::Reference,
     ];
 
     /// What `--method` calls it.
@@ -54,6 +56,7 @@ impl Method {
             Self::Innovation => "innovation",
             Self::LCurve => "l-curve",
             Self::Likelihood => "likelihood",
+            Self::Reference => "reference",
         }
     }
 }
@@ -76,6 +79,20 @@ pub struct Tuned {
     /// Frequency (Hz) and the median over the carrier angle of `|H|` of each
     /// load, with the noise of the first method.
     pub response: Vec<(f64, Vec<f64>)>,
+    responses: Vec<FrequencyResponse>,
+    nominal: Vec<f64>,
+    rate_hz: f64,
+}
+
+impl Tuned {
+    /// As `response`, with random walks of the loads of `walk` [N m/sqrt(s)].
+    pub fn response_with(&self, walk: &[f64]) -> Vec<(f64, Vec<f64>)> {
+        let loads = walk.iter().zip(&self.nominal);
+        let variance: Vec<f64> = (loads)
+            .map(|(walk, nominal)| walk * walk / self.rate_hz / (nominal * nominal))
+            .collect();
+        median_response(&self.responses, &variance)
+    }
 }
 
 /// The walk of each load that sets of sensors tell together, from what each tells, `[set][load]`:
@@ -94,7 +111,8 @@ pub fn common_walk(told: &[&[f64]]) -> Vec<f64> {
 }
 
 /// Tunes the load noise of `machine` with `sensors` by `methods`; the methods that
-/// try run the estimator on `recordings`.
+/// try run the estimator on `training`, from the described noise or from that of [`Method::Frf`],
+/// whichever is better.
 ///
 /// # Errors
 /// When the cut-off is out of range, a recording cannot be used, or the
@@ -104,7 +122,7 @@ pub fn common_walk(told: &[&[f64]]) -> Vec<f64> {
 pub fn tune_loads(
     machine: &Machine,
     sensors: &Sensors,
-    recordings: &[PathBuf],
+    training: Training<'_>,
     cutoff_hz: f64,
     methods: &[Method],
     progress: impl Fn(f64),
@@ -156,15 +174,27 @@ pub fn tune_loads(
         .iter()
         .any(|m| !matches!(m, Method::Frf | Method::FrfPerBand));
     let trial = tries
-        .then(|| Trial::new(machine, sensors, &payload, recordings))
+        .then(|| Trial::new(machine, sensors, &payload, training))
         .transpose()?;
+    let described: Vec<f64> = (model.load_noise.iter().take(nominal.len()))
+        .map(|variance| f64::from(*variance))
+        .collect();
+    let starts = [standard.as_slice(), described.as_slice()];
     let mut found = Vec::new();
     for (k, method) in methods.iter().enumerate() {
         progress((k as f64 + 0.5) / (methods.len() as f64 + 0.5));
         let variance = match (method, &trial) {
             (Method::FrfPerBand, _) => by_response(Weighting::PerBand),
-            (Method::Innovation, Some(trial)) => search(&standard, |q| trial.run(q).innovation),
-            (Method::Likelihood, Some(trial)) => search(&standard, |q| trial.run(q).misfit),
+            (Method::Innovation, Some(trial)) => search(&starts, |q| trial.run(q).innovation),
+            (Method::Likelihood, Some(trial)) => search(&starts, |q| trial.run(q).misfit),
+            (Method::Reference, Some(trial)) => {
+                if trial.run(&described).error_percent.is_none() {
+                    return Err(TuneError::NoReference);
+                }
+                search(&starts, |q| {
+                    trial.run(q).error_percent.unwrap_or(f64::INFINITY)
+                })
+            }
             (Method::LCurve, Some(trial)) => corner(&standard, trial),
             _ => standard.clone(),
         };
@@ -180,22 +210,24 @@ pub fn tune_loads(
             },
         ));
     }
-    let variance: Vec<f64> = found.first().map_or(standard, |(_, noise)| {
-        noise
-            .walk
-            .iter()
-            .zip(&nominal)
-            .map(|(w, n)| w * w / machine.rate_hz / (n * n))
-            .collect()
-    });
-    Ok(Tuned {
+    let mut tuned = Tuned {
         methods: found,
-        response: median_response(&responses, &variance),
-    })
+        response: Vec::new(),
+        responses,
+        nominal,
+        rate_hz: machine.rate_hz,
+    };
+    if let Some((_, noise)) = tuned.methods.first() {
+        tuned.response = tuned.response_with(&noise.walk);
+    }
+    Ok(tuned)
 }
 
-/// Least `value` over the logarithms of the variances.
-fn search(start: &[f64], value: impl Fn(&[f64]) -> f64 + Sync) -> Vec<f64> {
+/// Least `value` over the logarithms of the variances, from the best of `starts`.
+fn search(starts: &[&[f64]], value: impl Fn(&[f64]) -> f64 + Sync) -> Vec<f64> {
+    let usable = starts.iter().filter(|start| start.iter().all(|q| *q > 0.0));
+    let best = usable.min_by(|a, b| value(a).total_cmp(&value(b)));
+    let start = best.or(starts.first()).copied().unwrap_or_default();
     let logarithms: Vec<f64> = start.iter().map(|q| q.log10()).collect();
     let exponential = |x: &[f64]| x.iter().map(|x| 10.0_f64.powf(*x)).collect::<Vec<_>>();
     exponential(&pattern_search(&logarithms, 1.0, 0.25, REACH, |x| value(&exponential(x))).0)

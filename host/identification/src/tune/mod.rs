@@ -2,6 +2,7 @@
 
 mod differential_evolution;
 mod frequency_response;
+mod holdout;
 mod load_noise;
 mod page;
 mod parameter_noise;
@@ -13,12 +14,13 @@ use thiserror::Error;
 pub use crate::calibrate::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
 pub use crate::tune::differential_evolution::Evolution;
 pub use crate::tune::frequency_response::{FrequencyResponse, Weighting};
+pub use crate::tune::holdout::{Check, Descriptions, HOLDOUT_PART, Holdout};
 pub use crate::tune::load_noise::{LoadNoise, Method, Tuned, common_walk, tune_loads};
-pub use crate::tune::page::page;
+pub use crate::tune::page::{page, reached_hz};
 pub use crate::tune::parameter_noise::sampled_process_noise;
 pub use crate::tune::pattern_search::pattern_search;
 pub(crate) use crate::tune::trial::starts;
-pub use crate::tune::trial::{Outcome, Trial};
+pub use crate::tune::trial::{Outcome, Training, Trial};
 
 use crate::calibrate::CalibrateError;
 use loadtwin_design::build::BuildError;
@@ -46,6 +48,12 @@ pub enum TuneError {
         /// Half the sample rate.
         most: f64,
     },
+    /// Nothing to hold the loads against.
+    #[error(
+        "--method reference: no recording has a reference load; allowed: frf, frf-per-band, innovation, \
+         l-curve, likelihood"
+    )]
+    NoReference,
     /// No operating point has a steady filter.
     #[error(
         "no steady filter exists with these sensors at any carrier angle: a load or a state is not observed"

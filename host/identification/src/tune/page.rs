@@ -1,16 +1,17 @@
 //! The page on a tuning: what the filter will pass, and the noise it assumes.
 
-use crate::tune::{MeasurementNoise, NOISE_BINS, Tuned};
+use crate::tune::{Check, MeasurementNoise, NOISE_BINS, Tuned};
 use loadtwin_machine::Machine;
 use loadtwin_report::{Axis, Data, Limit, Plot, PlotSize, Report, Role, Section, Series, Table};
 
 /// The report on `sets` of sensors tuned for loads up to `cutoff_hz`, with the
-/// measured noise of channels, each by its number in `machine`.
+/// measured noise of channels, each by its number in `machine`, and the sets on the hold-out data.
 pub fn page(
     machine: &Machine,
     cutoff_hz: f64,
     noise: &[(usize, MeasurementNoise)],
     sets: &[(&str, &Tuned)],
+    checks: &[Check],
 ) -> Report {
     let loads: Vec<&str> = (machine.drivetrain.iter().flat_map(|d| &d.loads))
         .map(|load| load.name.as_str())
@@ -18,7 +19,7 @@ pub fn page(
     Report {
         title: format!("Tuning of {}", machine.name),
         facts: vec![["Cut-off frequency".into(), format!("{cutoff_hz} Hz")]],
-        tables: vec![chosen(&loads, sets)],
+        tables: vec![holdout(checks), chosen(&loads, sets)],
         sections: vec![
             Section {
                 title: "Frequency response".into(),
@@ -60,6 +61,50 @@ fn chosen(loads: &[&str], sets: &[(&str, &Tuned)]) -> Table {
             .into(),
         head: head.chain(qd).chain(norms).collect(),
         rows: rows.collect(),
+    }
+}
+
+/// Frequency [Hz] up to which the response of load `j` is not below `1 / sqrt(2)` (-3 dB); none where
+/// already the lowest is.
+pub fn reached_hz(response: &[(f64, Vec<f64>)], j: usize) -> Option<f64> {
+    (response.iter())
+        .take_while(|(_, h)| {
+            h.get(j)
+                .is_some_and(|h| *h >= std::f64::consts::FRAC_1_SQRT_2)
+        })
+        .last()
+        .map(|(f, _)| *f)
+}
+
+/// Error and likelihood of each set on the hold-out data.
+fn holdout(checks: &[Check]) -> Table {
+    let mut rows = Vec::new();
+    for check in checks {
+        let tuned = check.tuned.iter().map(|c| ("tuned", c));
+        let measured = check.measured.iter().map(|c| ("walk as described", c));
+        for (noise, comparison) in tuned.chain(measured) {
+            let written = if comparison.is_shown_no_worse() {
+                "yes"
+            } else {
+                "no"
+            };
+            for [figure, change] in comparison.rows() {
+                rows.push(vec![
+                    check.sensors.clone(),
+                    noise.into(),
+                    figure,
+                    change,
+                    written.into(),
+                ]);
+            }
+        }
+    }
+    Table {
+        caption: "Before and after on the hold-out data (95 % interval of the difference)".into(),
+        head: ["Sensors", "Noise", "Figure", "Before → after", "No worse"]
+            .map(String::from)
+            .to_vec(),
+        rows,
     }
 }
 

@@ -15,13 +15,42 @@ use loadtwin_replay::{ReplayError, Samples};
 /// Samples of each recording that are tried.
 const SAMPLES: usize = 20_000;
 
+/// Recordings to tune on.
+#[derive(Clone, Copy, Debug)]
+pub struct Training<'a> {
+    /// The recordings.
+    pub recordings: &'a [PathBuf],
+    /// The first part of each that is used, above 0 up to 1; the remainder is held out.
+    pub part: f64,
+}
+
+impl<'a> Training<'a> {
+    /// All of `recordings`.
+    pub fn whole(recordings: &'a [PathBuf]) -> Self {
+        Self {
+            recordings,
+            part: 1.0,
+        }
+    }
+}
+
 /// Time after the start that does not count [s].
 const SETTLING_S: f64 = 2.0;
+
+/// The first samples of a recording.
+pub(crate) struct Start {
+    /// What a board would have taken.
+    pub raw: Vec<RawSample>,
+    /// Each reference of each sample, in the load's unit; NaN where there is none.
+    pub references: Vec<Vec<f64>>,
+}
 
 /// Recordings in memory, and the image that is tried on them.
 pub struct Trial<'a> {
     image: Image<'a>,
-    recordings: Vec<Vec<RawSample>>,
+    recordings: Vec<Start>,
+    /// For each reference, the load that it measures.
+    load_of: Vec<Option<usize>>,
     /// Standard deviation of each channel and encoder [SI].
     noise: Vec<f64>,
     skip: usize,
@@ -37,10 +66,12 @@ pub struct Outcome {
     pub innovation: f64,
     /// Solution norm: squared loads, in nominal loads.
     pub load: f64,
+    /// Mean absolute error of the loads that have a reference [% of nominal]; none without reference.
+    pub error_percent: Option<f64>,
 }
 
 impl<'a> Trial<'a> {
-    /// Reads the start of each recording; `payload` is the image's.
+    /// Reads the start of each recording of `training`; `payload` is the image's.
     ///
     /// # Errors
     /// When a recording or the image cannot be read.
@@ -48,7 +79,7 @@ impl<'a> Trial<'a> {
         machine: &Machine,
         sensors: &Sensors,
         payload: &'a [u8],
-        recordings: &[PathBuf],
+        training: Training<'_>,
     ) -> Result<Self, TuneError> {
         let image = Image::from_bytes(payload).map_err(ReplayError::Image)?;
         let Model::Gearbox(model) = &image.model else {
@@ -56,7 +87,8 @@ impl<'a> Trial<'a> {
         };
         Ok(Self {
             noise: noise(model),
-            recordings: starts(machine, sensors, recordings)?,
+            recordings: starts(machine, sensors, training)?,
+            load_of: load_of(machine),
             skip: (SETTLING_S * machine.rate_hz) as usize,
             image,
         })
@@ -69,6 +101,7 @@ impl<'a> Trial<'a> {
             misfit: f64::INFINITY,
             innovation: f64::INFINITY,
             load: f64::INFINITY,
+            error_percent: None,
         };
         let mut image = self.image.clone();
         let Model::Gearbox(model) = &mut image.model else {
@@ -89,11 +122,14 @@ impl<'a> Trial<'a> {
                 .collect()
         };
         let (mut sum, mut count) = (Outcome::default(), 0);
+        let (mut errors, mut compared) = (0.0, 0_u32);
         for recording in &self.recordings {
             let Ok(mut line) = Estimator::try_build(image.clone()) else {
                 return infinite;
             };
-            for (k, raw) in recording.iter().enumerate() {
+            for (k, (raw, references)) in
+                recording.raw.iter().zip(&recording.references).enumerate()
+            {
                 let estimate = line.step(raw);
                 if k < self.skip {
                     continue;
@@ -108,6 +144,15 @@ impl<'a> Trial<'a> {
                         // In units of the noise, so that channels of any unit add up.
                         sum.misfit += 0.5 * ((s / (noise * noise)).ln() + nu * nu / s);
                         sum.innovation += (nu / noise).powi(2);
+                    }
+                }
+                for (reference, j) in references.iter().zip(&self.load_of) {
+                    if let Some(j) = *j
+                        && let (Some(load), Some(nominal)) = (estimate.loads.get(j), nominal.get(j))
+                        && reference.is_finite()
+                    {
+                        errors += ((f64::from(load.value) - reference) / nominal).abs();
+                        compared += 1;
                     }
                 }
                 for (load, nominal) in estimate.loads.iter().zip(&nominal) {
@@ -126,6 +171,7 @@ impl<'a> Trial<'a> {
             misfit: mean(sum.misfit),
             innovation: mean(sum.innovation),
             load: mean(sum.load),
+            error_percent: (compared > 0).then(|| 100.0 * errors / f64::from(compared)),
         }
     }
 }
@@ -145,18 +191,35 @@ fn noise(model: &GearboxModel<'_>) -> Vec<f64> {
         .collect()
 }
 
-/// The first samples of each recording, as many as are tried.
+/// The first samples of each recording that are tried: of the part to tune on, 20 000 at most.
 pub(crate) fn starts(
     machine: &Machine,
     sensors: &Sensors,
-    recordings: &[PathBuf],
-) -> Result<Vec<Vec<RawSample>>, ReplayError> {
+    training: Training<'_>,
+) -> Result<Vec<Start>, ReplayError> {
+    // So many that the part of them is not less than what is tried.
+    let enough = (SAMPLES as f64 / training.part).ceil() as usize;
     let start = |recording: &PathBuf| {
         let mut samples = Samples::open(machine, sensors, recording)?;
-        let mut raw = Vec::new();
-        while raw.len() < SAMPLES && samples.next_block(|sample| raw.push(sample.raw))? {}
-        raw.truncate(SAMPLES);
-        Ok(raw)
+        let (mut raw, mut references) = (Vec::new(), Vec::new());
+        while raw.len() < enough
+            && samples.next_block(|sample| {
+                raw.push(sample.raw);
+                references.push(sample.references.to_vec());
+            })?
+        {}
+        let used = SAMPLES.min((training.part * raw.len() as f64) as usize);
+        raw.truncate(used);
+        references.truncate(used);
+        Ok(Start { raw, references })
     };
-    recordings.iter().map(start).collect()
+    training.recordings.iter().map(start).collect()
+}
+
+/// For each reference of `machine`, the load that it measures.
+fn load_of(machine: &Machine) -> Vec<Option<usize>> {
+    let loads = machine.loads();
+    (machine.references.iter())
+        .map(|r| loads.iter().position(|load| load.name == r.load))
+        .collect()
 }
