@@ -15,6 +15,7 @@ mod bearing;
 mod diagnosis;
 mod drivetrain;
 pub mod effect;
+mod filter_check;
 mod filter_run;
 mod load_error;
 mod machine_kind;
@@ -46,6 +47,7 @@ pub use drivetrain::residuals::{
 pub use drivetrain::signals::Signals;
 pub use drivetrain::write::corrected;
 pub use effect::fitted::FittedEffect;
+pub use filter_check::{Evaluated, FilterCheck, check_filter};
 pub use load_error::{Interval, LoadErrors};
 pub use machine_kind::Diagnosable;
 pub use report::json::report;

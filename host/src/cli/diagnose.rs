@@ -14,11 +14,11 @@ use super::progress::Progress;
 use crate::balance::{self as drive, Request};
 use crate::diagnose::effect::Effect;
 use crate::diagnose::{
-    self, BearingResiduals, Diagnosable, Diagnosis, DrivetrainResiduals, Innovations,
-    ResidualTests, RotorResiduals, Verdict,
+    self, BearingResiduals, Diagnosable, Diagnosis, DrivetrainResiduals, Evaluated, FilterCheck,
+    Innovations, ResidualTests, RotorResiduals, Verdict,
 };
 use crate::machine::{Kind, Machine};
-use crate::replay::ReplayError;
+use crate::replay::{Comparison, ReplayError};
 use crate::report::PAGE;
 
 /// Find which physical effect a model lacks, and add it.
@@ -82,29 +82,27 @@ impl Diagnose {
         as_json: bool,
     ) -> anyhow::Result<()> {
         let progress = Progress::new("diagnose");
-        let diagnosis: Diagnosis<S> =
+        let mut diagnosis: Diagnosis<S> =
             diagnose::diagnose(machine, &self.recordings, &self.validate, |part| {
                 progress.show(part);
             })?;
         drop(progress);
         let innovations = diagnose::innovations(machine, &self.recordings);
-        if let Some(path) = &self.report {
-            let names: Vec<String> = self
-                .recordings
-                .iter()
-                .map(|r| r.display().to_string())
-                .collect();
-            let innovations = innovations.as_deref().unwrap_or_default();
-            diagnose::page(machine, &names.join(", "), &diagnosis, innovations).write(path)?;
-        }
-        // Nothing is written of what is not known.
-        let written = match &self.output {
-            Some(path)
-                if matches!(
-                    diagnosis.verdict,
-                    Verdict::Effects(_) | Verdict::Inseparable(_)
-                ) =>
-            {
+        let improves = matches!(
+            diagnosis.verdict,
+            Verdict::Effects(_) | Verdict::Inseparable(_)
+        );
+        // What was found stands in the report, what the estimator accepts in the description.
+        let found = diagnosis.selection.found.clone();
+        let nuisance = diagnosis.selection.nuisance.clone();
+        let filter = if improves {
+            let evaluated = Evaluated::choose(&self.recordings, &self.validate);
+            Some(diagnose::check_filter(machine, &mut diagnosis, evaluated)?)
+        } else {
+            None
+        };
+        let written = match (&self.output, &filter) {
+            (Some(path), Some(check)) if check.is_accepted => {
                 let absent = S::write(machine, &diagnosis, path)?;
                 if !absent.is_empty() {
                     note(format_args!(
@@ -117,15 +115,41 @@ impl Diagnose {
             }
             _ => None,
         };
+        (diagnosis.selection.found, diagnosis.selection.nuisance) = (found, nuisance);
+        if let Some(path) = &self.report {
+            let names: Vec<String> = self
+                .recordings
+                .iter()
+                .map(|r| r.display().to_string())
+                .collect();
+            let innovations = innovations.as_deref().unwrap_or_default();
+            diagnose::page(
+                machine,
+                &names.join(", "),
+                &diagnosis,
+                innovations,
+                filter.as_ref(),
+            )
+            .write(path)?;
+        }
         if as_json {
-            let mut out =
-                diagnose::report(machine, &diagnosis, &innovations, &self.validate, written);
+            let mut out = diagnose::report(
+                machine,
+                &diagnosis,
+                &innovations,
+                filter.as_ref(),
+                &self.validate,
+                written,
+            );
             if let Some(object) = out.as_object_mut() {
                 object.insert("seconds".into(), json!(started.elapsed().as_secs_f64()));
             }
             say!("{out}");
         } else {
             print(&diagnosis);
+            if let Some(check) = &filter {
+                print_filter(check);
+            }
             print_innovations(&innovations);
             if self.validate.is_empty() {
                 say!("errors on the fitted recordings: give others with --validate");
@@ -266,6 +290,34 @@ fn print_residual_tests(residual_tests: &[ResidualTests]) {
                 (tested.by_chance).map_or_else(|| "-".into(), |c| format!("{c:.2}"))
             );
         }
+    }
+}
+
+/// The estimator before and after, and what is not written.
+fn print_filter(check: &FilterCheck) {
+    say!("estimator before and after, on {}:", check.data());
+    let say_sets = |sets: &[Comparison]| {
+        for set in sets {
+            let worse = if set.is_worse() { ": worse" } else { "" };
+            say!("  {}{worse}", set.line());
+        }
+    };
+    say_sets(&check.sets);
+    if !check.left_out.is_empty() {
+        say!("without {}:", check.left_out.join(", "));
+        say_sets(&check.sets_without);
+    }
+    if !check.is_accepted {
+        let worse: Vec<&str> = check.worse().map(|set| set.sensors.as_str()).collect();
+        say!(
+            "no description is written: the estimator is worse with it ({})",
+            worse.join(", ")
+        );
+    } else if !check.left_out.is_empty() {
+        say!(
+            "not in the description, for the estimator is worse with it: {}",
+            check.left_out.join(", ")
+        );
     }
 }
 

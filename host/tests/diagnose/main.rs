@@ -1,5 +1,6 @@
 //! `loadtwin diagnose` on recordings whose effect it is not told.
 
+mod estimator;
 mod mended;
 mod refused;
 mod several;

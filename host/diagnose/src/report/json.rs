@@ -11,6 +11,7 @@ use crate::assessment::verdict::{MIN_FAULT_LOG_ODDS, Verdict, cannot_show, fault
 use crate::diagnosis::Diagnosis;
 use crate::effect::Scope;
 use crate::effect::fitted::FittedEffect;
+use crate::filter_check::FilterCheck;
 use crate::machine_kind::Diagnosable;
 use loadtwin_machine::Machine;
 use loadtwin_replay::ReplayError;
@@ -20,6 +21,7 @@ pub fn report<S: Diagnosable>(
     machine: &Machine,
     diagnosis: &Diagnosis<S>,
     innovations: &Result<Vec<Innovations>, ReplayError>,
+    filter: Option<&FilterCheck>,
     validated_on: &[PathBuf],
     machine_out: Option<&Path>,
 ) -> Value {
@@ -74,6 +76,7 @@ pub fn report<S: Diagnosable>(
         "next_experiment": next_experiment,
         "note": recordings[0].remarks(selection),
         "error": diagnosis.errors,
+        "filter": filter,
         "validated_on": validated_on,
         "machine_out": machine_out,
         "structure": diagnosis.residual_tests,

@@ -2,9 +2,11 @@
 
 use crate::diagnosis::Diagnosis;
 use crate::effect::Scope;
+use crate::filter_check::FilterCheck;
 use crate::machine_kind::Diagnosable;
 use crate::{Innovations, Interval, Verdict};
 use loadtwin_machine::Machine;
+use loadtwin_replay::Comparison;
 use loadtwin_report::{
     Axis, Data, KeyFigure, Mark, Plot, PlotSize, Report, Role, ScatterSample, Section, Series,
     Table,
@@ -20,6 +22,7 @@ pub fn page<S: Diagnosable>(
     recording: &str,
     diagnosis: &Diagnosis<S>,
     innovations: &[Innovations],
+    filter: Option<&FilterCheck>,
 ) -> Report {
     let errors = &diagnosis.errors;
     Report {
@@ -46,17 +49,49 @@ pub fn page<S: Diagnosable>(
             note: note(figure),
         })
         .collect(),
-        tables: vec![
-            ranking(diagnosis),
-            residual_table(diagnosis),
-            residual_test_table(diagnosis),
-            nis_table(innovations),
-        ],
+        tables: (filter.map(filter_table).into_iter())
+            .chain([
+                ranking(diagnosis),
+                residual_table(diagnosis),
+                residual_test_table(diagnosis),
+                nis_table(innovations),
+            ])
+            .collect(),
         time: None,
         sections: top_residuals(diagnosis)
             .into_iter()
             .map(|k| section(diagnosis, k))
             .collect(),
+    }
+}
+
+/// The estimator before and after.
+fn filter_table(check: &FilterCheck) -> Table {
+    let of = |sets: &[Comparison], effects: &str| -> Vec<Vec<String>> {
+        let mut rows = Vec::new();
+        for set in sets {
+            let worse = if set.is_worse() { "worse" } else { "" };
+            for [figure, change] in set.rows() {
+                let cells = [&set.sensors, effects, &figure, &change, worse];
+                rows.push(cells.map(str::to_owned).to_vec());
+            }
+        }
+        rows
+    };
+    let mut rows = of(&check.sets, "all");
+    rows.extend(of(
+        &check.sets_without,
+        &format!("without {}", check.left_out.join(", ")),
+    ));
+    Table {
+        caption: format!(
+            "Estimator as described and with what was found (95 % interval of the difference), on {}",
+            check.data()
+        ),
+        head: ["Sensors", "Effects", "Figure", "Before → after", ""]
+            .map(String::from)
+            .to_vec(),
+        rows,
     }
 }
 

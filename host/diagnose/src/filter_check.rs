@@ -1,0 +1,191 @@
+//! The estimator with the description as it is and with the improved one.
+
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::diagnosis::{DiagnoseError, Diagnosis};
+use crate::effect::fitted::FittedEffect;
+use crate::machine_kind::Diagnosable;
+use crate::regression::joint_fit::fit_jointly;
+use loadtwin_design::build::Sensors;
+use loadtwin_files::scratch::Scratch;
+use loadtwin_machine::Machine;
+use loadtwin_replay::{Comparison, Course, ReplayError};
+
+/// Last part of each fitted recording on which the estimator is evaluated where no recording took no
+/// part.
+const LAST_PART: f64 = 1.0 / 3.0;
+
+/// Data on which the estimator is evaluated.
+#[derive(Clone, Debug, Serialize)]
+pub struct Evaluated {
+    /// The recordings.
+    pub recordings: Vec<PathBuf>,
+    /// The last part of each, above 0 up to 1.
+    pub last_part: f64,
+    /// Whether the effects were fitted to these recordings.
+    pub is_fitted: bool,
+}
+
+impl Evaluated {
+    /// All of `validation`, or, where there is none, the last third of each of `fitted`.
+    pub fn choose(fitted: &[PathBuf], validation: &[PathBuf]) -> Self {
+        let is_fitted = validation.is_empty();
+        Self {
+            recordings: if is_fitted { fitted } else { validation }.to_vec(),
+            last_part: if is_fitted { LAST_PART } else { 1.0 },
+            is_fitted,
+        }
+    }
+}
+
+/// What the estimator makes of an improved description.
+#[derive(Clone, Debug, Serialize)]
+pub struct FilterCheck {
+    /// On which data.
+    #[serde(flatten)]
+    pub evaluated: Evaluated,
+    /// Each set of sensors with all effects found.
+    pub sets: Vec<Comparison>,
+    /// Effects without which no set of sensors is worse; empty where none is with them.
+    pub left_out: Vec<&'static str>,
+    /// Each set of sensors without the effects left out.
+    pub sets_without: Vec<Comparison>,
+    /// Whether some description makes no set of sensors worse.
+    pub is_accepted: bool,
+}
+
+impl FilterCheck {
+    /// Sets of sensors that are worse with all effects found.
+    pub fn worse(&self) -> impl Iterator<Item = &Comparison> {
+        self.sets.iter().filter(|set| set.is_worse())
+    }
+
+    /// On which data, in words.
+    pub fn data(&self) -> String {
+        let names: Vec<String> = (self.evaluated.recordings.iter())
+            .map(|path| path.display().to_string())
+            .collect();
+        let names = names.join(", ");
+        if self.evaluated.is_fitted {
+            format!(
+                "last third of {names}, to which the effects were fitted (give others with --validate)"
+            )
+        } else {
+            names
+        }
+    }
+}
+
+/// Runs the estimator of every set of sensors on `evaluated`, with `machine` and with the effects of
+/// `diagnosis`; where these make a set worse, without the effect that does the most harm, and so on.
+/// The selection of `diagnosis` becomes that which is accepted.
+///
+/// # Errors
+/// When a description cannot be written, or the estimator cannot run.
+pub fn check_filter<S: Diagnosable>(
+    machine: &Machine,
+    diagnosis: &mut Diagnosis<S>,
+    evaluated: Evaluated,
+) -> Result<FilterCheck, DiagnoseError> {
+    let before = courses(machine, machine, &evaluated)?;
+    let sets = compared(machine, diagnosis, &evaluated, &before)?;
+    let mut check = FilterCheck {
+        evaluated,
+        is_accepted: !sets.iter().any(Comparison::is_worse),
+        sets,
+        left_out: Vec::new(),
+        sets_without: Vec::new(),
+    };
+    while !check.is_accepted && diagnosis.selection.found.len() > 1 {
+        let all = diagnosis.selection.found.clone();
+        let mut trials = Vec::new();
+        for i in 0..all.len() {
+            let mut kept = all.clone();
+            kept.remove(i);
+            take(diagnosis, kept);
+            let sets = compared(machine, diagnosis, &check.evaluated, &before)?;
+            trials.push((harm(&sets), i, sets));
+        }
+        let Some((_, i, sets)) = trials.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else {
+            break;
+        };
+        let mut kept = all;
+        check.left_out.push(kept.remove(i).effect.name());
+        take(diagnosis, kept);
+        check.is_accepted = !sets.iter().any(Comparison::is_worse);
+        check.sets_without = sets;
+    }
+    Ok(check)
+}
+
+/// Fits the effects `kept` anew, together.
+fn take<S: Diagnosable>(diagnosis: &mut Diagnosis<S>, mut kept: Vec<FittedEffect<S>>) {
+    diagnosis.selection.nuisance = fit_jointly(&diagnosis.recordings, &mut kept, None);
+    diagnosis.selection.found = kept;
+}
+
+/// Largest rise of an error over all sets [% of nominal], or, without references, largest fall of the
+/// logarithm of the likelihood.
+fn harm(sets: &[Comparison]) -> f64 {
+    let of = |set: &Comparison| {
+        let rises = set.nmae_percent.values().map(|c| c.after - c.before);
+        let falls = (set.log_likelihood.iter())
+            .filter(|_| set.nmae_percent.is_empty())
+            .map(|c| c.before - c.after);
+        rises.chain(falls).fold(f64::NEG_INFINITY, f64::max)
+    };
+    sets.iter().map(of).fold(f64::NEG_INFINITY, f64::max)
+}
+
+/// Names of the sets of sensors of `machine`; none for all sensors where it has no sets.
+fn set_names(machine: &Machine) -> Vec<Option<String>> {
+    match machine.sensor_sets.as_slice() {
+        [] => vec![None],
+        sets => sets.iter().map(|set| Some(set.name.clone())).collect(),
+    }
+}
+
+/// Every set of sensors on all recordings.
+fn courses(
+    described: &Machine,
+    machine: &Machine,
+    evaluated: &Evaluated,
+) -> Result<Vec<(String, Vec<Course>)>, ReplayError> {
+    set_names(described)
+        .into_par_iter()
+        .map(|name| {
+            let sensors = Sensors::choose(machine, name.as_deref())?;
+            let courses = (evaluated.recordings.iter())
+                .map(|path| Ok(Course::run(machine, &sensors, path)?.last(evaluated.last_part)))
+                .collect::<Result<Vec<_>, ReplayError>>()?;
+            Ok((sensors.name, courses))
+        })
+        .collect()
+}
+
+/// Every set of sensors as described, `before`, and with the effects of `diagnosis`.
+fn compared<S: Diagnosable>(
+    machine: &Machine,
+    diagnosis: &Diagnosis<S>,
+    evaluated: &Evaluated,
+    before: &[(String, Vec<Course>)],
+) -> Result<Vec<Comparison>, DiagnoseError> {
+    let folder = Scratch::new()?;
+    let path = folder.path().join("machine.toml");
+    S::write(machine, diagnosis, &path)?;
+    let improved = read(machine, &path)?;
+    let after = courses(machine, &improved, evaluated)?;
+    Ok((before.iter().zip(&after))
+        .map(|((name, before), (_, after))| Comparison::new(name, before, after))
+        .collect())
+}
+
+/// The description in `path`, for recordings as those of `machine`.
+fn read(machine: &Machine, path: &Path) -> Result<Machine, DiagnoseError> {
+    let mut improved = Machine::load(path)?;
+    improved.recording = machine.recording.clone();
+    Ok(improved)
+}
