@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::adc::Adc;
 use crate::strain::{MV_PER_V, StrainBridge};
 use loadtwin_recording::{Quantity, Unit};
 
@@ -144,6 +145,13 @@ impl Channel {
     /// Bridge output of one count [V/V]; `adc.lsb` is in mV/V there.
     fn ratio_of_count(&self) -> f64 {
         self.adc.lsb * MV_PER_V
+    }
+
+    /// Equal words in a row after which the channel counts as stuck; 0: never.
+    pub fn stuck_after(&self) -> u16 {
+        let noise = self.to_si(self.noise_std) - self.to_si(0.0);
+        let derived = || Adc::words_until_stuck((noise / self.lsb_si()).abs());
+        self.adc.stuck_after.unwrap_or_else(derived)
     }
 
     fn clamped(&self, word: f64) -> i32 {
@@ -328,24 +336,6 @@ pub struct Displacement {
     pub direction_deg: f64,
 }
 
-/// The converter behind an analogue channel: `value = (word - zero) * lsb`.
-#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Adc {
-    /// Value of one count [the channel's unit, or mV/V of its bridge], not 0.
-    pub lsb: f64,
-    /// Word at value 0.
-    #[serde(default)]
-    pub zero: i32,
-    /// Word length (bit), 8 to 32; the extreme words count as saturated.
-    #[serde(default = "twenty_four")]
-    pub bits: u32,
-    /// After how many equal words in a row the channel counts as stuck; 0 for
-    /// a channel that may rest.
-    #[serde(default)]
-    pub stuck_after: u16,
-}
-
 /// A reference load in recordings.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -445,13 +435,10 @@ fn one() -> f64 {
     1.0
 }
 
-fn twenty_four() -> u32 {
-    24
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{Adc, Auxiliary, earlier};
+    use super::{Auxiliary, earlier};
+    use crate::adc::Adc;
     use loadtwin_recording::Unit;
 
     #[test]
@@ -468,7 +455,7 @@ mod tests {
             lsb: 0.01,
             zero: 500,
             bits: 24,
-            stuck_after: 0,
+            stuck_after: None,
         };
         let sampled = Auxiliary {
             name: "housing".into(),

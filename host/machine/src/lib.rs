@@ -5,6 +5,7 @@
 //! what is allowed.
 #![forbid(unsafe_code)]
 
+mod adc;
 mod angle_map;
 mod balance;
 mod bearing;
@@ -30,6 +31,7 @@ use std::path::{Path, PathBuf};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use adc::Adc;
 pub use angle_map::{
     MAP_ENTRIES, MAPS, complete_columns, read_column, read_columns, resampled, six_digits,
     write_columns,
@@ -39,8 +41,8 @@ pub use bearing::{
     BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, PreloadAlong, SHAPES,
 };
 pub use channel::{
-    Adc, Auxiliary, Channel, Creep, Displacement, Drift, Group, Hysteresis, LATEST_S, Place,
-    Reference, SLOWEST_S, Senses, Thermal, earlier, followed, lag,
+    Auxiliary, Channel, Creep, Displacement, Drift, Group, Hysteresis, LATEST_S, Place, Reference,
+    SLOWEST_S, Senses, Thermal, earlier, followed, lag,
 };
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, MOST_INERTIAS, Shaft};
 pub use encoder::{Eccentricity, Encoder, Index, IndexSignal, QUANTISATION};

@@ -222,7 +222,7 @@ impl Plan {
             gain: (channel.lsb_si() / tables.unit) as f32,
             lowest: (-(1_i64 << (channel.adc.bits - 1))) as i32,
             highest: ((1_i64 << (channel.adc.bits - 1)) - 1) as i32,
-            stuck_after: channel.adc.stuck_after,
+            stuck_after: channel.stuck_after(),
         };
         let (row, role) = if let Senses::Drive(name) = &channel.senses {
             let transition = self.torsion.discretised(self.dt_s);

@@ -240,7 +240,7 @@ impl RotorFilterDesign {
                 gain: (channel.lsb_si() / UNIT_M) as f32,
                 lowest: (-extreme) as i32,
                 highest: (extreme - 1) as i32,
-                stuck_after: channel.adc.stuck_after,
+                stuck_after: channel.stuck_after(),
             },
             unit: UNIT_M as f32,
             offset: (channel.to_si(channel.offset) / UNIT_M) as f32,

@@ -194,7 +194,7 @@ impl Observations {
                 .for_each(|((job, words), column)| {
                     let Some(column) = column else { return };
                     let (channel, answered) = (job.channel, &job.answered);
-                    let stuck_after = match channel.adc.stuck_after {
+                    let stuck_after = match channel.stuck_after() {
                         0 => (fault::STUCK_AFTER_S * machine.rate_hz) as u32,
                         words => u32::from(words),
                     };

@@ -1,0 +1,66 @@
+//! The analogue-to-digital converter of a channel.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The converter behind an analogue channel: `value = (word - zero) * lsb`.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Adc {
+    /// Value of one count [the channel's unit, or mV/V of its bridge], not 0.
+    pub lsb: f64,
+    /// Word at value 0.
+    #[serde(default)]
+    pub zero: i32,
+    /// Word length (bit), 8 to 32; the extreme words count as saturated.
+    #[serde(default = "twenty_four")]
+    pub bits: u32,
+    /// After how many equal words in a row the channel counts as stuck; 0 for a channel that may
+    /// rest. Where absent, as many as noise repeats once in 10^12 samples; never where the
+    /// noise is too small to tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stuck_after: Option<u16>,
+}
+
+/// Rate at which a sound converter may repeat its word often enough to count as stuck (1/sample):
+/// once in 30 years at 1 kHz.
+const FALSE_STUCK: f64 = 1e-12;
+
+/// Part of the described noise that is at least the converter's own: the remainder may be of the model.
+const OWN_NOISE: f64 = 1.0 / 3.0;
+
+impl Adc {
+    /// Equal words in a row after which a channel with noise `std` (words) counts as stuck; 0: never.
+    ///
+    /// A rounded Gaussian repeats its word with `p <= erf(1 / (2 sqrt(2) std))`: so many that
+    /// `p^n` is [`FALSE_STUCK`].
+    pub(crate) fn words_until_stuck(std: f64) -> u16 {
+        let repeats = libm::erf(1.0 / (8.0_f64.sqrt() * OWN_NOISE * std));
+        let words = (FALSE_STUCK.ln() / repeats.ln()).ceil();
+        if words <= f64::from(u16::MAX) {
+            words.max(2.0) as u16
+        } else {
+            0
+        }
+    }
+}
+
+fn twenty_four() -> u32 {
+    24
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_says_when_a_word_repeats_too_often() {
+        // Noise of three words repeats one in 0.38 of samples, of one word in 0.87.
+        assert_eq!(Adc::words_until_stuck(3.0), 29);
+        assert_eq!(Adc::words_until_stuck(1.0), 193);
+        assert!(Adc::words_until_stuck(300.0) < 6);
+        // A quiet converter may repeat its word for ever.
+        assert_eq!(Adc::words_until_stuck(0.1), 0);
+        assert_eq!(Adc::words_until_stuck(0.0), 0);
+    }
+}
