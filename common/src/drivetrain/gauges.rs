@@ -4,7 +4,7 @@
 use nalgebra::{RowSVector, SVector};
 
 use crate::drivetrain::model::{Channel, Role};
-use crate::drivetrain::vote::{Gauge, Prior};
+use crate::drivetrain::vote::{Gauge, MISPLACED, Prior};
 use crate::drivetrain::{
     DrivetrainEstimator, DrivetrainState, PATIENCE, dot, observed_variance, to_sensor_estimate,
 };
@@ -47,9 +47,13 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
         state: &DrivetrainState<NX>,
         i: usize,
         value: f32,
-        sensed: f32,
+        prior: Prior,
         homed: bool,
     ) -> Gauge {
+        let Prior {
+            sensed,
+            variance: spread,
+        } = prior;
         let Some(channel) = self.model.channels.get(i) else {
             return Gauge::default();
         };
@@ -75,10 +79,15 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
         let (sensitivity, slope) = if homed {
             map.at(angle)
         } else {
-            let unknown = map_deviation * sensed;
-            r += unknown * unknown;
             (*map_mean, 0.0)
         };
+        // `E[(m - mean)^2 s^2]` where the angle is not known: what is sensed has a spread, too.
+        let unknown = if homed {
+            0.0
+        } else {
+            map_deviation * map_deviation * (sensed * sensed + spread)
+        };
+        r += unknown;
         // The angle is the encoder's business: what it is unsure of makes the
         // reading less certain, but a gauge whose map is wrong must not turn it.
         let (output, steepness) = response.output(sensed, state.warming);
@@ -97,7 +106,7 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
             response,
             sensitivity: sensitivity * steepness,
             variance: r,
-            slope: by_angle,
+            persistent: unknown + by_angle * by_angle * (MISPLACED * MISPLACED),
         }
     }
 
@@ -122,7 +131,7 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
             for i in &direction.members {
                 let i = usize::from(*i) % MAX_CHANNELS;
                 if let Some(Ok(value)) = m.values.get(i) {
-                    gauges[i] = self.gauge(state, i, *value, prior.sensed, estimate.homed);
+                    gauges[i] = self.gauge(state, i, *value, prior, estimate.homed);
                 }
             }
             (self.voting).weigh(&mut state.vote, d, direction, &gauges, prior);

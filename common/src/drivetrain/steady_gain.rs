@@ -182,7 +182,7 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
             for i in &direction.members {
                 let i = usize::from(*i) % MAX_CHANNELS;
                 if let Some(Ok(value)) = m.values.get(i) {
-                    gauges[i] = self.gauge(state, i, *value, prior.sensed, true);
+                    gauges[i] = self.gauge(state, i, *value, prior, true);
                 }
             }
             (self.voting).weigh(&mut state.vote, d, direction, &gauges, prior);

@@ -35,7 +35,7 @@ const MOST_OF_LIMIT: f32 = 0.5;
 
 /// Angle by which a map is turned against the gauge, one standard deviation [rad]: a gauge, or the index
 /// pulse, a centimetre off on a radius of a metre.
-const MISPLACED: f32 = 0.01;
+pub(super) const MISPLACED: f32 = 0.01;
 
 /// Windows for which gauges agree before the prediction made with them counts against them.
 pub(crate) const ANCHORED: f32 = 5.0;
@@ -81,8 +81,8 @@ pub(crate) struct Gauge {
     pub sensitivity: f32,
     /// Variance of the reading.
     pub variance: f32,
-    /// Slope of the reading over the carrier angle [1/rad].
-    pub slope: f32,
+    /// Variance of an error of the map that stays for longer than the window.
+    pub persistent: f32,
 }
 
 /// What is known of a direction before its gauges are read.
@@ -299,9 +299,11 @@ impl Voting {
     /// Mean square residual at the limit.
     fn tolerance(&self, i: usize, gauge: &Gauge, sensed: f32) -> f32 {
         let [zero, share] = self.tolerances[i % MAX_CHANNELS];
-        let turned = gauge.slope * MISPLACED;
-        let misplaced = self.consistency.model_bound * turned * turned;
-        self.consistency.noise_bound * gauge.variance + zero + share * sensed * sensed + misplaced
+        let sensed = sensed * sensed;
+        self.consistency.noise_bound * gauge.variance
+            + zero
+            + share * sensed
+            + self.consistency.model_bound * gauge.persistent
     }
 
     /// Cost of the next pair whose readings may be each other's, one pair a sample.

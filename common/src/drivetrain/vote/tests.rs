@@ -63,7 +63,7 @@ impl Rig {
                     response: MAPS[i] * sensed,
                     sensitivity: MAPS[i],
                     variance: NOISE * NOISE,
-                    slope: 0.0,
+                    persistent: 0.0,
                 };
             }
             let prior = Prior {
