@@ -64,7 +64,7 @@ fn chosen(loads: &[&str], sets: &[(&str, &Tuned)]) -> Table {
     }
 }
 
-/// Frequency [Hz] up to which the response of load `j` is not below `1 / sqrt(2)` (-3 dB); none where
+/// Frequency (Hz) up to which the response of load `j` is not below `1 / sqrt(2)` (-3 dB); none where
 /// already the lowest is.
 pub fn reached_hz(response: &[(f64, Vec<f64>)], j: usize) -> Option<f64> {
     (response.iter())
