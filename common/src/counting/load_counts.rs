@@ -72,7 +72,7 @@ impl Closed {
         &self.matrix
     }
 
-    /// Cycles for each range [levels].
+    /// Cycles for each range (levels).
     pub fn ranges(&self) -> &Tally<LEVELS> {
         &self.ranges
     }
@@ -84,7 +84,7 @@ impl Closed {
 }
 
 impl LoadCounts {
-    /// Nothing counted yet; `gate` [levels], see [`TurningPoints`].
+    /// Nothing counted yet; `gate` (levels), see [`TurningPoints`].
     ///
     /// # Errors
     /// `Error::OutOfRange` for a gate of zero or of the whole scale.
@@ -242,7 +242,7 @@ impl LoadCounts {
         &self.scale
     }
 
-    /// The gate of turning points [levels].
+    /// The gate of turning points (levels).
     pub fn gate(&self) -> u8 {
         self.turning_points.gate()
     }

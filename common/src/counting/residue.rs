@@ -32,7 +32,7 @@ impl Cycle {
         }
     }
 
-    /// Its range [levels], above 0.
+    /// Its range (levels), above 0.
     pub fn range(self) -> u8 {
         self.high - self.low
     }

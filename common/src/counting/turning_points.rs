@@ -35,7 +35,7 @@ enum Motion {
 }
 
 impl TurningPoints {
-    /// None found yet; `gate` [levels], 1 to `LEVELS - 1`.
+    /// None found yet; `gate` (levels), 1 to `LEVELS - 1`.
     ///
     /// # Errors
     /// `Error::OutOfRange` for another gate.
@@ -51,7 +51,7 @@ impl TurningPoints {
         }
     }
 
-    /// The gate [levels].
+    /// The gate (levels).
     pub fn gate(&self) -> u8 {
         self.gate
     }
