@@ -60,7 +60,7 @@ fn generate(dbc: &Dbc) -> String {
         assert!(offset < IDS_PER_MACHINE);
         let _ = write!(
             out,
-            "\n/// `{}`.\npub mod {} {{\n    use crate::frame::Field;\n\n    \
+            "\n/// `{}`.\npub mod {} {{\n    use crate::io::frame::Field;\n\n    \
              /// Identifier, from the base.\n    pub const OFFSET: u16 = {offset};\n",
             message.name,
             snake(group)
