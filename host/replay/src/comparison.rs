@@ -175,7 +175,8 @@ impl Comparison {
     }
 
     /// Whether the new description is worse: by the loads where there are references, by more than
-    /// 0.1 % of nominal; else by the likelihood, beyond its interval.
+    /// 0.1 % of nominal; else by the likelihood, beyond its interval. A rise that may be chance, by
+    /// its interval, does not count where the likelihood rises beyond its own.
     pub fn is_worse(&self) -> bool {
         if self.nmae_percent.is_empty() {
             return (self.log_likelihood).is_some_and(|l| {
@@ -183,7 +184,13 @@ impl Comparison {
                     .map_or(l.after < l.before, |[_, high]| high < 0.0)
             });
         }
-        (self.nmae_percent.values()).any(|c| c.after - c.before > WORSE_PERCENT)
+        let lowest = |c: &Change| c.interval.map_or(c.after - c.before, |[low, _]| low);
+        let likelier = self
+            .log_likelihood
+            .as_ref()
+            .is_some_and(|l| lowest(l) > 0.0);
+        (self.nmae_percent.values())
+            .any(|c| c.after - c.before > WORSE_PERCENT && (lowest(c) > 0.0 || !likelier))
     }
 
     /// Whether the new description is shown not to be worse: the NMAE of no load rises by more than 0.1 % of
