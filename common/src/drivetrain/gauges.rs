@@ -81,13 +81,15 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
         } else {
             (*map_mean, 0.0)
         };
-        // `E[(m - mean)^2 s^2]` where the angle is not known: what is sensed has a spread, too.
+        // `E[(m - mean)^2 s^2]` where the angle is not known: what is sensed has a spread, too. The
+        // filter keeps to its estimate; that gauges differ by the spread accuses none of them.
         let unknown = if homed {
             0.0
         } else {
-            map_deviation * map_deviation * (sensed * sensed + spread)
+            map_deviation * map_deviation
         };
-        r += unknown;
+        r += unknown * sensed * sensed;
+        let unknown = unknown * (sensed * sensed + spread);
         // The angle is the encoder's business: what it is unsure of makes the
         // reading less certain, but a gauge whose map is wrong must not turn it.
         let (output, steepness) = response.output(sensed, state.warming);
