@@ -323,8 +323,9 @@ fn rotor_filter<const NX: usize>([full, scheduled, lagging]: [&str; 3]) {
     let by_gain = |posterior: &mut StateEstimate<f32, NX>, k: u32| {
         predict_state(&mut posterior.state, &dense, &turn);
         let y = &samples[k as usize % 16];
-        let nu: [f32; 4] =
-            core::array::from_fn(|i| y[i] - filter::predicted(&posterior.state, &rows[i]));
+        let nu: [f32; 4] = core::array::from_fn(|i| {
+            y[i] - filter::predict_measurement(&posterior.state, &rows[i])
+        });
         for (gain, nu) in gain.iter().zip(nu) {
             for j in 0..NX {
                 posterior.state[j] += gain[j] * nu;
@@ -335,13 +336,13 @@ fn rotor_filter<const NX: usize>([full, scheduled, lagging]: [&str; 3]) {
     report(scheduled, |k| {
         by_gain(&mut posterior, k);
     });
-    let mut past = FixedLagSmoother::new(LaggedState::unknown(0.0));
+    let mut past = FixedLagSmoother::new(LaggedState::diffuse(0.0));
     let before = black_box([gain; 2]);
     report(lagging, |k| {
-        past.push().take::<NZ>(&posterior, 0.0);
+        past.advance().capture::<NZ>(&posterior, 0.0);
         let nu = by_gain(&mut posterior, k);
-        past.correct(&before, &nu);
-        black_box(past.at(2));
+        past.update(&before, &nu);
+        black_box(past.lagged(2));
     });
     black_box(posterior);
 }
