@@ -1,6 +1,9 @@
 //! A million damaged models: each is refused whole, or runs without a panic.
 
 use loadtwin::build::Filter;
+use loadtwin_common::estimator::Estimator;
+use loadtwin_common::image::Image;
+use loadtwin_common::io::estimate::Estimate;
 use loadtwin_common::io::frame::{IDS_PER_MACHINE, decode};
 use loadtwin_firmware::app::App;
 use loadtwin_tests::descriptions::variants;
@@ -96,4 +99,58 @@ fn a_damaged_model_is_refused_whole_or_runs() {
     }
     println!("{refused} refused, {taken} taken and run");
     assert!(refused > CASES / 10 && taken > CASES / 100);
+}
+
+/// What every estimate keeps, whatever the image: finite numbers, no negative variance, an angle in
+/// [-pi, pi), a reason where a load is unknown.
+fn assert_invariants(estimate: &Estimate) {
+    use std::f32::consts::PI;
+    let not_negative = |x: f32| x >= 0.0 && x.is_finite();
+    assert!((-PI..PI).contains(&estimate.angle_rad), "{estimate:?}");
+    for load in &estimate.loads {
+        assert!(load.value.is_finite() && not_negative(load.std), "{load:?}");
+        assert!(load.std < f32::MAX || !load.fault.is_none(), "{load:?}");
+    }
+    for sensor in &estimate.sensors {
+        assert!(
+            sensor.measured.is_finite() && sensor.innovation.is_finite(),
+            "{sensor:?}"
+        );
+        assert!(
+            not_negative(sensor.innovation_variance) && not_negative(sensor.nis),
+            "{sensor:?}"
+        );
+    }
+}
+
+/// Of every kind of machine: image -> estimator -> 100 steps.
+#[test]
+fn a_damaged_model_that_is_taken_keeps_the_invariants_of_an_estimate() {
+    const EACH: u32 = 10_000;
+    let mut random = ChaCha8Rng::seed_from_u64(4);
+    let world = samples(100);
+    let mut kinds: Vec<Vec<u8>> = Vec::new();
+    for variant in variants() {
+        // Machines and filters differ in length.
+        let len = variant.image.len();
+        if len < 20_000 && kinds.iter().all(|image| image.len() != len) {
+            kinds.push(variant.image);
+        }
+    }
+    assert!(kinds.len() > 4);
+    let mut taken = 0_u32;
+    for image in kinds {
+        for _ in 0..EACH {
+            let mut damaged = image.clone();
+            damage(&mut damaged, &mut random);
+            let Ok(mut estimator) = Image::from_bytes(&damaged).and_then(Estimator::try_build) else {
+                continue;
+            };
+            taken += 1;
+            for raw in &world {
+                assert_invariants(&estimator.step(raw));
+            }
+        }
+    }
+    assert!(taken > EACH, "{taken} taken");
 }
