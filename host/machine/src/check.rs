@@ -213,6 +213,8 @@ impl Machine {
                 (Some(sensitivity), None) => nonzero(&field("sensitivity"), sensitivity)?,
                 (None, _) => {}
             }
+            self.check_homed(&field("sensitivity_map"), channel.sensitivity_map.is_some())?;
+            self.check_homed(&field("noise_map"), channel.noise_map.is_some())?;
             if let Some(place) = &channel.place {
                 for x in place.position_m {
                     finite(&field("place.position_m"), x)?;
@@ -222,6 +224,16 @@ impl Machine {
                 positive(&field("place.patch_m"), place.patch_m)?;
             }
             check_reading(&field, channel)?;
+        }
+        Ok(())
+    }
+
+    /// A map needs an angle that is the same after each start.
+    fn check_homed(&self, field: &str, has_map: bool) -> Checked {
+        if has_map && self.index.is_none() {
+            let allowed = "a constant, or a table [index]: without the pulse the angle begins anywhere \
+                           at each start, and the map's phase is lost";
+            return refuse(field, "a map over an angle that nothing homes", allowed);
         }
         Ok(())
     }

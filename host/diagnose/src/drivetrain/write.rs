@@ -172,7 +172,13 @@ pub fn corrected(
         for (found, mended) in selection.found.iter().zip(&mut mended) {
             let own = &found.parameters[k];
             if !own.is_empty() && found.effect.scope() == Scope::PerSignal {
-                let taken = found.effect.apply_to(&found.shape, own, &mut gauge);
+                let before = gauge.map.clone();
+                let mut taken = found.effect.apply_to(&found.shape, own, &mut gauge);
+                // Over an angle that nothing homes the phase is lost at the next start.
+                if machine.index.is_none() && gauge.map.len() > 1 {
+                    gauge.map = before;
+                    taken = false;
+                }
                 *mended |= taken;
                 moved |= taken;
             }

@@ -27,6 +27,9 @@ pub fn calibrated(
             continue;
         };
         let own = |values: &[f64]| in_unit(&machine.channels[gauge.channel], values);
+        // Over an angle that nothing homes a map's phase is lost at the next start: its mean stays.
+        let mean = [map.iter().sum::<f64>() / map.len() as f64];
+        let map = if machine.index.is_none() { &mean } else { map };
         let channel = &mut changed.channels[gauge.channel];
         channel.offset = channel.unit.from_si(offset);
         if map.len() == 1 {
@@ -65,6 +68,11 @@ pub fn with_noise<'a>(
     for (i, noise) in noise {
         let channel = &mut changed.channels[i];
         channel.noise_std = channel.unit.from_si(rms(&noise.scaled));
+        // As of sensitivities: a map needs an angle that is homed.
+        if machine.index.is_none() {
+            channel.noise_map = None;
+            continue;
+        }
         channel.noise_map = Some(path.clone());
         columns.push((
             &machine.channels[i],
