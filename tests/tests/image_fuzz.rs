@@ -143,7 +143,8 @@ fn a_damaged_model_that_is_taken_keeps_the_invariants_of_an_estimate() {
         for _ in 0..EACH {
             let mut damaged = image.clone();
             damage(&mut damaged, &mut random);
-            let Ok(mut estimator) = Image::from_bytes(&damaged).and_then(Estimator::try_build) else {
+            let Ok(mut estimator) = Image::from_bytes(&damaged).and_then(Estimator::try_build)
+            else {
                 continue;
             };
             taken += 1;

@@ -9,9 +9,6 @@ use super::{Band, BandFigures, Sample};
 use loadtwin_machine::Machine;
 use loadtwin_math::metrics::{Autocorrelation, LAGS, LoadError, Segment};
 
-/// Mean NIS that no noise, drift or small error of a description makes.
-const CONTRADICTING: f64 = 100.0;
-
 /// Errors, consistency and flags of one replay, gathered sample by sample.
 pub struct Figures {
     loads: Vec<(String, f64, LoadError)>,
@@ -159,15 +156,6 @@ impl Figures {
         (self.whiteness().iter())
             .filter_map(|of| of.next)
             .max_by(|a, b| a.abs().total_cmp(&b.abs()))
-    }
-
-    /// Where the readings contradict the description, that in one line.
-    pub fn note(&self) -> Option<String> {
-        let nis = self.nis_mean().filter(|nis| *nis > CONTRADICTING)?;
-        Some(format!(
-            "NIS: found {nis:.0} on average, expected 1: the readings contradict the description; is a \
-             sensor in another unit (mm for m), or its zero or sensitivity wrong?"
-        ))
     }
 
     /// Where the segments do not count in the recording's time, that in one line.

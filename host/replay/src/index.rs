@@ -350,7 +350,8 @@ impl Rows {
         wrong.sort_unstable_by(f64::total_cmp);
         Err(format!(
             "{} of {pairs} pulses are not whole turns ({} counts of the encoder) after the one \
-             before, but {:.3} turns in the median",
+             before, but {:.3} turns in the median; counts_per_turn or speed_ratio is wrong, or the pulses \
+             are noise",
             wrong.len(),
             turn.abs(),
             wrong[wrong.len() / 2]

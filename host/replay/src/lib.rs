@@ -1,10 +1,23 @@
 //! `loadtwin replay`: the estimator on a recording.
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::todo,
+        clippy::unimplemented
+    )
+)]
 
 mod band;
 mod baselines;
 mod bearing_rig;
 mod comparison;
+mod consistency;
+mod correction;
 mod displacements;
 mod estimates;
 mod figures;
@@ -28,6 +41,7 @@ pub use band::{Band, BandFigures};
 pub use baselines::Baselines;
 pub use bearing_rig::{RecordedError, recorded};
 pub use comparison::{Change, Comparison, Course};
+pub use consistency::{Cause, Consistency, SensorConsistency};
 pub use displacements::{Displacements, NodeFigures, displacement_columns};
 pub use estimates::{ESTIMATES, EstimateWriter};
 pub use figures::{Figures, LoadFigures, Whiteness};

@@ -2,7 +2,7 @@
 
 use loadtwin_common::io::estimate::Estimate;
 
-use super::{Displacements, Figures, Phasor, Sample};
+use super::{Consistency, Displacements, Figures, Phasor, Sample};
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{Machine, Senses};
 use loadtwin_recording::Quantity;
@@ -72,13 +72,13 @@ impl ReportPage {
         self.plots.push(sample.t, &self.references, estimate);
     }
 
-    /// The page, with the error tables of `figures` and of the baseline, and the orbits of a rotor.
+    /// The page, with the error tables of `figures` and of the baseline, what the sensors agree on,
+    /// and the orbits of a rotor.
     pub fn finish(
         self,
         machine: &Machine,
-        sensors: &Sensors,
-        recording: &str,
-        figures: &Figures,
+        (sensors, recording): (&Sensors, &str),
+        (figures, consistency): (&Figures, &Consistency),
         displacements: &Displacements,
         phasor: &Phasor,
     ) -> Report {
@@ -86,16 +86,20 @@ impl ReportPage {
         sections.extend(displacements.orbits());
         let mut tables = vec![error_table(machine, figures)];
         tables.extend(baseline_table(machine, phasor));
+        tables.push(sensor_table(consistency));
         Report {
             title: machine.name.clone(),
-            facts: vec![
-                ["Recording".into(), recording.into()],
-                ["Sensors".into(), sensors.name.clone()],
-                [
-                    "Samples".into(),
-                    format!("{} at {} Hz", figures.samples(), machine.rate_hz),
-                ],
-            ],
+            facts: (consistency.note().into_iter())
+                .map(|note| ["Disagreement".into(), note])
+                .chain([
+                    ["Recording".into(), recording.into()],
+                    ["Sensors".into(), sensors.name.clone()],
+                    [
+                        "Samples".into(),
+                        format!("{} at {} Hz", figures.samples(), machine.rate_hz),
+                    ],
+                ])
+                .collect(),
             key_figures: key_figures(figures),
             tables,
             time: Some(time),
@@ -144,6 +148,29 @@ fn key_figures(figures: &Figures) -> Vec<KeyFigure> {
         });
     }
     key_figures
+}
+
+/// Consistency and flags of each sensor.
+fn sensor_table(consistency: &Consistency) -> Table {
+    let rows = consistency.sensors.iter().map(|sensor| {
+        let flags = sensor
+            .flags
+            .iter()
+            .map(|(fault, count)| format!("{fault}: {count}"));
+        vec![
+            sensor.name.clone(),
+            cell(sensor.contradicting_percent),
+            cell(sensor.nis),
+            cell(sensor.bias),
+            flags.collect::<Vec<_>>().join(", "),
+        ]
+    });
+    Table {
+        caption: "Sensors: readings that contradict the model (0.27 % in a consistent filter), flagged samples"
+            .into(),
+        head: ["Sensor", "contradicting [%]", "NIS", "mean [σ]", "flagged"].map(String::from).to_vec(),
+        rows: rows.collect(),
+    }
 }
 
 fn error_table(machine: &Machine, figures: &Figures) -> Table {

@@ -6,6 +6,7 @@ use std::path::Path;
 use loadtwin_common::io::raw::RawSample;
 
 use super::ReplayError;
+use super::correction::Correction;
 use super::displacements::displacement_columns;
 use super::index::{Pulse, Pulses};
 use loadtwin_design::build::Sensors;
@@ -29,6 +30,7 @@ pub struct Samples {
     segments_from_s: Option<f64>,
     /// Words and counts that were no whole numbers.
     fractional: u64,
+    correction: Correction,
     tick: u32,
 }
 
@@ -79,7 +81,8 @@ impl Motion {
 }
 
 /// The index column.
-struct IndexColumn {
+#[derive(Clone, Debug)]
+pub(super) struct IndexColumn {
     encoder: usize,
     pulses: Pulses,
 }
@@ -107,6 +110,21 @@ impl Samples {
     /// When the recording cannot be read, lacks a sensor's column, or has
     /// another rate than the machine.
     pub fn open(machine: &Machine, sensors: &Sensors, path: &Path) -> Result<Self, ReplayError> {
+        Self::with_index(
+            machine,
+            sensors,
+            path,
+            index_column(machine, sensors, path)?,
+        )
+    }
+
+    /// As [`Self::open`], with the index column of the recording, once it was found.
+    pub(super) fn with_index(
+        machine: &Machine,
+        sensors: &Sensors,
+        path: &Path,
+        index: Option<IndexColumn>,
+    ) -> Result<Self, ReplayError> {
         let layout = &machine.recording;
         let sensors_named = (sensors.channels.iter().map(|c| &c.name))
             .chain(sensors.encoders.iter().map(|e| &e.name))
@@ -145,8 +163,6 @@ impl Samples {
                 _ => Motion::Count,
             })
             .collect();
-        let index = index_column(machine, sensors, path)?;
-
         let mut wanted = Vec::new();
         for (channel, form) in sensors.channels.iter().zip(&forms) {
             let unit = match form {
@@ -173,9 +189,9 @@ impl Samples {
                 Motion::Speed { .. } => Role::Continuous,
             });
         }
-        if let Some((name, _)) = &index {
+        if let (Some(index), Some(_)) = (&machine.index, &index) {
             wanted.push(Wanted {
-                name,
+                name: &index.name,
                 unit: Unit::ONE,
                 required: true,
             });
@@ -189,13 +205,14 @@ impl Samples {
         let reader =
             Reader::open_as(path, layout, &wanted, &roles)?.expect_period(1.0 / machine.rate_hz)?;
         Ok(Self {
+            correction: Correction::none(sensors),
             channels: sensors.channels.clone(),
             encoders: sensors.encoders.clone(),
             references: machine.references.clone(),
             displacements: displacements.len(),
             machine_segments: machine.segments.clone(),
             segments_from_s: None,
-            index: index.map(|(_, column)| column),
+            index,
             reader,
             forms,
             motions,
@@ -203,6 +220,11 @@ impl Samples {
             fractional: 0,
             tick: 0,
         })
+    }
+
+    /// The same recording, read otherwise.
+    pub(super) fn corrected(self, correction: Correction) -> Self {
+        Self { correction, ..self }
     }
 
     /// Part of the recording that was read so far, 0 to 1.
@@ -274,26 +296,33 @@ impl Samples {
             fractional += u64::from(value.fract() != 0.0);
             value.round()
         };
-        let mut columns = block
-            .columns
-            .iter()
-            .map(|column| column.as_ref().map_or(f64::NAN, |c| c[i]));
-        for (k, (channel, form)) in self.channels.iter().zip(&self.forms).enumerate() {
-            let value = columns.next().unwrap_or(f64::NAN);
+        let at = |column: usize| {
+            let column = block.columns.get(column).and_then(Option::as_ref);
+            column.map_or(f64::NAN, |c| c[i])
+        };
+        let encoders = self.channels.len();
+        let corrected = self.correction.channels.iter();
+        for (k, ((channel, form), read)) in
+            (self.channels.iter().zip(&self.forms).zip(corrected)).enumerate()
+        {
+            let value = at(read.from);
             if !value.is_nan() {
+                let zero = f64::from(channel.adc.zero);
                 let word = match form {
-                    Form::Word => whole(value) as i32,
-                    Form::Ratio => channel.word_of_ratio(value),
-                    Form::Reading => channel.word(value),
+                    Form::Word => whole(zero + (value - zero) * read.factor) as i32,
+                    Form::Ratio => channel.word_of_ratio(value * read.factor),
+                    Form::Reading => channel.word(value * read.factor),
                 };
-                raw.set_word(k, word);
+                let shift = channel.word(read.offset).saturating_sub(channel.word(0.0));
+                raw.set_word(k, word.saturating_add(shift));
             }
         }
         // The count of the index's encoder in this row.
         let mut here = self.encoders.is_empty().then_some(0);
         let motions = self.encoders.iter().zip(&mut self.motions);
-        for (k, (encoder, motion)) in motions.enumerate() {
-            let value = columns.next().unwrap_or(f64::NAN);
+        let corrected = self.correction.encoders.iter();
+        for (k, ((encoder, motion), (from, factor))) in motions.zip(corrected).enumerate() {
+            let value = at(encoders + from) * factor;
             if !value.is_nan() {
                 if matches!(motion, Motion::Count) {
                     whole(value);
@@ -306,11 +335,13 @@ impl Samples {
             }
         }
         if let Some(index) = &mut self.index {
-            let pulse = index
-                .pulses
-                .next(columns.next().unwrap_or(f64::NAN), absent);
+            let factor = (self.correction.encoders.get(index.encoder)).map_or(1.0, |c| c.1);
+            let column = encoders + self.encoders.len();
+            let pulse = index.pulses.next(at(column), absent);
             raw.index = match (pulse, self.encoders.get(index.encoder)) {
-                (Some(Pulse::Count(count)), Some(encoder)) => Some(counter(encoder, count)),
+                (Some(Pulse::Count(count)), Some(encoder)) => {
+                    Some(counter(encoder, count * factor))
+                }
                 (Some(_), _) => here,
                 (None, _) => None,
             };
@@ -339,12 +370,12 @@ pub(super) fn segment_start_s(segments: &[Segment], t0: f64) -> f64 {
     }
 }
 
-/// The index column of the recording in `path`, by name, where it homes one of the sensors.
-fn index_column<'a>(
-    machine: &'a Machine,
+/// The index column of the recording in `path`, where it homes one of the sensors.
+pub(super) fn index_column(
+    machine: &Machine,
     sensors: &Sensors,
     path: &Path,
-) -> Result<Option<(&'a str, IndexColumn)>, ReplayError> {
+) -> Result<Option<IndexColumn>, ReplayError> {
     let Some(index) = &machine.index else {
         return Ok(None);
     };
@@ -352,11 +383,10 @@ fn index_column<'a>(
     if encoder.is_none() && !sensors.encoders.is_empty() {
         return Ok(None);
     }
-    let column = IndexColumn {
+    Ok(Some(IndexColumn {
         encoder: encoder.unwrap_or(0),
         pulses: Pulses::of(machine, index, path)?,
-    };
-    Ok(Some((&index.name, column)))
+    }))
 }
 
 /// The hardware counter's value for a count.

@@ -20,7 +20,7 @@ const SMOOTHED_SAMPLES: f64 = 200.0;
 /// Columns over time for each load and each sensor, and for the NIS.
 const LOAD_COLUMNS: usize = 5;
 const SENSOR_COLUMNS: usize = 3;
-const NIS_COLUMNS: usize = 2;
+const NIS_COLUMNS: usize = 4;
 
 /// How a load is shown.
 #[derive(Clone, Debug)]
@@ -92,8 +92,8 @@ impl ReplayPlots {
     /// Adds the estimate at `t_s` (s), not before the last.
     ///
     /// `references`: one for each load, in its unit, NaN where there is none; may be shorter. A
-    /// sensor that was not read leaves a gap; one that was gated out is shown, but takes no part in
-    /// autocorrelation, distribution and NIS.
+    /// load that is not valid and a sensor that was not read leave a gap; a sensor that was gated out
+    /// is shown, but takes no part in autocorrelation, distribution and NIS.
     pub fn push(&mut self, t_s: f64, references: &[f64], estimate: &Estimate) {
         self.row.clear();
         for (i, (_, has_reference)) in self.loads.iter_mut().enumerate() {
@@ -101,7 +101,12 @@ impl ReplayPlots {
                 value: f32::NAN,
                 ..LoadEstimate::default()
             });
-            let (value, deviation) = (f64::from(load.value), 2.0 * f64::from(load.std));
+            let value = if load.fault.is_none() {
+                f64::from(load.value)
+            } else {
+                f64::NAN
+            };
+            let deviation = 2.0 * f64::from(load.std);
             let reference = references.get(i).copied().unwrap_or(f64::NAN);
             *has_reference |= reference.is_finite();
             let (upper, lower) = (value + deviation, value - deviation);
@@ -127,7 +132,14 @@ impl ReplayPlots {
             *smoothed += (nis - *smoothed) / SMOOTHED_SAMPLES;
         }
         let smoothed = self.smoothed_nis.unwrap_or(f64::NAN);
-        self.row.extend([nis, smoothed]);
+        let flagged = estimate
+            .sensors
+            .iter()
+            .filter(|s| !s.fault.is_none())
+            .count();
+        let not_valid = estimate.loads.iter().filter(|l| !l.fault.is_none()).count();
+        let counts = [flagged, not_valid].map(|count| count as f64);
+        self.row.extend([nis, smoothed, counts[0], counts[1]]);
         self.time.push(t_s, &self.row);
     }
 
@@ -165,7 +177,10 @@ impl ReplayPlots {
                 "Consistency",
                 "The NIS of a consistent filter is outside the bounds in 5 % of the samples.",
                 true,
-                vec![nis_plot(first_nis, self.most_channels)],
+                vec![
+                    nis_plot(first_nis, self.most_channels),
+                    flags_plot(first_nis + 2),
+                ],
             ),
             section(
                 "Sensors",
@@ -318,6 +333,21 @@ fn nis_plot(column: usize, channels: usize) -> Plot {
     }
 }
 
+fn flags_plot(column: usize) -> Plot {
+    Plot {
+        title: "Flags".into(),
+        y: Axis::new("Number", ""),
+        data: Data::Time(vec![
+            (Series::line("sensors flagged", Role::Other), column),
+            (
+                Series::line("loads not valid", Role::Innovation),
+                column + 1,
+            ),
+        ]),
+        ..Plot::default()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -394,7 +424,7 @@ mod tests {
         near(8, [50.0, gap, gap]);
         near(11, [1.0, 1.0, gap]);
         let counts: Vec<_> = sections.iter().map(|s| s.plots.len()).collect();
-        assert_eq!(counts, [2, 1, 4, 6]);
+        assert_eq!(counts, [2, 2, 4, 6]);
         // One channel in use at most: 0.001 and 5.02.
         let limits = &sections[1].plots[0].limits;
         assert!((limits[1].value - 5.024).abs() < 1e-3, "{limits:?}");
@@ -404,6 +434,27 @@ mod tests {
             ..Report::default()
         };
         assert!(report.to_html().is_ok());
+    }
+
+    #[test]
+    fn a_load_that_is_not_valid_is_a_gap() {
+        let (loads, sensors) = labels();
+        let mut plots = ReplayPlots::new(loads, sensors);
+        let mut not_valid = estimate([Fault::None, Fault::Erratic]);
+        not_valid.loads[0] = LoadEstimate {
+            value: 0.0,
+            fault: Fault::NotValid,
+            ..not_valid.loads[0]
+        };
+        plots.push(0.0, &[90.0], &not_valid);
+        let (time, _) = plots.finish();
+        let columns = time.rows().columns;
+        for gap in [0, 1, 2, 4] {
+            assert!(columns[gap][0].is_nan(), "{gap}: {:?}", columns[gap]);
+        }
+        assert_eq!(columns[3][0], 90.0);
+        let flags = columns.len() - 2;
+        assert_eq!([columns[flags][0], columns[flags + 1][0]], [1.0, 1.0]);
     }
 
     /// No reference, no angle, no sensor: only what there is.
@@ -419,6 +470,6 @@ mod tests {
         plots.push(0.0, &[f64::NAN], &unhomed);
         let (_, sections) = plots.finish();
         let counts: Vec<_> = sections.iter().map(|s| s.plots.len()).collect();
-        assert_eq!(counts, [1, 1, 1, 3]);
+        assert_eq!(counts, [1, 2, 1, 3]);
     }
 }

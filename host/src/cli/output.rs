@@ -2,6 +2,7 @@
 
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write, stderr, stdout};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Whether standard output takes no text: an output of the command goes there,
@@ -42,6 +43,16 @@ pub(super) fn print(text: Arguments<'_>) {
 /// Prints text on standard error; where that is closed, the exit code remains.
 pub(crate) fn note(text: Arguments<'_>) {
     let _ = stderr().lock().write_fmt(text);
+}
+
+/// A path in JSON, whose texts are Unicode: what is not is replaced.
+pub(super) fn shown(path: impl AsRef<Path>) -> String {
+    path.as_ref().display().to_string()
+}
+
+/// The same of several.
+pub(super) fn shown_all(paths: &[PathBuf]) -> Vec<String> {
+    paths.iter().map(shown).collect()
 }
 
 /// `println!` through [`print`].

@@ -10,7 +10,7 @@ use loadtwin_common::io::fault::Fault;
 use serde_json::{Value, json};
 
 use super::layout::LayoutFile;
-use super::output::say;
+use super::output::{say, shown};
 use super::plan::{Plan, Replace};
 use super::progress::Progress;
 use super::spool::spooled;
@@ -18,8 +18,8 @@ use crate::atomic_file::publish;
 use crate::build::{Filter, Sensors};
 use crate::machine::{Machine, Rotor};
 use crate::replay::{
-    self, Baselines, Displacements, ESTIMATES, EstimateWriter, Figures, NodeChoice, NodeColumns,
-    Phasor, ReportPage, Sample, Speeds,
+    self, Baselines, Consistency, Displacements, ESTIMATES, EstimateWriter, Figures, NodeChoice,
+    NodeColumns, Phasor, ReportPage, Sample, Speeds,
 };
 use crate::report::{PAGE, Report, Table};
 
@@ -65,6 +65,7 @@ pub(super) struct Outcome {
     pub(super) sensors: Vec<String>,
     pub(super) filter: Filter,
     pub(super) figures: Figures,
+    pub(super) consistency: Consistency,
     pub(super) displacements: Displacements,
     pub(super) phasor: Phasor,
     pub(super) speeds: Speeds,
@@ -78,9 +79,8 @@ impl Outcome {
     fn page(&self, page: ReportPage, machine: &Machine, sensors: &Sensors, name: &str) -> Report {
         let mut report = page.finish(
             machine,
-            sensors,
-            name,
-            &self.figures,
+            (sensors, name),
+            (&self.figures, &self.consistency),
             &self.displacements,
             &self.phasor,
         );
@@ -112,6 +112,11 @@ impl Replay {
                 say!("{}", json!({ "machine": machine.name, "sets": sets }));
             } else {
                 print_table(&machine, &outcomes);
+                for outcome in &outcomes {
+                    if let Some(note) = outcome.consistency.note() {
+                        say!("{}: {note}", outcome.set);
+                    }
+                }
             }
             return Ok(());
         }
@@ -128,7 +133,7 @@ impl Replay {
             }
             for note in (outcome.reading.iter().cloned())
                 .chain(outcome.speeds.note())
-                .chain(outcome.figures.note())
+                .chain(outcome.consistency.note())
                 .chain(outcome.figures.segment_note())
                 .chain(outcome.displacements.note())
                 .chain(outcome.displacements.doubt_note())
@@ -211,6 +216,7 @@ fn one_set(
     let started = Instant::now();
     let progress = Progress::new("replay");
     let mut figures = Figures::new(machine);
+    let mut consistency = Consistency::new(machine, sensors);
     let mut displacements = Displacements::new(machine, sensors)?;
     let mut phasor = Phasor::new(machine, sensors);
     let mut speeds = Speeds::new(machine);
@@ -220,6 +226,7 @@ fn one_set(
         recording,
         |sample, estimate, line, part| {
             figures.push(sample, estimate);
+            consistency.push(sample, estimate);
             phasor.push(sample, estimate);
             displacements.push(sample, line);
             speeds.push(sample, estimate);
@@ -232,7 +239,9 @@ fn one_set(
             }
         },
     )?;
+    let seconds = started.elapsed().as_secs_f64();
     Ok(Outcome {
+        consistency: consistency.explained(machine, sensors, recording),
         set: sensors.name.clone(),
         sensors: (sensors.channels.iter().map(|c| c.name.clone()))
             .chain(sensors.encoders.iter().map(|e| e.name.clone()))
@@ -244,7 +253,7 @@ fn one_set(
         speeds,
         baselines,
         reading,
-        seconds: started.elapsed().as_secs_f64(),
+        seconds,
     })
 }
 
@@ -290,7 +299,7 @@ pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> 
         .collect();
     json!({
         "machine": machine.name,
-        "recording": recording,
+        "recording": shown(recording),
         "sensors": outcome.set,
         "samples": figures.samples(),
         "rate_hz": machine.rate_hz,
@@ -305,7 +314,8 @@ pub(super) fn report(machine: &Machine, recording: &Path, outcome: &Outcome) -> 
         "flags": figures.flags(),
         "virtual": outcome.displacements.nodes(),
         "speed_note": outcome.speeds.note(),
-        "consistency_note": outcome.figures.note(),
+        "consistency": outcome.consistency,
+        "consistency_note": outcome.consistency.note(),
         "segment_note": outcome.figures.segment_note(),
         "stability_note": outcome.displacements.note(),
         "doubted_samples": outcome.displacements.doubted_samples(),

@@ -1,0 +1,246 @@
+//! Whether description and recording agree, and the likely cause where they do not.
+//!
+//! Summed up from the innovations of each sensor: the part of its readings beyond three standard
+//! deviations. Where that is more than noise makes, causes are tested as hypotheses: the recording is
+//! read as each of them says, and the one with the highest likelihood is named if it restores
+//! consistency.
+
+mod hypothesis;
+mod index;
+mod references;
+mod search;
+mod sensor;
+
+use std::path::Path;
+
+use loadtwin_common::io::estimate::Estimate;
+use serde::Serialize;
+
+use self::index::IndexPulses;
+use self::references::Reference;
+pub use self::sensor::SensorConsistency;
+use self::sensor::contradicts;
+use super::Sample;
+use loadtwin_design::build::Sensors;
+use loadtwin_machine::Machine;
+
+/// NIS of three standard deviations: a consistent filter exceeds it in 0.27 % of the readings.
+const BEYOND: f32 = 9.0;
+
+/// Part of the readings beyond it from which description and recording disagree: that of
+/// innovations 1.53 times as wide as the filter expects, `2 Q(3 / 1.53)`.
+const CONTRADICTING: f64 = 0.05;
+
+/// Part of the samples in which some load is valid, below which that is reported.
+const VALID: f64 = 0.05;
+
+/// Turns of the carrier without an index pulse from which the pulse is missing.
+const TURNS: f64 = 1.5;
+
+/// Readings beyond three standard deviations before the causes are tested: not a start that settles.
+const SETTLED: u64 = 100;
+
+/// What is likely wrong.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Cause {
+    /// `sign`, `unit`, `scale`, `zero`, `swap`, `counts`, `rate`, `index`, `calibration`, `sensor` or
+    /// `reference`.
+    pub kind: &'static str,
+    /// What it is, in words.
+    pub what: String,
+    /// Readings that contradict the model once that is corrected [%], of the worst sensor;
+    /// none where no correction was tested.
+    pub corrected_percent: Option<f64>,
+    /// What to do.
+    pub remedy: String,
+}
+
+/// Consistency of one replay, gathered sample by sample.
+#[derive(Clone, Debug, Serialize)]
+pub struct Consistency {
+    /// Each sensor in the order of the estimates.
+    pub sensors: Vec<SensorConsistency>,
+    /// Samples in which at least one load is valid [%].
+    pub valid_percent: Option<f64>,
+    /// The likely cause where recording and description disagree.
+    pub cause: Option<Cause>,
+    #[serde(skip)]
+    samples: u64,
+    #[serde(skip)]
+    valid: u64,
+    /// First sample from which the causes can be tested.
+    #[serde(skip)]
+    contradicted_at: Option<u64>,
+    /// The references, and for each the values with a load outside its band and those compared.
+    #[serde(skip)]
+    references: Vec<(Reference, [u64; 2])>,
+    #[serde(skip)]
+    index: Option<IndexPulses>,
+}
+
+impl Consistency {
+    /// Nothing gathered yet.
+    pub fn new(machine: &Machine, sensors: &Sensors) -> Self {
+        Self {
+            sensors: (sensors.names().into_iter())
+                .map(SensorConsistency::named)
+                .collect(),
+            valid_percent: None,
+            cause: None,
+            samples: 0,
+            valid: 0,
+            contradicted_at: None,
+            references: (Reference::all(machine).into_iter())
+                .map(|reference| (reference, [0; 2]))
+                .collect(),
+            index: IndexPulses::new(machine, sensors),
+        }
+    }
+
+    /// Adds one sample.
+    pub fn push(&mut self, sample: &Sample<'_>, estimate: &Estimate) {
+        self.samples += 1;
+        let is_valid = estimate.loads.iter().any(|load| load.fault.is_none());
+        self.valid += u64::from(is_valid);
+        for (sensor, read) in self.sensors.iter_mut().zip(&estimate.sensors) {
+            sensor.push(read);
+        }
+        let mut most = 0;
+        for ((reference, counts), value) in self.references.iter_mut().zip(sample.references) {
+            if let Some(residual) = reference.residual(*value, estimate) {
+                counts[0] += u64::from(residual.is_beyond);
+                counts[1] += 1;
+            }
+            most = most.max(counts[0]);
+        }
+        let sensors = self.sensors.iter().map(SensorConsistency::contradicting);
+        if sensors.fold(most, u64::max) >= SETTLED {
+            self.contradicted_at.get_or_insert(self.samples);
+        }
+        if let Some(index) = &mut self.index {
+            index.push(sample, estimate);
+        }
+    }
+
+    /// Sums up, and looks for the cause where recording and description disagree.
+    #[must_use]
+    pub fn explained(mut self, machine: &Machine, sensors: &Sensors, path: &Path) -> Self {
+        for sensor in &mut self.sensors {
+            sensor.sum_up();
+        }
+        self.valid_percent = percent(self.valid, self.samples);
+        self.cause = self.cause_in(machine, sensors, path);
+        self
+    }
+
+    fn cause_in(&self, machine: &Machine, sensors: &Sensors, path: &Path) -> Option<Cause> {
+        if let Some(cause) = self.index.as_ref().and_then(IndexPulses::cause) {
+            return Some(cause);
+        }
+        let contradicted = !self.contradicting().is_empty();
+        let by_reference = self.by_reference();
+        let mostly_faulty = self.sensors.iter().find_map(|s| s.mostly_faulty());
+        if contradicted || by_reference.is_some() || mostly_faulty.is_some() {
+            let from = self.contradicted_at.unwrap_or(0);
+            let found = search::cause((machine, sensors), path, &self.sensors, from);
+            if found.is_some() {
+                return found;
+            }
+        }
+        if mostly_faulty.is_some() {
+            return mostly_faulty;
+        }
+        if contradicted {
+            return Some(self.unexplained(sensors));
+        }
+        by_reference.or_else(|| self.never_valid())
+    }
+
+    /// The load that is most often outside its band, where that is more often than
+    /// [`CONTRADICTING`].
+    fn by_reference(&self) -> Option<Cause> {
+        let part = |[beyond, compared]: [u64; 2]| beyond as f64 / compared.max(1) as f64;
+        let worst = |a: &&(Reference, [u64; 2]), b: &&(Reference, [u64; 2])| {
+            part(a.1).total_cmp(&part(b.1))
+        };
+        let (reference, counts) = self.references.iter().max_by(worst)?;
+        (part(*counts) > CONTRADICTING).then(|| Cause {
+            kind: "calibration",
+            what: format!(
+                "{} is outside its band beside the reference in {:.0} % of its valid samples",
+                reference.load,
+                100.0 * part(*counts)
+            ),
+            corrected_percent: None,
+            remedy:
+                "fit sensitivities with `loadtwin calibrate`, or check sign, zero and unit of the \
+                     reference"
+                    .into(),
+        })
+    }
+
+    /// Sensors whose readings contradict the description, the worst first.
+    fn contradicting(&self) -> Vec<&SensorConsistency> {
+        let mut found: Vec<&SensorConsistency> =
+            self.sensors.iter().filter(|s| s.disagrees()).collect();
+        found.sort_by(|a, b| b.part_contradicting().total_cmp(&a.part_contradicting()));
+        found
+    }
+
+    /// The cause where no single correction restores consistency.
+    fn unexplained(&self, sensors: &Sensors) -> Cause {
+        let channels = self.sensors.iter().take(sensors.channels.len());
+        let names: Vec<&str> = channels
+            .filter(|s| s.disagrees())
+            .map(|s| s.name.as_str())
+            .collect();
+        let (what, remedy) = if names.is_empty() {
+            (
+                "the encoders contradict each other or the inertias".to_owned(),
+                "check counts_per_turn, speed_ratio, moments of inertia and rate_hz",
+            )
+        } else {
+            (
+                format!("zero or sensitivity of {}", names.join(", ")),
+                "fit them with `loadtwin calibrate`, or look for an effect with `loadtwin diagnose`",
+            )
+        };
+        Cause {
+            kind: "calibration",
+            what,
+            corrected_percent: None,
+            remedy: remedy.into(),
+        }
+    }
+
+    fn never_valid(&self) -> Option<Cause> {
+        let valid = self.valid as f64 / self.samples as f64;
+        (valid < VALID).then(|| Cause {
+            kind: "sensor",
+            what: format!(
+                "no load is valid in {:.0} % of the samples",
+                100.0 * (1.0 - valid)
+            ),
+            corrected_percent: None,
+            remedy: "see the flags; `loadtwin replay --estimates` has them for each sample".into(),
+        })
+    }
+
+    /// Recording against description in one line; none where they agree.
+    pub fn note(&self) -> Option<String> {
+        let cause = self.cause.as_ref()?;
+        let worst = self.contradicting();
+        let worst = worst.first().map_or_else(String::new, |s| s.disagreement());
+        let corrected = cause.corrected_percent.map_or_else(String::new, |percent| {
+            format!(" (corrected, {percent:.1} % are)")
+        });
+        Some(format!(
+            "consistency: {worst}likely cause: {}: {}{corrected}; {}",
+            cause.kind, cause.what, cause.remedy
+        ))
+    }
+}
+
+fn percent(part: u64, of: u64) -> Option<f64> {
+    (of > 0).then(|| 100.0 * part as f64 / of as f64)
+}

@@ -1,0 +1,4 @@
+//! Replays of the real binary: what a person reads beside the figures.
+
+mod consistency;
+mod page;
