@@ -1,7 +1,5 @@
 //! What is known after the loop is closed: the keys of `--json`.
 
-use std::path::PathBuf;
-
 use serde::Serialize;
 
 use crate::Remainder;
@@ -33,11 +31,11 @@ pub struct Diagnosis {
     /// The drive is judged below this (Hz).
     pub cutoff_hz: f64,
     /// Recordings that were fitted.
-    pub fitted_on: Vec<PathBuf>,
+    pub fitted_on: Vec<String>,
     /// Recordings that took no part in the fit.
     pub validated_on: Vec<Validated>,
     /// The improved description.
-    pub machine_out: Option<PathBuf>,
+    pub machine_out: Option<String>,
 }
 
 /// An effect that was missing.
@@ -128,7 +126,7 @@ pub struct Linear {
 #[derive(Debug, Serialize)]
 pub struct Validated {
     /// Which.
-    pub recording: PathBuf,
+    pub recording: String,
     /// Linear part fitted anew, without effects [% of the drive's RMS there].
     pub before_percent: f64,
     /// With effects.

@@ -196,9 +196,11 @@ impl Outcome {
             notes: self.notes,
             spikes: self.spikes,
             cutoff_hz: request.cutoff_hz,
-            fitted_on: request.fit.to_vec(),
+            fitted_on: (request.fit.iter())
+                .map(|path| path.display().to_string())
+                .collect(),
             validated_on: self.validated,
-            machine_out,
+            machine_out: machine_out.map(|path| path.display().to_string()),
         }
     }
 }
@@ -335,7 +337,7 @@ fn validated(motions: &[Motion], judge: &Dataset, before: &[f64], after: &[f64])
         .iter()
         .enumerate()
         .map(|(k, motion)| Validated {
-            recording: motion.path.clone(),
+            recording: motion.path.display().to_string(),
             before_percent: percent(before, k),
             after_percent: percent(after, k),
         })

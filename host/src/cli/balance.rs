@@ -92,7 +92,7 @@ fn print(diagnosis: &Diagnosis) {
     for v in &diagnosis.validated_on {
         say!(
             "  {}: {:.1} %, with effects {:.1} %",
-            v.recording.display(),
+            v.recording,
             v.before_percent,
             v.after_percent
         );

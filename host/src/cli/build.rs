@@ -10,7 +10,7 @@ use loadtwin_common::image::{Image, Model};
 use loadtwin_common::io::signed_image;
 use serde_json::json;
 
-use super::output::say;
+use super::output::{say, shown};
 use super::plan::{Plan, Replace};
 use crate::atomic_file::AtomicFile;
 use crate::build::{self, Filter, Sensors};
@@ -116,7 +116,7 @@ impl Build {
             let report = json!({
                 "machine": machine.name,
                 "machine_id": machine.id(),
-                "image": self.output,
+                "image": shown(&self.output),
                 "bytes": image.len(),
                 "issue": issue,
                 "signed": key.is_some(),

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::layout::LayoutFile;
-use super::output::say;
+use super::output::{say, shown, shown_all};
 use super::plan::{Plan, Replace};
 use super::progress::Progress;
 use crate::atomic_file::{AtomicFile, publish};
@@ -133,11 +133,11 @@ impl Calibrate {
         let seconds = started.elapsed().as_secs_f64();
         if as_json {
             let channels: Vec<Value> = gauges.iter().map(|g| report(&machine, g, source)).collect();
-            let recordings = &self.recordings;
+            let recordings = shown_all(&self.recordings);
             let out = json!({
                 "machine": machine.name, "recordings": recordings, "samples": observations.samples,
                 "turns": observations.turns, "channels": channels, "selection": selection,
-                "machine_out": self.output, "seconds": seconds,
+                "machine_out": self.output.as_ref().map(shown), "seconds": seconds,
             });
             say!("{out}");
         } else {
@@ -181,10 +181,10 @@ impl Calibrate {
             say!(
                 "{}",
                 json!({
-                    "machine": machine.name, "recordings": self.recordings, "samples": samples.len(),
+                    "machine": machine.name, "recordings": shown_all(&self.recordings), "samples": samples.len(),
                     "physical": calibration.physical, "physical_std": calibration.physical_std,
                     "gauges": gauges,
-                    "calibration_out": self.output, "seconds": seconds,
+                    "calibration_out": self.output.as_ref().map(shown), "seconds": seconds,
                 })
             );
         } else {

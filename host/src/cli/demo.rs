@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde_json::json;
 
-use super::output::say;
+use super::output::{say, shown};
 use super::plan::{Plan, Replace};
 use super::replay;
 use crate::build::Filter;
@@ -52,7 +52,7 @@ pub fn run(as_json: bool) -> anyhow::Result<()> {
                 .iter()
                 .map(|o| replay::report(&machine, &recording, o))
                 .collect();
-            recordings.push(json!({ "recording": recording, "sets": sets }));
+            recordings.push(json!({ "recording": shown(&recording), "sets": sets }));
         } else {
             say!("{}: {title}", machine.name);
             replay::print_table(&machine, &outcomes);
@@ -66,7 +66,10 @@ pub fn run(as_json: bool) -> anyhow::Result<()> {
         page,
     )?;
     if as_json {
-        say!("{}", json!({ "recordings": recordings, "report": page }));
+        say!(
+            "{}",
+            json!({ "recordings": recordings, "report": shown(page) })
+        );
     } else {
         say!("report: {}", page.display());
     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use super::output::say;
+use super::output::{say, shown};
 use super::plan::{Plan, Replace};
 use crate::key::{KEY, SigningKey, read_public, save_page};
 
@@ -36,7 +36,7 @@ impl Key {
             if as_json {
                 say!(
                     "{}",
-                    json!({ "page": self.output, "machine": self.machine })
+                    json!({ "page": shown(&self.output), "machine": self.machine })
                 );
             } else {
                 say!("key page of the board: {}", self.output.display());
@@ -53,9 +53,9 @@ impl Key {
             say!(
                 "{}",
                 json!({
-                    "private": files.private,
-                    "public": files.public,
-                    "page": files.page,
+                    "private": shown(&files.private),
+                    "public": shown(&files.public),
+                    "page": shown(&files.page),
                     "machine": self.machine,
                 })
             );

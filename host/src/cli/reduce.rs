@@ -7,7 +7,7 @@ use anyhow::Context;
 use clap::Args;
 use serde_json::json;
 
-use super::output::say;
+use super::output::{say, shown};
 use super::plan::{Plan, Replace};
 use crate::atomic_file::publish;
 use crate::machine::{MAP_ENTRIES, MAPS, Machine, complete_columns, resampled};
@@ -140,7 +140,7 @@ impl Reduce {
                 .collect();
             let out = json!({
                 "machine": machine.name, "load_cases": cases.len(), "channels": channels,
-                "maps": self.output, "patches": self.patches, "seconds": seconds,
+                "maps": shown(&self.output), "patches": self.patches.as_ref().map(shown), "seconds": seconds,
             });
             say!("{out}");
         } else {

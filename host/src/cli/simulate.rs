@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::Args;
 use serde_json::json;
 
-use super::output::say;
+use super::output::{say, shown};
 use super::plan::{Plan, Replace};
 use super::progress::Progress;
 use crate::machine::{Bearing, Kind, Machine, Rotor};
@@ -137,7 +137,7 @@ impl Simulate {
         if as_json {
             let report = json!({
                 "machine": machine.name,
-                "recording": self.output,
+                "recording": shown(&self.output),
                 "scenario": scenario,
                 "seed": self.seed,
                 "samples": rows,

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use super::layout::LayoutFile;
-use super::output::{note, say};
+use super::output::{note, say, shown, shown_all};
 use super::plan::{Plan, Replace};
 use super::progress::Progress;
 use super::tune_report::{
@@ -413,7 +413,7 @@ impl Tune {
         let sets = attempt.sets.iter().zip(&attempt.walks).zip(&attempt.checks);
         json!({
             "machine": machine.name,
-            "recordings": self.recordings,
+            "recordings": shown_all(&self.recordings),
             "cutoff_hz": cutoff_hz,
             "method": method.name(),
             "noise": noise.map(|(i, n)| noise_report(&machine.channels[*i], n)).collect::<Vec<_>>(),
@@ -425,11 +425,11 @@ impl Tune {
                 out
             }).collect::<Vec<_>>(),
             "holdout": {
-                "recordings": self.holdout().recordings,
+                "recordings": shown_all(&self.holdout().recordings),
                 "last_part": self.holdout().part,
                 "sets": attempt.checks.iter().map(check_report).collect::<Vec<_>>(),
             },
-            "machine_out": self.output.as_ref().filter(|_| attempt.has_news()),
+            "machine_out": self.output.as_ref().filter(|_| attempt.has_news()).map(shown),
         })
     }
 }

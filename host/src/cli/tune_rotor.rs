@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use serde_json::{Map, Value, json};
 
-use super::output::say;
+use super::output::{say, shown, shown_all};
 use super::progress::Progress;
 use super::tune::{Choice as Asked, Tune};
 use crate::atomic_file::{Complete, publish};
@@ -79,17 +79,17 @@ impl Tune {
                 .collect();
             let out = json!({
                 "machine": described.name,
-                "recordings": self.recordings,
+                "recordings": shown_all(&self.recordings),
                 "method": method.name(),
                 "methods": methods,
-                "judged_on": recording,
+                "judged_on": shown(recording),
                 "holdout": {
-                    "recordings": self.holdout().recordings,
+                    "recordings": shown_all(&self.holdout().recordings),
                     "last_part": self.holdout().part,
                     "comparison": comparison,
                     "is_worse": is_worse,
                 },
-                "machine_out": self.output,
+                "machine_out": self.output.as_ref().map(shown),
                 "seconds": started.elapsed().as_secs_f64(),
             });
             say!("{out}");

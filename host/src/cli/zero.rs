@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::layout::LayoutFile;
-use super::output::say;
+use super::output::{say, shown};
 use super::plan::{Plan, Replace};
 use crate::calibrate::Description;
 use crate::machine::{Channel, DESCRIPTION, Machine};
@@ -102,7 +102,7 @@ impl Zero {
         if as_json {
             say!(
                 "{}",
-                json!({ "channel": channel.name, "calibration": calibration, "machine_out": self.output })
+                json!({ "channel": channel.name, "calibration": calibration, "machine_out": shown(&self.output) })
             );
         } else {
             say!(

@@ -2,5 +2,7 @@
 
 mod bench;
 mod interrupted;
+#[cfg(unix)]
+mod paths;
 mod refused;
 mod streams;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use crate::filter_run::Filtered;
 use loadtwin_design::build::Sensors;
@@ -21,6 +21,7 @@ const PROBABILITY: f64 = 0.99;
 #[derive(Clone, Debug, Serialize)]
 pub struct Innovations {
     /// The recording.
+    #[serde(serialize_with = "shown")]
     pub recording: PathBuf,
     /// The set of sensors.
     pub sensors: String,
@@ -46,6 +47,11 @@ pub struct SensorInnovations {
     pub next: Option<f64>,
     /// Lags of 1 to 25 samples whose autocorrelation is beyond what 99 % of white sequences have.
     pub coloured_lags: usize,
+}
+
+/// A path in JSON, whose texts are Unicode: what is not is replaced.
+fn shown<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(&path.display())
 }
 
 /// Runs the filter of `machine` with each of its sets of sensors on each of `recordings`.

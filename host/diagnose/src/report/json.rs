@@ -77,8 +77,8 @@ pub fn report<S: Diagnosable>(
         "note": recordings[0].remarks(selection),
         "error": diagnosis.errors,
         "filter": filter,
-        "validated_on": validated_on,
-        "machine_out": machine_out,
+        "validated_on": validated_on.iter().map(shown).collect::<Vec<_>>(),
+        "machine_out": machine_out.map(shown),
         "structure": diagnosis.residual_tests,
         "innovations": innovations.as_ref().map_or_else(|e| json!({ "refused": e.to_string() }), |i| json!(i)),
         "empirical_corrections": diagnosis.corrections,
@@ -149,4 +149,9 @@ fn found<S: Diagnosable>(
         "evidence": f.evidence,
         "threshold": f.threshold,
     })
+}
+
+/// A path in JSON, whose texts are Unicode: what is not is replaced.
+fn shown(path: impl AsRef<Path>) -> String {
+    path.as_ref().display().to_string()
 }
