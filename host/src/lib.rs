@@ -4,6 +4,17 @@
 #![forbid(unsafe_code)]
 // `cli::output` prints, so that a closed pipe or a full disk is no panic.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::todo,
+        clippy::unimplemented
+    )
+)]
 
 pub mod cli;
 pub mod tables;

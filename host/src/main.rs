@@ -1,5 +1,16 @@
 //! The `loadtwin` command: parse, dispatch, exit code.
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::todo,
+        clippy::unimplemented
+    )
+)]
 
 use std::io::{self, ErrorKind, Write, stderr};
 use std::process::ExitCode;

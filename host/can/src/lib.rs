@@ -6,6 +6,17 @@
 //! description of the frames. All of them run on the [`bus::Bus`] trait: a
 //! socket, a log, or a simulated controller.
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::todo,
+        clippy::unimplemented
+    )
+)]
 
 pub mod bus;
 pub mod comparison;
@@ -140,6 +151,7 @@ pub fn stop_on_signal() -> Result<Arc<AtomicBool>, ctrlc::Error> {
 }
 
 /// The frame as the socket takes it.
+#[expect(clippy::unreachable, reason = "the length is that of the type")]
 pub fn to_bus(frame: &frame::Frame) -> CanAnyFrame {
     let id = StandardId::new(frame.id & 0x7FF).unwrap_or(StandardId::MAX);
     CanDataFrame::new(id, &frame.data)
@@ -147,6 +159,7 @@ pub fn to_bus(frame: &frame::Frame) -> CanAnyFrame {
 }
 
 /// The FD frame as the socket takes it.
+#[expect(clippy::unreachable, reason = "the length is that of the type")]
 pub fn to_bus_fd(frame: &frame::FdFrame) -> CanAnyFrame {
     let id = StandardId::new(frame.id & 0x7FF).unwrap_or(StandardId::MAX);
     CanFdFrame::new(id, &frame.data)

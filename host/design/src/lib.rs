@@ -3,6 +3,17 @@
 //! [`build`] is the entry; one module for each machine kind has its mathematics.
 //! [`reduce`] makes strain maps from a finite-element model.
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::todo,
+        clippy::unimplemented
+    )
+)]
 
 pub mod bearing;
 pub mod build;

@@ -9,6 +9,17 @@
 //! A machine kind gives residuals, regressors and null samples ([`Diagnosable`]). Regression, selection
 //! and assessment know no machine.
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::todo,
+        clippy::unimplemented
+    )
+)]
 
 mod assessment;
 mod bearing;

@@ -6,6 +6,17 @@
 //! they predict what took no part in the fit, and the result is reported on
 //! recordings that took no part at all.
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::todo,
+        clippy::unimplemented
+    )
+)]
 
 mod description;
 mod design_matrix;

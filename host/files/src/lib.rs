@@ -4,6 +4,17 @@
 //! it works; each output is an [`atomic_file::AtomicFile`] that gets its name
 //! when it is complete.
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::todo,
+        clippy::unimplemented
+    )
+)]
 
 pub mod atomic_file;
 pub mod bounded;

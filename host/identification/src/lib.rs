@@ -1,6 +1,17 @@
 //! What is fitted to recordings: gauge sensitivities ([`calibrate`]) and noise ([`tune`],
 //! [`rotor_tune`]).
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::todo,
+        clippy::unimplemented
+    )
+)]
 
 pub mod calibrate;
 pub mod rotor_tune;

@@ -4,6 +4,17 @@
 //! [`Machine::load`], and each error names the file, the line, the field and
 //! what is allowed.
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::todo,
+        clippy::unimplemented
+    )
+)]
 
 mod adc;
 mod angle_map;
