@@ -68,7 +68,8 @@ pub enum CanError {
     /// A log in which no line is a frame.
     #[error(
         "{path}: {lines} of {lines} lines are no candump log; allowed: what `candump -L` writes, as \
-         `(1436509052.249713) can0 501#00112233`"
+         `(1436509052.249713) can0 501#00112233`; BLF, ASC and TRC are converted by \
+         `python -m can.logconvert IN OUT.log` of python-can"
     )]
     NoLog {
         /// The log.

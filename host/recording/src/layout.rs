@@ -120,6 +120,18 @@ impl CsvLayout {
         }
     }
 
+    /// Layout of a text file that `loadtwin simulate` wrote for a machine whose logger writes
+    /// otherwise: names, units and text are the program's own.
+    pub(super) fn of_simulated(&self) -> Self {
+        Self {
+            written_nan: self.written_nan,
+            largest_gap: self.largest_gap,
+            timing: self.timing,
+            rate_hz: self.rate_hz,
+            ..Self::default()
+        }
+    }
+
     /// Reads a layout file.
     ///
     /// # Errors

@@ -16,7 +16,9 @@ use super::layout::{Column, CsvLayout};
 use super::mdf::Mdf;
 use super::named::named;
 use super::parquet::Parquet;
+use super::writer::SIMULATED;
 use super::{BLOCK_ROWS, clipped};
+use loadtwin_files::content::Existing;
 
 /// Blocks decoded ahead of the caller.
 const AHEAD: usize = 2;
@@ -73,6 +75,13 @@ impl Opened {
         layout: &CsvLayout,
         wanted: &[(&str, bool)],
     ) -> Result<Self, Problem> {
+        let simulated;
+        let layout = if is_simulated_text(path) {
+            simulated = layout.of_simulated();
+            &simulated
+        } else {
+            layout
+        };
         let format = Format::open(path, layout, wanted)?;
         let notes = match &format {
             Format::Csv(csv) => csv.note().into_iter().collect(),
@@ -90,6 +99,17 @@ impl Opened {
             notes,
         })
     }
+}
+
+/// Whether `loadtwin simulate` wrote the file as text.
+///
+/// A stream is not looked into: its bytes come once.
+fn is_simulated_text(path: &Path) -> bool {
+    let is_file = path.metadata().is_ok_and(|metadata| metadata.is_file());
+    let is_text = |file: &Existing| file.start().starts_with(b"# ");
+    is_file
+        && Existing::open(path)
+            .is_ok_and(|mut file| is_text(&file) && (SIMULATED.is_same)(&mut file).unwrap_or(false))
 }
 
 /// The columns of a recording, with the units that they are written in.

@@ -425,7 +425,7 @@ impl Tune {
                 out
             }).collect::<Vec<_>>(),
             "holdout": {
-                "recordings": shown_all(&self.holdout().recordings),
+                "recordings": shown_all(self.holdout().recordings),
                 "last_part": self.holdout().part,
                 "sets": attempt.checks.iter().map(check_report).collect::<Vec<_>>(),
             },

@@ -84,7 +84,7 @@ impl Tune {
                 "methods": methods,
                 "judged_on": shown(recording),
                 "holdout": {
-                    "recordings": shown_all(&self.holdout().recordings),
+                    "recordings": shown_all(self.holdout().recordings),
                     "last_part": self.holdout().part,
                     "comparison": comparison,
                     "is_worse": is_worse,

@@ -418,7 +418,7 @@ class Writer:
                                      self.signals(["torque_main"], rows=slice(900, n))])
         again = self.signals(rows=slice(0, n // 2))
         self.mdf("restarted-at-zero.mf4", [again, again], expect="refused",
-                 says="`ta1` is in the channel groups 1 and 2 over the same time")
+                 says="is in the channel groups 1 and 2 over the same time")
         self.mdf("chosen.mf4", [again, self.signals()],
                  layout="[channels]\n" + "".join(f"{n} = {{ group = '2' }}\n" for n in NAMES[1:]))
 

@@ -242,7 +242,8 @@ fn every_plot_draws_and_the_cursors_measure() {
     let result = selftest(&dom(&path, "selftest"));
     assert_eq!(result["errors"], serde_json::json!([]));
     assert_eq!(result["requests"], serde_json::json!([]));
-    assert_eq!(result["plots"], 3 + 5 * GAUGES);
+    // Load, its error, NIS and the flags; then five of each gauge.
+    assert_eq!(result["plots"], 4 + 5 * GAUGES);
     assert_eq!(result["drawn"], result["plots"]);
     assert_eq!(result["blank"], serde_json::json!([]));
 
@@ -288,7 +289,7 @@ fn every_plot_draws_and_the_cursors_measure() {
         "{zoomed:?}"
     );
     let ranges = |key: &str| serde_json::from_value::<Vec<[f64; 2]>>(result[key].clone()).unwrap();
-    assert_eq!(ranges("linked").len(), 3 + 2 * GAUGES);
+    assert_eq!(ranges("linked").len(), 4 + 2 * GAUGES);
     let moved = 0.1 * (zoomed[1] - zoomed[0]);
     for ([low, high], [all_low, all_high]) in ranges("linked").into_iter().zip(ranges("reset")) {
         assert!((low + moved - zoomed[0]).abs() < 0.05 && (high + moved - zoomed[1]).abs() < 0.05);
@@ -335,7 +336,7 @@ fn odd_signals_do_no_harm() {
         let result = selftest(&dom(&path, "selftest"));
         assert_eq!(result["errors"], serde_json::json!([]), "{samples} samples");
         // Autocorrelation and distribution have an axis even without a sample.
-        let drawn = if samples == 0 { 2 } else { 7 };
+        let drawn = if samples == 0 { 2 } else { 8 };
         assert_eq!(result["drawn"], drawn, "{samples} samples: {result}");
     }
 }

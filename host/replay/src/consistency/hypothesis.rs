@@ -49,6 +49,8 @@ pub(super) struct Hypothesis {
     pub correction: Correction,
     /// Numbers of it that were fitted to the recording.
     pub fitted: u32,
+    /// The channel whose zero or scale is fitted.
+    pub fitted_channel: Option<usize>,
     /// Angle by which the index pulse is elsewhere than described [rad].
     pub index_rad: f64,
     /// Rate at which rows were taken over that of the description.
@@ -69,6 +71,7 @@ pub(super) fn all(
         remedy: String::new(),
         correction: Correction::none(sensors),
         fitted: 0,
+        fitted_channel: None,
         index_rad: 0.0,
         rate: 1.0,
         references: vec![1.0; machine.references.len()],
@@ -174,40 +177,50 @@ fn fitted(
     found: &[SensorConsistency],
 ) -> Vec<Hypothesis> {
     let mut all = Vec::new();
-    for (k, (channel, sensor)) in sensors.channels.iter().zip(found).enumerate() {
-        let (true, Some(line), Some(zero)) = (sensor.disagrees(), sensor.line, sensor.zero) else {
-            continue;
-        };
-        let (unit, name) = (channel.unit, &channel.name);
-        let shown = |si: f64| format!("{:.2e} {unit}", unit.from_si(si));
-        let mut read = |kind, what, (factor, offset): (f64, f64), fitted| {
-            let mut correction = described.correction.clone();
-            correction.channels[k].factor = factor;
-            correction.channels[k].offset = offset;
-            all.push(Hypothesis {
+    let of_channels = found.iter().take(sensors.channels.len());
+    for (k, sensor) in of_channels.enumerate().filter(|(_, s)| s.disagrees()) {
+        for (kind, fitted) in [("zero", 1), ("scale", 2)] {
+            let as_described = Hypothesis {
                 kind,
-                what,
+                fitted,
+                fitted_channel: Some(k),
                 remedy:
                     "check amplifier, gauge factor and zero, or fit them with `loadtwin calibrate`"
                         .into(),
-                correction,
-                fitted,
                 ..described.clone()
-            });
-        };
-        let what = format!("{name} reads {} too much", shown(zero));
-        read("zero", what, (1.0, -zero), 1);
-        let [gain, offset] = line;
-        let what = format!(
-            "{name} reads with gain {gain:.2} and an offset of {}",
-            shown(offset)
-        );
-        read("scale", what, (1.0 / gain, -offset / gain), 2);
+            };
+            all.extend(as_described.refitted(sensors, sensor));
+        }
     }
     all
 }
 
 impl Hypothesis {
+    /// With the zero or the scale of its channel corrected once more, by what the corrected readings
+    /// over the predicted ones still have.
+    ///
+    /// One round leaves the part of the error that the reading itself has put into the prediction.
+    pub fn refitted(&self, sensors: &Sensors, found: &SensorConsistency) -> Option<Self> {
+        let k = self.fitted_channel?;
+        let [gain, offset] = match self.kind {
+            "zero" => [1.0, found.zero?],
+            _ => found.line?,
+        };
+        let mut refitted = self.clone();
+        let correction = &mut refitted.correction.channels[k];
+        correction.factor /= gain;
+        correction.offset = (correction.offset - offset) / gain;
+        let (channel, gain) = (&sensors.channels[k], 1.0 / correction.factor);
+        let offset = -correction.offset * gain;
+        let (name, unit) = (&channel.name, channel.unit);
+        let shown = format!("{:.2e} {unit}", unit.from_si(offset));
+        refitted.what = match self.kind {
+            "zero" => format!("{name} reads {shown} too much"),
+            _ => format!("{name} reads with gain {gain:.2} and an offset of {shown}"),
+        };
+        Some(refitted)
+    }
+
     /// With the index pulse `by` [rad] elsewhere.
     pub fn homed_at(&self, machine: &Machine, by: f64) -> Option<Self> {
         let described = machine.index.as_ref()?.angle_rad;

@@ -68,7 +68,7 @@ pub struct Consistency {
     samples: u64,
     #[serde(skip)]
     valid: u64,
-    /// First sample from which the causes can be tested.
+    /// First sample from which the causes can be tested; none where no sensor contradicts so often.
     #[serde(skip)]
     contradicted_at: Option<u64>,
     /// The references, and for each the values with a load outside its band and those compared.
@@ -139,9 +139,12 @@ impl Consistency {
         }
         let contradicted = !self.contradicting().is_empty();
         let by_reference = self.by_reference();
-        let mostly_faulty = self.sensors.iter().find_map(|s| s.mostly_faulty());
+        let mostly_faulty = self
+            .sensors
+            .iter()
+            .find_map(SensorConsistency::mostly_faulty);
         if contradicted || by_reference.is_some() || mostly_faulty.is_some() {
-            let from = self.contradicted_at.unwrap_or(0);
+            let from = self.contradicted_at;
             let found = search::cause((machine, sensors), path, &self.sensors, from);
             if found.is_some() {
                 return found;

@@ -20,6 +20,10 @@ use loadtwin_machine::Machine;
 const FIRST: u64 = 4_000;
 const AGAIN: u64 = 20_000;
 
+/// Samples by which the best are compared where no reading contradicts and a sensor is biased in the
+/// mean of the recording: some seconds for each cause.
+const MEAN: u64 = 1_000_000;
+
 /// Causes that are compared again.
 const BEST: usize = 8;
 
@@ -33,7 +37,11 @@ const LEFT: f64 = 0.25;
 /// each of its numbers that was fitted.
 const BETTER: f64 = 0.01;
 
-/// Rounds in which the angle of the index pulse is found: to a thousandth of a turn.
+/// Causes beside the most likely one that are named where their likelihood is not lower by [`BETTER`].
+const ALTERNATIVES: usize = 2;
+
+/// Rounds in which the angle of the index pulse is found, to a thousandth of a turn; and a zero or a
+/// scale: of three gauges, each round leaves a third of the error.
 const REFINED: u32 = 3;
 
 /// Residuals of one sensor or reference.
@@ -82,6 +90,8 @@ struct Outcome {
     log_likelihood: f64,
     /// Part of the readings beyond three standard deviations of the worst sensor, and reference.
     beyond: [f64; 2],
+    /// Each sensor, its readings as corrected.
+    sensors: Vec<SensorConsistency>,
 }
 
 /// A recording, and what is compared with it.
@@ -90,28 +100,62 @@ struct Comparison<'a> {
     sensors: &'a Sensors,
     path: &'a Path,
     index: Option<IndexColumn>,
+    /// The payload of the image as described: that of a rotor takes half a second.
+    described: Vec<u8>,
 }
 
 impl Comparison<'_> {
     /// The hypotheses on the samples up to `until`, the most likely first.
     fn of(&self, hypotheses: Vec<Hypothesis>, until: u64) -> Vec<(Hypothesis, Outcome)> {
-        let Self {
-            machine,
-            sensors,
-            path,
-            index,
-        } = self;
         let mut tried: Vec<(Hypothesis, Outcome)> = hypotheses
             .into_par_iter()
             .filter_map(|h| {
-                let samples = Samples::with_index(machine, sensors, path, index.clone()).ok()?;
-                let mut outcome = replayed(machine, sensors, samples, &h, until).ok()?;
-                outcome.log_likelihood -= BETTER * f64::from(h.fitted);
+                let outcome = self.outcome(&h, until)?;
                 Some((h, outcome))
             })
             .collect();
         tried.sort_by(|a, b| b.1.log_likelihood.total_cmp(&a.1.log_likelihood));
         tried
+    }
+
+    fn outcome(&self, hypothesis: &Hypothesis, until: u64) -> Option<Outcome> {
+        let (machine, sensors) = (self.machine, self.sensors);
+        let samples = Samples::with_index(machine, sensors, self.path, self.index.clone()).ok()?;
+        let payload;
+        let image = if hypothesis.rate == 1.0 && hypothesis.index_rad == 0.0 {
+            Image::from_bytes(&self.described)
+        } else {
+            let mut other = machine.clone();
+            other.rate_hz *= hypothesis.rate;
+            if let Some(index) = &mut other.index {
+                let angle = index.angle_rad + hypothesis.index_rad;
+                index.angle_rad = (angle + PI).rem_euclid(TAU) - PI;
+            }
+            payload = build::image(&other, sensors).ok()?;
+            Image::from_bytes(&payload)
+        };
+        let mut estimator = Estimator::try_build(image.ok()?).ok()?;
+        let compared = (machine, sensors);
+        let mut outcome = replayed(compared, &mut estimator, samples, hypothesis, until).ok()?;
+        outcome.log_likelihood -= BETTER * f64::from(hypothesis.fitted);
+        Some(outcome)
+    }
+
+    /// Zero and scale fitted again to the samples up to `until`, in [`REFINED`] rounds.
+    fn refitted(&self, mut hypothesis: Hypothesis, until: u64) -> Hypothesis {
+        let Some(channel) = hypothesis.fitted_channel else {
+            return hypothesis;
+        };
+        for _ in 0..REFINED {
+            let refitted = self
+                .outcome(&hypothesis, until)
+                .and_then(|outcome| hypothesis.refitted(self.sensors, &outcome.sensors[channel]));
+            match refitted {
+                Some(refitted) => hypothesis = refitted,
+                None => break,
+            }
+        }
+        hypothesis
     }
 
     /// The angle of the index pulse near `shift` [rad] that fits best, by a grid four times as fine
@@ -129,12 +173,13 @@ impl Comparison<'_> {
     }
 }
 
-/// The cause that explains the recording in `path` from sample `from` on, if one does.
+/// The cause that explains the recording in `path` from sample `from` on, if one does; without `from`,
+/// over the recording as a whole. Those that the likelihood does not tell apart are named together.
 pub(super) fn cause(
     (machine, sensors): (&Machine, &Sensors),
     path: &Path,
     found: &[SensorConsistency],
-    from: u64,
+    from: Option<u64>,
 ) -> Option<Cause> {
     let all = hypothesis::all(machine, sensors, found);
     let index = index_column(machine, sensors, path).ok()?;
@@ -143,18 +188,23 @@ pub(super) fn cause(
         sensors,
         path,
         index,
+        described: build::image(machine, sensors).ok()?,
     };
     let described = all.first()?.clone();
-    let first = comparison.of(all, from + FIRST);
-    let mut best: Vec<Hypothesis> = first.into_iter().map(|(h, _)| h).take(BEST).collect();
+    let until = from.unwrap_or(0) + FIRST;
+    let first = comparison.of(all, until).into_iter().map(|(h, _)| h);
+    let likely = (first.enumerate()).filter(|(rank, h)| *rank < BEST || h.fitted > 0);
+    let mut best: Vec<Hypothesis> = likely.map(|(_, h)| h).collect();
     best.retain(|h| h.kind != described.kind);
     if let Some(place) = best.iter().position(|h| h.index_rad != 0.0) {
         let shift = best[place].index_rad;
         best.retain(|h| h.index_rad == 0.0);
-        best.extend(comparison.refined(&described, shift, from + FIRST));
+        best.extend(comparison.refined(&described, shift, until));
     }
     best.push(described);
-    let again = comparison.of(best, from + AGAIN);
+    let until = from.map_or(MEAN, |from| from + AGAIN);
+    let best = (best.into_par_iter()).map(|h| comparison.refitted(h, until));
+    let again = comparison.of(best.collect(), until);
     let described = &again.iter().find(|(h, _)| h.kind == "none")?.1;
     // Where all readings are refused, or the references are no part of it, one that does not explain
     // the recording may be more likely than the one that does.
@@ -163,10 +213,16 @@ pub(super) fn cause(
             && (outcome.beyond.iter().zip(described.beyond))
                 .all(|(after, before)| *after < CONTRADICTING.max(LEFT * before))
     };
-    let (found, outcome) = again.iter().find(|(_, outcome)| explains(outcome))?;
+    let mut explaining = again.iter().filter(|(_, outcome)| explains(outcome));
+    let (found, outcome) = explaining.next()?;
+    let alike = explaining
+        .filter(|(_, other)| outcome.log_likelihood - other.log_likelihood < BETTER)
+        .take(ALTERNATIVES)
+        .map(|(other, _)| other.what.as_str());
+    let what: Vec<&str> = std::iter::once(found.what.as_str()).chain(alike).collect();
     Some(Cause {
         kind: found.kind,
-        what: found.what.clone(),
+        what: what.join(", or "),
         corrected_percent: Some(100.0 * outcome.beyond[0]),
         remedy: found.remedy.clone(),
     })
@@ -174,23 +230,18 @@ pub(super) fn cause(
 
 /// The samples up to `until`, read as the hypothesis says.
 fn replayed(
-    machine: &Machine,
-    sensors: &Sensors,
+    (machine, sensors): (&Machine, &Sensors),
+    estimator: &mut Estimator,
     samples: Samples,
     hypothesis: &Hypothesis,
     until: u64,
 ) -> Result<Outcome, ReplayError> {
-    let mut other = machine.clone();
-    other.rate_hz *= hypothesis.rate;
-    if let Some(index) = &mut other.index {
-        index.angle_rad = (index.angle_rad + hypothesis.index_rad + PI).rem_euclid(TAU) - PI;
-    }
-    let payload = build::image(&other, sensors)?;
-    let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
-    let mut estimator = Estimator::try_build(image).map_err(ReplayError::Image)?;
     let mut samples = samples.corrected(hypothesis.correction.clone());
     let of = Reference::all(machine);
-    let mut read = vec![Residuals::default(); sensors.channels.len() + sensors.encoders.len()];
+    let names = sensors.names();
+    let mut read = vec![Residuals::default(); names.len()];
+    let mut found: Vec<SensorConsistency> =
+        names.into_iter().map(SensorConsistency::named).collect();
     let mut references = Residuals::default();
     let mut count = 0;
     while count < until {
@@ -201,6 +252,9 @@ fn replayed(
             }
             let estimate = estimator.step(&sample.raw);
             push(&mut read, &estimate);
+            for (sensor, read) in found.iter_mut().zip(&estimate.sensors) {
+                sensor.push(read);
+            }
             let scaled: Vec<f64> = (sample.references.iter().zip(&hypothesis.references))
                 .map(|(value, factor)| value * factor)
                 .collect();
@@ -229,9 +283,11 @@ fn replayed(
         readings += count;
     }
     let worst = read.iter().map(Residuals::part_beyond).fold(0.0, f64::max);
+    found.iter_mut().for_each(SensorConsistency::sum_up);
     Ok(Outcome {
         log_likelihood: sum / readings.max(1) as f64,
         beyond: [worst, references.part_beyond()],
+        sensors: found,
     })
 }
 
