@@ -299,6 +299,48 @@ fn a_log_is_proved_and_its_bad_lines_are_counted() {
     );
 }
 
+/// What other programs and other switches of candump write, and how each is refused or read.
+#[test]
+fn logs_of_other_formats_are_refused_with_what_converts_them() {
+    let image = image();
+    let model = Model::from_bytes(&image).expect("good");
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("other.log");
+    let proved = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).expect("written");
+        let args = ProveArgs {
+            log: path.clone(),
+            interface: None,
+        };
+        twin::prove(&model, &args, &mut Quiet, &NEVER)
+    };
+    let refused: [&[u8]; 8] = [
+        b"  can0  108   [8]  2B 30 00 00 00 00 07 01\n",
+        b" (1714730400.000000)  can0  108   [8]  2B 30 00 00 00 00 07 01\n",
+        b"(1714730400.000000789) can0 108#2B30000000000701\n",
+        b"date Mon May 6 10:00:00 am 2024\n   0.000000 1  108  Rx   d 8 2B 30 00 00 00 00 07 01\n",
+        b";$FILEVERSION=2.1\n1 0.001 DT 1 0108 Rx - 8 2B 30 00 00 00 00 07 01\n",
+        b"t1088 2B30000000000701\r",
+        b"time,id,data\n0.0,0x108,2B30000000000701\n",
+        b"LOGG\x90\0\0\0\xff\n\xfe\n",
+    ];
+    for bytes in refused {
+        let Err(reason) = proved(bytes) else {
+            panic!("read: {}", String::from_utf8_lossy(bytes));
+        };
+        let line = reason.to_string();
+        assert!(line.contains("no candump log; allowed"), "{line}");
+        assert!(line.contains("can.logconvert"), "{line}");
+    }
+    // A log of `candump -L` with error frames and of FD frames is one.
+    for bytes in [
+        &b"(1714730400.000000) can0 20000080#0000000000000000\n(1714730400.1) can0 108#2B30\n"[..],
+        b"(1714730400.000000) can0 108##12B30000000000701\n",
+    ] {
+        assert!(proved(bytes).is_ok(), "{}", String::from_utf8_lossy(bytes));
+    }
+}
+
 #[test]
 fn a_node_answers_with_the_bits_of_the_machine_through_bus_off() {
     let image = image();
