@@ -32,8 +32,8 @@ impl Filtered {
         };
         let settled = (SETTLING_S * machine.rate_hz) as usize;
         loadtwin_replay::run(machine, sensors, path, |_, estimate, _| {
-            for (load, told) in all.loads.iter_mut().zip(&estimate.loads) {
-                load.push(f64::from(told.value));
+            for (load, estimated) in all.loads.iter_mut().zip(&estimate.loads) {
+                load.push(f64::from(estimated.value));
             }
             for (sensor, (_, innovations)) in estimate.sensors.iter().zip(&mut all.innovations) {
                 let variance = f64::from(sensor.innovation_variance);
@@ -45,7 +45,7 @@ impl Filtered {
                 });
             }
         })?;
-        // A filter need not take every sensor: that of a rotor takes its angle as told.
+        // A filter need not take every sensor: that of a rotor takes its angle as measured.
         all.innovations.retain(|(_, of)| !of.is_empty());
         Ok(all)
     }

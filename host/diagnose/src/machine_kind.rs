@@ -41,7 +41,7 @@ pub trait Diagnosable: ResidualModel {
     /// Keys of the JSON that only this kind of machine has.
     fn extra_json(&self) -> Map<String, Value>;
 
-    /// What such a recording cannot tell, and why, beside the effects of which it
-    /// shows nothing, and what it says of the description.
+    /// Limits of such a recording and their reasons, beside the effects that are not
+    /// observable in it, and remarks on the description.
     fn remarks(&self, selection: &Selection<Self>) -> Option<String>;
 }

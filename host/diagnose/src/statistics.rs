@@ -58,7 +58,7 @@ mod tests {
 
     /// A vibration of 30 Hz at 1 kHz, a step and a gap beside noise of 2.
     #[test]
-    fn noise_is_told_beside_what_moves_and_jumps() {
+    fn noise_is_estimated_beside_vibration_and_steps() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
         let mut x: Vec<f64> = (0..20_000)
             .map(|i| {
@@ -68,8 +68,8 @@ mod tests {
             })
             .collect();
         x[500..600].fill(f64::NAN);
-        let told = white_noise_std(&x);
-        assert!((told / 2.0 - 1.0).abs() < 0.05, "{told}");
+        let estimated = white_noise_std(&x);
+        assert!((estimated / 2.0 - 1.0).abs() < 0.05, "{estimated}");
         assert_eq!(white_noise_std(&[1.0, 2.0]), 0.0);
     }
 }

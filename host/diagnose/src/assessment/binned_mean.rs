@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_told_over_what_does_not_move() {
+    fn a_constant_quantity_has_no_bins() {
         let (x, _) = samples(f64::sin);
         assert!(Bins::of(x.iter().map(|_| 1.0)).is_none());
     }

@@ -111,7 +111,7 @@ pub struct ResidualTests {
 }
 
 impl ResidualTests {
-    /// The tests that tell it from a machine without effect, the clearest first.
+    /// The tests that reject a machine without effect, the most significant first.
     pub fn significant(&self) -> Vec<&TestResult> {
         let clear =
             |t: &'_ TestResult| Some(t.before.abs() / t.by_chance?).filter(|times| *times > 1.0);
@@ -351,7 +351,7 @@ impl Turning {
 }
 
 /// The part of signal `k` in each order, from the first; over the angle, so that a standstill
-/// tells nothing. A recording in which an order does not turn `PERIODS` times has no part in it.
+/// contributes nothing. A recording in which an order does not turn `PERIODS` times has no part in it.
 fn orders_of(waves: &Waves, residuals: &ResidualSet, k: usize) -> [f64; ORDERS] {
     let (mut parts, mut square) = ([0.0; ORDERS], 0.0);
     let turn = |[re, im]: [f64; 2], c: f64, s: f64| [re * c - im * s, re * s + im * c];
@@ -468,7 +468,7 @@ mod tests {
     }
 
     #[test]
-    fn colour_tells_a_wave_from_white_noise() {
+    fn autocorrelation_distinguishes_a_wave_from_white_noise() {
         let of = residuals(&[&|_| 3.0, &|i| (0.02 * i).sin()]);
         assert!(
             autocorrelation(&of, 0) < 0.01,

@@ -32,7 +32,7 @@ pub enum Verdict {
     None,
     /// These effects, by name, the first found first.
     Effects(Vec<&'static str>),
-    /// One of these, and which experiment would tell.
+    /// One of these, which the recordings do not separate.
     Inseparable(Vec<&'static str>),
     /// Something that no candidate explains.
     Unknown,

@@ -109,16 +109,17 @@ impl BearingContext {
     fn left(&self, at: usize, g: usize) -> Option<[f64; BASIS]> {
         let block = &self.recorded.known[at].block;
         let share = f64::from(block.count).sqrt().recip();
-        let (read, told) = (&block.reading[g], &self.predicted[at].strain[g]);
-        block.complete[g].then(|| std::array::from_fn(|k| share * f64::from(read[k]) - told[k]))
+        let (read, predicted) = (&block.reading[g], &self.predicted[at].strain[g]);
+        block.complete[g]
+            .then(|| std::array::from_fn(|k| share * f64::from(read[k]) - predicted[k]))
     }
 
     /// The part of a gauge's `strain` that goes with the balls along the predicted one; none
     /// where that drowns in noise.
     pub fn along(&self, at: usize, g: usize, strain: &[f64; BASIS]) -> Option<f64> {
-        let told = &self.predicted[at].strain[g][1..];
-        let size = told.iter().map(|c| c * c).sum::<f64>().sqrt();
-        let product: f64 = told.iter().zip(&strain[1..]).map(|(a, b)| a * b).sum();
+        let predicted = &self.predicted[at].strain[g][1..];
+        let size = predicted.iter().map(|c| c * c).sum::<f64>().sqrt();
+        let product: f64 = predicted.iter().zip(&strain[1..]).map(|(a, b)| a * b).sum();
         (size > self.calibration.gauge[g].noise_std).then(|| product / size)
     }
 

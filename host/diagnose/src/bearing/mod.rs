@@ -1,6 +1,6 @@
-//! Bearings: residuals of strain and of the cages' rates given the loads that references tell.
+//! Bearings: residuals of strain and of the cages' rates given the loads measured by references.
 //!
-//! Phases are followed as on the rig, with the loads told. Of each gauge there is then the
+//! Phases are followed as on the rig, with the loads given. Of each gauge there is then the
 //! mean strain less what the calibration says of it (bulk), and the strain that goes with the
 //! balls, along what the calibration says of it (local); of each row how much its cage lags. What an
 //! offset that warms up can do is taken out of the bulk strain, and of what effects predict alike.
@@ -31,7 +31,7 @@ enum Kind {
     Bulk(usize),
     /// Strain of a gauge that goes with the balls, along the predicted one [um/m].
     Local(usize),
-    /// By which part the cage of a row goes faster than its contacts tell it.
+    /// Part by which the cage of a row goes faster than predicted from its contacts.
     Slip(usize),
 }
 

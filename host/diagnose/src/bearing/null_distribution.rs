@@ -21,7 +21,7 @@ const RIG_S: f64 = 60.0;
 /// What fault-free bearings leave in place of each of `recordings`, each a draw.
 ///
 /// Others of the same description, calibrated on their own rig, carry the same loads at the
-/// same speed: what a calibration cannot tell stays the same for long, so that blocks of different
+/// same speed: the error of a calibration stays the same for long, so that blocks of different
 /// bearings are not mixed.
 ///
 /// # Errors

@@ -9,8 +9,8 @@ use loadtwin_machine::Inertia;
 /// Parts into which a step is divided while flanks part or meet.
 const PARTS: usize = 8;
 
-/// Torque that loads and drag do not tell, part of the first load's nominal: what moves flanks that
-/// are apart otherwise than predicted.
+/// Torque that loads and drag do not include, part of the first load's nominal: it moves flanks
+/// that are apart otherwise than predicted.
 const UNMODELLED_TORQUE: f64 = 0.003;
 
 /// The equations of a driven chain.
@@ -49,7 +49,7 @@ impl<'a> BacklashSimulation<'a> {
         0.5 * self.driven.play.get(s).copied().unwrap_or(0.0)
     }
 
-    /// Turning steadily as the first sample does; encoders tell which flanks touch.
+    /// Turning steadily as the first sample does; encoders measure which flanks touch.
     pub fn start(&self) -> Vec<f64> {
         let driven = self.driven;
         let total: f64 = self.moments.iter().sum();
@@ -61,14 +61,14 @@ impl<'a> BacklashSimulation<'a> {
             carried += driven.outside[s][0] - self.moments[s] / total * net;
             x[1 + s] = carried / k + self.half(s) * carried.signum();
         }
-        for (seen, s, gap) in self.flank_gaps(&x, 0) {
-            if gap.abs() > seen.count {
-                let told = x[1 + s] + gap;
-                let flank = self.half(s).copysign(told);
-                x[1 + s] = if (told - flank).abs() < seen.count {
+        for (encoders, s, gap) in self.flank_gaps(&x, 0) {
+            if gap.abs() > encoders.count {
+                let measured = x[1 + s] + gap;
+                let flank = self.half(s).copysign(measured);
+                x[1 + s] = if (measured - flank).abs() < encoders.count {
                     flank
                 } else {
-                    told
+                    measured
                 };
             }
         }
@@ -78,34 +78,35 @@ impl<'a> BacklashSimulation<'a> {
     /// Encoders on both sides of a shaft with play, the shaft, and by how much its twist in sample
     /// `i` is larger than that of `x`.
     fn flank_gaps(&self, x: &[f64], i: usize) -> Vec<(&Encoders, usize, f64)> {
-        let told = |seen: &'a Encoders| {
-            let with_play = |s: &usize| seen.signs[*s] != 0.0 && self.half(*s) > 0.0;
+        let with_gap = |encoders: &'a Encoders| {
+            let with_play = |s: &usize| encoders.signs[*s] != 0.0 && self.half(*s) > 0.0;
             let s = (0..self.rows.len()).find(with_play)?;
-            let twists = seen.signs.iter().zip(&x[1..]);
+            let twists = encoders.signs.iter().zip(&x[1..]);
             let twisted: f64 = twists.map(|(sign, twist)| sign * twist).sum();
-            let gap = (seen.angle.get(i)? - seen.zero - twisted) / seen.signs[s];
-            gap.is_finite().then_some((seen, s, gap))
+            let gap = (encoders.angle.get(i)? - encoders.zero - twisted) / encoders.signs[s];
+            gap.is_finite().then_some((encoders, s, gap))
         };
-        self.driven.encoders.iter().filter_map(told).collect()
+        self.driven.encoders.iter().filter_map(with_gap).collect()
     }
 
-    /// Takes what encoders tell of flanks that are apart at sample `i`, by the steady gains of a
-    /// filter of place and speed under an unknown torque.
+    /// Corrects flanks that are apart at sample `i` by the encoders, with the steady gains of a
+    /// filter of position and speed under an unknown torque.
     ///
     /// Source: Kalata 1984, "The tracking index: a generalized parameter for alpha-beta and
     /// alpha-beta-gamma target trackers".
     fn correct(&self, x: &mut [f64], i: usize) {
         let driven = self.driven;
-        let untold = UNMODELLED_TORQUE * driven.drivetrain.nominal_torque();
-        for (seen, s, gap) in self.flank_gaps(x, i) {
+        let unmodelled = UNMODELLED_TORQUE * driven.drivetrain.nominal_torque();
+        for (encoders, s, gap) in self.flank_gaps(x, i) {
             if x[1 + s].abs() >= self.half(s) {
                 continue;
             }
-            // A count that stays tells no more with every sample.
+            // A count that does not change adds no information with further samples.
             let step = driven.speed[i].abs() * driven.dt_s;
-            let noise_std = seen.noise_std * (1.0 + seen.count / (step + 1e-9)).sqrt();
+            let noise_std = encoders.noise_std * (1.0 + encoders.count / (step + 1e-9)).sqrt();
             let [before, behind] = self.sides(s);
-            let index = untold * (1.0 / before + 1.0 / behind) * driven.dt_s.powi(2) / noise_std;
+            let index =
+                unmodelled * (1.0 / before + 1.0 / behind) * driven.dt_s.powi(2) / noise_std;
             let r = (4.0 + index - (8.0 * index + index * index).sqrt()) / 4.0;
             let (of_place, of_speed) = (1.0 - r * r, 2.0 * (1.0 - r).powi(2));
             x[1 + s] += of_place * gap;

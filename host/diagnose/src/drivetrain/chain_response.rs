@@ -1,4 +1,4 @@
-//! The torsional chain under the torques that a recording tells.
+//! Response of the torsional chain to the torques known from a recording.
 
 use crate::drivetrain::backlash_response::BacklashSimulation;
 use loadtwin_design::gearbox::Torsion;
@@ -31,7 +31,7 @@ pub struct DrivenChain {
     pub dt_s: f64,
     /// Lost motion of each shaft, referred, the whole width [rad]; empty where there is none.
     pub play: Vec<f64>,
-    /// What further encoders tell of the twists.
+    /// Twists measured by further encoders.
     pub encoders: Vec<Encoders>,
 }
 
@@ -66,7 +66,8 @@ impl DrivenChain {
     ///
     /// with `lost` what a shaft with play carries less than one without. Flanks that are apart carry
     /// nothing, flanks that touch push and never pull; while they part or meet the step is divided.
-    /// Where in the play they are, and how fast, encoders on both sides tell, as the loads do not.
+    /// Their position and speed within the play are measured by encoders on both sides; they do not
+    /// follow from the loads.
     pub fn carried(&self) -> ShaftResponse {
         let torsion = Torsion::new(&self.drivetrain);
         let motion = BacklashSimulation::new(self, &torsion);
@@ -111,21 +112,21 @@ impl DrivenChain {
         driven.play = vec![0.0; plain.torque.len()];
         driven.play[s] = play;
         let most = plain.torque[s].iter().fold(0.0_f64, |m, t| m.max(t.abs()));
-        for seen in &mut driven.encoders {
+        for encoders in &mut driven.encoders {
             // Where the flanks are sure to touch.
             let mut zeros: Vec<f64> = (0..self.speed.len())
                 .filter(|i| plain.torque[s][*i].abs() > TOUCHING * most)
                 .map(|i| {
                     let side = 0.5 * play * plain.torque[s][i].signum();
-                    let twists = seen.signs.iter().zip(&plain.twist);
+                    let twists = encoders.signs.iter().zip(&plain.twist);
                     let elastic: f64 = twists.map(|(sign, twist)| sign * twist[i]).sum();
-                    seen.angle[i] - elastic - seen.signs[s] * side
+                    encoders.angle[i] - elastic - encoders.signs[s] * side
                 })
                 .filter(|zero| zero.is_finite())
                 .collect();
             let middle = zeros.len() / 2;
             if middle > 0 {
-                seen.zero = *zeros.select_nth_unstable_by(middle, f64::total_cmp).1;
+                encoders.zero = *zeros.select_nth_unstable_by(middle, f64::total_cmp).1;
             }
         }
         driven
@@ -136,8 +137,8 @@ impl DrivenChain {
         let mut driven = self.clone();
         driven.drivetrain = self.drivetrain.with_gear(s, part);
         driven.outside.insert(s + 1, vec![0.0; driven.speed.len()]);
-        for seen in &mut driven.encoders {
-            seen.signs.insert(s + 1, seen.signs[s]);
+        for encoders in &mut driven.encoders {
+            encoders.signs.insert(s + 1, encoders.signs[s]);
         }
         driven
     }

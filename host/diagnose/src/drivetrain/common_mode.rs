@@ -42,7 +42,7 @@ impl CommonMode {
     }
 }
 
-/// Takes the described load out of the strains, which tell it together: sample by sample
+/// Removes the described load from the strains, which estimate it together, sample by sample:
 ///
 /// `L = sum_k g_k r_k / v_k / (1 / std^2 + sum_k g_k^2 / v_k)`, `r_k <- r_k - g_k L`.
 pub(crate) fn remove_common_mode(machine: &Machine, strains: &mut [ResidualSignal]) {
@@ -56,16 +56,16 @@ pub(crate) fn remove_common_mode(machine: &Machine, strains: &mut [ResidualSigna
     };
     let readings: Vec<f64> = strains.iter().map(reading).collect();
     for i in 0..strains.first().map_or(0, |s| s.residual.len()) {
-        let (mut told, mut known) = (0.0, std.powi(-2));
+        let (mut weighted, mut known) = (0.0, std.powi(-2));
         for (signal, g) in strains.iter().zip(&readings) {
             if signal.residual[i].is_finite() {
                 let weight = g / (signal.noise_std * signal.noise_std);
-                told += weight * signal.residual[i];
+                weighted += weight * signal.residual[i];
                 known += weight * g;
             }
         }
         for (signal, g) in strains.iter_mut().zip(&readings) {
-            signal.residual[i] -= g * told / known;
+            signal.residual[i] -= g * weighted / known;
         }
     }
 }

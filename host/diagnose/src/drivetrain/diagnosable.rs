@@ -27,7 +27,7 @@ const BLOCK_S: f64 = 1.5;
 /// Part of full scale by which the zero of a gauge differs from recording to recording.
 const ZERO_BETWEEN: f64 = 0.02;
 
-/// Place of what the description should tell, inertia or twist, among the nuisances of a balance or an angle.
+/// Index of the described quantity, inertia or twist, among the nuisances of a balance or an angle.
 const DESCRIBED: usize = 1;
 
 /// Part to which the moments of inertia are known, all together.

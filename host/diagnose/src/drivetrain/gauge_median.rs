@@ -1,4 +1,4 @@
-//! The torque that the gauges of a shaft agree on, where no reference tells it.
+//! Torque of a shaft by the median of its gauges, where no reference measures it.
 
 use std::borrow::Cow;
 

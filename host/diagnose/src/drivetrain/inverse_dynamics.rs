@@ -1,4 +1,4 @@
-//! What the loads tell of the torques in the chain.
+//! Torques in the chain that follow from the loads.
 
 use crate::drivetrain::chain_response::{DrivenChain, ShaftResponse, shaft_rows};
 use crate::drivetrain::signals::Response;
@@ -18,7 +18,7 @@ pub(crate) struct ShaftTorques {
 
 /// Speed and acceleration of each inertia, referred.
 pub(crate) struct InertiaMotion {
-    /// Number of the encoder that tells it.
+    /// Number of the encoder that measures it.
     pub encoder: Vec<usize>,
     pub speed: Vec<Vec<f64>>,
     pub acceleration: Vec<Vec<f64>>,
@@ -109,7 +109,7 @@ pub(crate) fn torques(
         encoders: Vec::new(),
     });
     let simulated = driven.as_ref().map(|d| d.carried().torque);
-    // Dry friction of each body, referred and smoothed: what vibrates as it sticks is not told.
+    // Dry friction of each body, referred and smoothed: vibration as it sticks is not modelled.
     let creeping = CREEP * drivetrain.nominal_speed_rad_s;
     let dry: Vec<Option<Vec<f64>>> = (0..bodies)
         .map(|b| {

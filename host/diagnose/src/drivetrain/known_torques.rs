@@ -1,5 +1,5 @@
-//! Which torques a recording tells, and what would have to be done to see the
-//! same again.
+//! Torques known from a recording, and the operating profile that a simulation
+//! needs to reproduce it.
 
 use crate::drivetrain::decimation::forward_filled;
 use crate::drivetrain::inverse_dynamics::InertiaMotion;
@@ -17,7 +17,7 @@ const TRACKED_S: f64 = 0.02;
 /// Noise of a reference, part of nominal, from which its readings are no torque sample by sample.
 const NOISY: f64 = 2e-4;
 
-/// Each load as its reference tells it, without noise where that is noisy, or a channel that senses the load itself.
+/// Each load as its reference measures it, denoised where that is noisy, or by a channel that senses the load itself.
 pub(crate) fn loads(
     machine: &Machine,
     drivetrain: &Drivetrain,
@@ -30,12 +30,12 @@ pub(crate) fn loads(
         .map(|(j, load)| {
             let reference = &recorded.loads[j];
             if reference.iter().any(|v| v.is_finite()) {
-                let told = forward_filled(reference);
-                let noise = white_noise_std(&told);
+                let measured = forward_filled(reference);
+                let noise = white_noise_std(&measured);
                 return Some(if noise > NOISY * load.nominal_nm {
-                    wiener_denoise(&told, recorded.dt_s, noise)
+                    wiener_denoise(&measured, recorded.dt_s, noise)
                 } else {
-                    told
+                    measured
                 });
             }
             sensed(machine, recorded, &Senses::Load(load.name.clone()), None)

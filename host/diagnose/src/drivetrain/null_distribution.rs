@@ -39,8 +39,8 @@ struct NominalResiduals {
 /// machine leaves that differs from the description as little as such figures are known.
 ///
 /// What a simulation of the very `machine` without noise leaves is taken into the signals of
-/// `recordings`. What that does not tell of a fault-free recording, because what was
-/// done is only read off it, the null samples have as well: each simulation with noise is
+/// `recordings`. That misses a part of a fault-free recording, because the operating profile is
+/// only estimated from it; the null samples contain this part as well: each simulation with noise is
 /// simulated again from what is read off it, and the difference drawn.
 ///
 /// Where that cannot be simulated, the blocks of the residual itself with
@@ -222,7 +222,7 @@ fn simulated(
     let path = folder.path().join("clean.parquet");
     simulation.write(&path, |_| ())?;
     let mut fault_free = read_residuals_given(described, &path, recording.torque_source)?;
-    // Zeros differ from recording to recording; a block is not to tell from which it is.
+    // Zeros differ from recording to recording; a block must not reveal its recording.
     for signal in &mut fault_free.residuals {
         let mean = mean(signal.residual.iter().copied());
         signal.residual.iter_mut().for_each(|r| *r -= mean);

@@ -1,5 +1,5 @@
-//! From a recording to residuals: what the model says of each sample, given
-//! the torque that reference loads, or else all gauges together, tell.
+//! From a recording to residuals: measurement minus model output, given the torque
+//! measured by reference loads or, without them, estimated from all gauges together.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -32,9 +32,9 @@ const RATE_HZ: f64 = 125.0;
 /// Inertia of a gear that a description has in its neighbours, part of the smaller one's.
 const GEAR: f64 = 0.01;
 
-/// Reads `path` as residuals of today's `machine`, given the torque that the
-/// references tell, or where there are none the gauges together; where these are too few, as
-/// the innovations of the filter.
+/// Reads `path` as residuals of today's `machine`, given the torque measured by the references
+/// or, without them, estimated from the gauges together; where these are too few, as the
+/// innovations of the filter.
 ///
 /// # Errors
 /// When the recording cannot be read, is too short to be tested, shows next to
@@ -46,7 +46,7 @@ pub fn read_residuals(
     read_residuals_given(machine, path, TorqueSource::References)
 }
 
-/// As [`read_residuals`], given the torque that `torque_source` tells, or what it lacks the gauges or the filter.
+/// As [`read_residuals`], given the torque from `torque_source`, or where that lacks from the gauges or the filter.
 pub(crate) fn read_residuals_given(
     machine: &Machine,
     path: &Path,
@@ -115,7 +115,7 @@ pub(crate) fn read_residuals_given(
     // Nor is known what a gauge reads that is late by as much as is looked for, and the samples
     // beside that.
     let late = (LATEST_S / recorded.dt_s) as usize + 2 * every;
-    let seen = RecordingContext {
+    let context = RecordingContext {
         machine,
         drivetrain,
         thin: Decimator {
@@ -130,60 +130,60 @@ pub(crate) fn read_residuals_given(
         drives,
         torques: encoder_inertia,
     };
-    let recording = recording(&seen, torque_source, &innovations)?;
+    let recording = recording(&context, torque_source, &innovations)?;
     match implausibility(&recording) {
         Some(reason) => Err(refused(reason)),
         None => Ok(recording),
     }
 }
 
-/// Everything that `seen` shows, given the torque that `torque_source` tells.
+/// All residuals of `context`, given the torque from `torque_source`.
 fn recording(
-    seen: &RecordingContext<'_>,
+    context: &RecordingContext<'_>,
     torque_source: TorqueSource,
     innovations: &[(String, Vec<f64>)],
 ) -> Result<DrivetrainResiduals, MachineError> {
-    let signals = seen.signals();
+    let signals = context.signals();
     let residuals = match torque_source {
-        TorqueSource::References | TorqueSource::Gauges => residuals(seen, &signals)?,
-        TorqueSource::Filter => seen.innovations(innovations),
+        TorqueSource::References | TorqueSource::Gauges => residuals(context, &signals)?,
+        TorqueSource::Filter => context.innovations(innovations),
     };
     let operating_profile = match torque_source {
         TorqueSource::References | TorqueSource::Filter => operating_profile(
-            seen.drivetrain,
-            &seen.torsion,
-            &seen.recorded,
-            &seen.motion,
-            &seen.known,
-            &seen.drives,
+            context.drivetrain,
+            &context.torsion,
+            &context.recorded,
+            &context.motion,
+            &context.known,
+            &context.drives,
         ),
         TorqueSource::Gauges => Some(operating_profile_from_shaft(
-            seen.drivetrain,
-            &seen.torsion,
-            &seen.recorded,
-            &seen.motion,
-            &seen.level(),
+            context.drivetrain,
+            &context.torsion,
+            &context.recorded,
+            &context.motion,
+            &context.level(),
         )),
     };
     Ok(DrivetrainResiduals {
-        twist: seen.twist(),
+        twist: context.twist(),
         signals,
         residuals,
         operating_profile,
         torque_source,
-        reference_noise: seen.reference_noise(),
+        reference_noise: context.reference_noise(),
     })
 }
 
 /// What each gauge, the balance and the angles show beyond today's model.
 fn residuals(
-    seen: &RecordingContext<'_>,
+    context: &RecordingContext<'_>,
     signals: &Signals,
 ) -> Result<Vec<ResidualSignal>, MachineError> {
     let mut residuals = Vec::new();
     let mut spikes = Vec::new();
-    for channel in 0..seen.machine.channels.len() {
-        if let Some((signal, stand_out)) = seen.strain(channel)? {
+    for channel in 0..context.machine.channels.len() {
+        if let Some((signal, stand_out)) = context.strain(channel)? {
             residuals.push(signal);
             spikes.push(stand_out);
         }
@@ -191,9 +191,9 @@ fn residuals(
     for (signal, count) in residuals.iter_mut().zip(isolated_spikes(&spikes)) {
         signal.spikes = count;
     }
-    remove_common_mode(seen.machine, &mut residuals);
-    residuals.extend(seen.balance());
-    residuals.extend((1..seen.machine.encoders.len()).filter_map(|k| seen.angle(k)));
+    remove_common_mode(context.machine, &mut residuals);
+    residuals.extend(context.balance());
+    residuals.extend((1..context.machine.encoders.len()).filter_map(|k| context.angle(k)));
     remove_carrier_offset(&mut residuals, signals.count);
     add_parameter_sensitivities(&mut residuals, signals);
     Ok(residuals)

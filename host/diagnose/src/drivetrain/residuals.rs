@@ -22,15 +22,15 @@ pub enum Kind {
     Innovation,
 }
 
-/// What tells the torque that a recording's residuals are given.
+/// Source of the torque that a recording's residuals are given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TorqueSource {
     /// Reference loads.
     References,
-    /// All gauges of a shaft together: what they have in common is not seen.
+    /// All gauges of a shaft together: an error common to all is not observable.
     Gauges,
-    /// The filter, where gauges are too few: what it takes for load is not seen.
+    /// The filter, where gauges are too few: an error that it estimates as load is not observable.
     Filter,
 }
 
@@ -90,8 +90,8 @@ pub enum Regressor {
     /// `reading u`: a response that changes by the part `u`.
     Gain(Vec<f64>),
     /// A torque `u` in parts of nominal that resists inertia `body`: in the
-    /// balance, and in each strain as far as neither the loads of the known
-    /// side nor the chain's own response to the loads tell it.
+    /// balance, and in each strain as far as it follows neither from the loads of
+    /// the known side nor from the chain's own response to the loads.
     ResistingTorque {
         /// Number of the inertia.
         body: usize,
@@ -134,7 +134,7 @@ pub struct DrivetrainResiduals {
     /// What would have to be done to see the same again; none where the first
     /// load is not known.
     pub operating_profile: Option<Course>,
-    /// What tells the torque.
+    /// Source of the torque.
     pub torque_source: TorqueSource,
     /// Standard deviation of the noise of each reference load, part of nominal.
     pub reference_noise: Vec<f64>,
@@ -208,7 +208,7 @@ impl DrivetrainResiduals {
     fn angle(&self, body: usize, u: &[f64], about: &[f64]) -> Columns {
         let signals = &self.signals;
         let acceleration = second_difference(u, signals.smoothing, signals.dt_s);
-        // What the inertias that this encoder tells are said to take more, each by its `part`.
+        // Additional torque of the inertias whose motion this encoder measures, each by its `part`.
         let taken = |part: &dyn Fn(usize) -> f64| -> f64 {
             let bodies = signals.response.iter().flat_map(|r| &r.bodies).enumerate();
             let torque_source = bodies.filter(|(b, _)| signals.encoder_inertia[*b] == body);
@@ -223,7 +223,7 @@ impl DrivetrainResiduals {
             Kind::Strain => {
                 let moment = s.shaft.map_or(0.0, |shaft| -taken(&|b| side(shaft, b)));
                 let by_torque = product(&s.map, &scaled(&acceleration, moment));
-                // The first encoder tells the carrier angle of the maps.
+                // The first encoder measures the carrier angle of the maps.
                 if s.over_angle() && body == signals.encoder_inertia[0] {
                     let secant = self.secant(s, |i| about[i]);
                     let by_map = product(&secant, u);

@@ -25,8 +25,8 @@ pub struct Response {
     pub stiffness: Vec<f64>,
     /// Moment and speed ratio of each inertia, moments referred [kg m^2].
     pub bodies: Vec<(f64, f64)>,
-    /// For shaft i and a braking torque on inertia j: what of it is missing in
-    /// the shaft's torque as the loads of one side tell it, -1, 0 or 1.
+    /// For shaft i and a resisting torque on inertia j: the part of it that is missing in
+    /// the shaft's torque computed from the loads of one side, -1, 0 or 1.
     pub side: Vec<Vec<f64>>,
 }
 
@@ -63,12 +63,12 @@ pub struct Signals {
     pub inertias: Vec<String>,
     /// Speed ratio of each inertia.
     pub ratios: Vec<f64>,
-    /// For each inertia the number of that whose encoder tells how it moves.
+    /// For each inertia the number of that whose encoder measures its motion.
     pub encoder_inertia: Vec<usize>,
     /// Moving means of this many samples, three times over, smooth the
     /// accelerations; odd.
     pub smoothing: usize,
-    /// Angle of one count of the encoder that tells the carrier angle (rad).
+    /// Angle of one count of the encoder that measures the carrier angle (rad).
     pub count: f64,
     /// None where the loads of the chain are not all known.
     pub response: Option<Response>,
@@ -117,7 +117,7 @@ impl Signals {
         self.speeds[body].iter().map(|w| w / self.nominal_speed)
     }
 
-    /// What changes faster than the loads of one side tell it.
+    /// The part of `x` above the smoothing of the torque computed from the loads of one side.
     pub fn fast(&self, x: &[f64]) -> Vec<f64> {
         let slow = smooth(x, self.smoothing);
         x.iter().zip(slow).map(|(x, slow)| x - slow).collect()
@@ -131,7 +131,7 @@ impl Signals {
         let with = response.driven.with_gear(s, part).carried();
         let with = with.behind_the_gear(s);
         let mut change = self.high_passed(with.difference(&response.carried));
-        // The slow part is what the loads of one side tell without the gear.
+        // The slow part follows from the loads of one side, without the gear.
         let sign = if response.side[s][s + 1] == 0.0 {
             0.5
         } else {
@@ -157,11 +157,11 @@ impl Signals {
             .zip(changes)
             .map(|((body, (moment, _)), change)| {
                 let mut change = self.high_passed(change);
-                // The slow part is what the loads of one side tell with the moment described.
+                // The slow part follows from the loads of one side, with the moment described.
                 for (torque, side) in change.torque.iter_mut().zip(&response.side) {
-                    let untold = TOLERANCE * moment * side[body];
+                    let unmodelled = TOLERANCE * moment * side[body];
                     for (torque, a) in torque.iter_mut().zip(&self.acceleration) {
-                        *torque += untold * a;
+                        *torque += unmodelled * a;
                     }
                 }
                 change
@@ -188,14 +188,21 @@ impl Signals {
         carried
     }
 
-    /// What of a slow torque `brake` [N m referred] on inertia `body` is missing in the
-    /// torque of each shaft as the loads of one side tell it [N m]; empty where nothing is.
+    /// Part of a slow torque `brake` [N m referred] on inertia `body` that is missing in the
+    /// torque of each shaft computed from the loads of one side [N m]; empty where nothing is.
     pub fn unmodelled_slow_torque(&self, body: usize, brake: &[f64]) -> Option<Vec<Vec<f64>>> {
-        let untold = |side: &Vec<f64>| match side[body] {
+        let unmodelled = |side: &Vec<f64>| match side[body] {
             0.0 => Vec::new(),
             sign => brake.iter().map(|b| sign * b).collect(),
         };
-        Some(self.response.as_ref()?.side.iter().map(untold).collect())
+        Some(
+            self.response
+                .as_ref()?
+                .side
+                .iter()
+                .map(unmodelled)
+                .collect(),
+        )
     }
 
     /// What torque of each shaft is unexplained when a torque `brake`
@@ -203,8 +210,8 @@ impl Signals {
     ///
     /// `(1 - L) R(brake) + side L(brake)`,
     ///
-    /// `R` the response of the chain, `L` the smoothing below which the loads
-    /// and accelerations of one side tell the torque.
+    /// `R` the response of the chain, `L` the smoothing below which the torque
+    /// follows from the loads and accelerations of one side.
     pub fn unmodelled_torque(&self, body: usize, brake: &[f64]) -> Option<Vec<Vec<f64>>> {
         let r = self.response.as_ref()?;
         let states = r.transition.nrows();

@@ -140,8 +140,8 @@ pub trait Effect<S: ResidualModel>: Sync {
         true
     }
 
-    /// Natural logarithm of the odds for it that a signal's faulty samples
-    /// tell by themselves.
+    /// Natural logarithm of the odds for it by a signal's faulty samples
+    /// alone.
     fn fault_log_odds(&self, _: &S::ResidualSignal) -> f64 {
         0.0
     }

@@ -203,8 +203,8 @@ impl RegressionData {
         })
     }
 
-    /// Squared deviations of samples of signal `k` that tell as much as one squared
-    /// standard deviation of a parameter.
+    /// Squared deviations of samples of signal `k` that carry as much information as one
+    /// squared standard deviation of a parameter.
     pub(crate) fn prior_scale(&self, k: usize) -> f64 {
         self.signals[k].variance * self.signals[k].samples_per_independent
     }

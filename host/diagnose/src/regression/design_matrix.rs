@@ -151,8 +151,8 @@ pub(crate) fn with_effects<S: ResidualModel>(
     base
 }
 
-/// Columns of each effect found: `[effect][parameter][signal]`. A signal that is free is that of
-/// what the other effects leave: told from all, it would be theirs as well.
+/// Columns of each effect found: `[effect][parameter][signal]`. A free signal is estimated
+/// from the residual of the other effects: estimated from the whole, it would contain theirs too.
 pub(crate) fn columns_of<S: ResidualModel>(
     recordings: &[S],
     found: &[FittedEffect<S>],
@@ -161,12 +161,12 @@ pub(crate) fn columns_of<S: ResidualModel>(
         columns(recordings, f.effect, &f.shape, &f.parameters)
     };
     let mut all: Vec<Vec<Columns>> = found.iter().map(|f| of(recordings, f)).collect();
-    let (free_degrees, told): (Vec<usize>, Vec<usize>) =
+    let (free_degrees, parametric): (Vec<usize>, Vec<usize>) =
         (0..found.len()).partition(|i| is_free_signal(recordings, found[*i].effect));
-    if free_degrees.is_empty() || told.is_empty() {
+    if free_degrees.is_empty() || parametric.is_empty() {
         return all;
     }
-    let effects = told.iter().map(|i| (&found[*i], all[*i].as_slice()));
+    let effects = parametric.iter().map(|i| (&found[*i], all[*i].as_slice()));
     let left = residual_after(recordings, &[], &[], &effects.collect::<Vec<_>>());
     let left = with_residuals(recordings, left);
     for i in free_degrees {

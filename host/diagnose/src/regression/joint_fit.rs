@@ -191,10 +191,12 @@ fn shared_parameters<S: ResidualModel>(found: &[FittedEffect<S>], normals: &[Nor
     let mut right = Mat::<f64>::zeros(c, 1);
     for normal in normals {
         let SchurComplement {
-            own, right: told, ..
+            own,
+            right: projected,
+            ..
         } = &normal.eliminated;
         for (i, a) in normal.places.iter().enumerate() {
-            right[(*a, 0)] += normal.weight * told[(i, 0)];
+            right[(*a, 0)] += normal.weight * projected[(i, 0)];
             for (j, b) in normal.places.iter().enumerate() {
                 gram[(*a, *b)] += normal.weight * own[(i, j)];
             }

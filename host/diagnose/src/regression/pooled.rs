@@ -82,12 +82,14 @@ impl RegressionData {
             .collect();
         for (k, reduced) in reduced.iter().enumerate() {
             if let Some(SchurComplement {
-                own, right: told, ..
+                own,
+                right: projected,
+                ..
             }) = reduced
             {
                 let weight = self.weight(base, k, 0) / overdispersion[k];
                 normal += weight * own;
-                right += weight * told;
+                right += weight * projected;
             }
         }
         (solve_ridge(normal, &right, &vec![0.0; c]), reduced)
@@ -98,7 +100,7 @@ impl RegressionData {
     ///
     /// `mean(b' A^-1 b) / c`, `A` and `b` the normal equations of c parameters.
     ///
-    /// Vibrations are simulated less well than the noise of a gauge would tell.
+    /// Vibrations are simulated less well than the noise of a gauge suggests.
     pub(crate) fn overdispersion(
         &self,
         base: &BaseModel,
@@ -109,12 +111,14 @@ impl RegressionData {
             .map(|(k, sums)| {
                 let Some(sums) = sums else { return 1.0 };
                 let SchurComplement {
-                    own, right: told, ..
+                    own,
+                    right: projected,
+                    ..
                 } = self.eliminate_own(base, k, sums, None);
-                let (c, rhs_count) = (told.nrows(), told.ncols());
-                let solution = solve_ridge(own, &told, &vec![0.0; c]);
+                let (c, rhs_count) = (projected.nrows(), projected.ncols());
+                let solution = solve_ridge(own, &projected, &vec![0.0; c]);
                 let distances = (1..rhs_count).map(|r| {
-                    let dot: f64 = (0..c).map(|i| told[(i, r)] * solution[(i, r)]).sum();
+                    let dot: f64 = (0..c).map(|i| projected[(i, r)] * solution[(i, r)]).sum();
                     self.weight(base, k, r) * dot
                 });
                 let mean = distances.sum::<f64>() / (c * (rhs_count - 1).max(1)) as f64;

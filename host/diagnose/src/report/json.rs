@@ -124,7 +124,7 @@ fn found<S: Diagnosable>(
     let parameter_stds = parameter_stds(recordings, f, residuals_after);
     let mut stds = serde_json::Map::new();
     for (j, linear) in f.effect.linear_parameters().iter().enumerate() {
-        let told = |of: &[Vec<f64>]| {
+        let per_place = |of: &[Vec<f64>]| {
             let value = |k: &usize| json!(of[*k].get(j));
             match f.effect.scope() {
                 Scope::Machine => acting.first().map_or(Value::Null, value),
@@ -134,8 +134,8 @@ fn found<S: Diagnosable>(
                     .into(),
             }
         };
-        parameters.insert(linear.name.into(), told(&f.parameters));
-        stds.insert(linear.name.into(), told(&parameter_stds));
+        parameters.insert(linear.name.into(), per_place(&f.parameters));
+        stds.insert(linear.name.into(), per_place(&parameter_stds));
     }
     json!({
         "name": f.effect.name(),

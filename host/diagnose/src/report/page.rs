@@ -224,14 +224,14 @@ fn nis_table(innovations: &[Innovations]) -> Table {
     }
 }
 
-/// The residuals in which something was found, the three most telling.
+/// The residuals with an excess, the three largest.
 fn top_residuals<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Vec<usize> {
     let mut order: Vec<usize> = (0..diagnosis.residual_excesses.len()).collect();
-    let told = |k: &usize| {
+    let excess = |k: &usize| {
         let o = &diagnosis.residual_excesses[*k];
         o.before - o.after.min(o.before) + 0.1 * o.after
     };
-    order.sort_by(|a, b| told(b).total_cmp(&told(a)));
+    order.sort_by(|a, b| excess(b).total_cmp(&excess(a)));
     order.truncate(3);
     order
 }

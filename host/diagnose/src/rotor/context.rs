@@ -197,7 +197,7 @@ impl RotorContext {
     }
 }
 
-/// What the recording tells better than the description.
+/// Parameters that the recording determines better than the description.
 fn nuisances(rotor: &Rotor, turning: &ShaftRotation) -> Vec<UncertainParameter> {
     let all = UncertainParameter::all(rotor).into_iter();
     all.filter(|rough| rough.is_nuisance())

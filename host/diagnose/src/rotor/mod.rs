@@ -1,9 +1,9 @@
 //! Rotors: residuals of displacement sensors given the unbalance that explains them best.
 //!
-//! Nothing measures an unbalance, so that it belongs to the residual: what unbalances at the
-//! loads, the motion before the first sample and what is known roughly can explain is taken out
-//! of the readings, and of what effects predict alike ([`crate::regression::projection`]). What an unbalance does as
-//! well as an effect, as at one constant speed, is then not seen of that effect.
+//! An unbalance is not measured, so that it is a nuisance. The contributions of unbalances at the
+//! loads, of the motion before the first sample and of uncertain parameters are projected out of
+//! the readings and of the regressors ([`crate::regression::projection`]). The part of an effect
+//! that an unbalance can imitate, as at one constant speed, is then not observable.
 
 mod context;
 mod diagnosable;
@@ -29,7 +29,7 @@ pub use crate::residual_model::SignalSet;
 /// same.
 const MIN_INDEPENDENT: f64 = 0.01;
 
-/// Square of what an effect of usual size must come to, in noise, or it is not seen.
+/// Least square of an effect of usual size, in units of the noise variance, to be observable.
 const MIN_VISIBLE_POWER: f64 = 50.0;
 
 /// Change of speed, part of the highest, below which it counts as one speed.
@@ -187,7 +187,7 @@ impl RotorResiduals {
         self.each(|k, i| if k == own { column[k][i] } else { 0.0 })
     }
 
-    /// What is left of a column beside what an unbalance does, and whether it is enough to be seen.
+    /// Residual of a column after projection on unbalances, and whether it is large enough to be observed.
     fn orthogonal_part(&self, column: SignalSet, prior_std: f64) -> Option<SignalSet> {
         if column.iter().any(Vec::is_empty) {
             return None;

@@ -54,7 +54,7 @@ pub(crate) fn simulated(
             for (of, described) in indistinguishable_from.iter_mut().zip(&described) {
                 of.iter_mut()
                     .zip(described)
-                    .for_each(|(r, told)| *r -= told);
+                    .for_each(|(r, nominal)| *r -= nominal);
             }
         }
         for (signal, fault_free) in recording.residuals.iter_mut().zip(described) {

@@ -28,8 +28,8 @@ impl UncertainParameter {
             .collect()
     }
 
-    /// Whether any recording of a machine tells it better than its description; what a bearing's
-    /// stiffness is off by is an effect.
+    /// Whether any recording of a machine determines it better than its description; an error of a
+    /// bearing's stiffness is an effect.
     pub fn is_nuisance(self) -> bool {
         !matches!(self, Self::BearingStiffness(_))
     }

@@ -30,7 +30,7 @@ pub(crate) fn write(
             Scope::Machine => 1,
             Scope::PerSignal => usize::MAX,
         };
-        // Where it cannot be told at which of several places, none is changed.
+        // Where several locations are equivalent, none is changed.
         let mut taken = found.equivalent_locations.is_empty();
         for (k, own) in acting
             .take(count)

@@ -83,7 +83,7 @@ impl RegressionData {
             .collect()
     }
 
-    /// Right-hand sides that are tried: the residual, and the null samples where they are to tell the
+    /// Right-hand sides that are tried: the residual, and the null samples where they estimate the
     /// `overdispersion`.
     fn sides_of(&self, overdispersion: Option<&[f64]>) -> usize {
         if overdispersion.is_none() {

@@ -4,7 +4,7 @@ use crate::bearing::{BearingResiduals, Kind};
 use crate::effect::{Effect, EffectInfo, LinearParameter, Scope};
 use crate::residual_model::SignalSet;
 
-/// Speed at which it is told [rad/s].
+/// Speed at which it is reported [rad/s].
 const SPEED: f64 = 100.0;
 
 /// Part that must be left beside an offset that warms up, or that does the same.

@@ -70,7 +70,7 @@ impl Effect<DrivetrainResiduals> for Backlash {
         }
         vec![Regressor::ShaftResponse(change)]
     }
-    /// When flanks meet decides on the phase of what vibrates then: loads alone tell that roughly.
+    /// The phase of the vibration depends on when flanks meet, which loads alone determine roughly.
     fn model_error(&self, recording: &DrivetrainResiduals) -> f64 {
         let response = recording.signals.response.as_ref();
         if response.is_some_and(|r| !r.driven.encoders.is_empty()) {

@@ -6,9 +6,9 @@ use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, Regressor, Residua
 use crate::effect::{Effect, EffectInfo, LinearParameter, Scope};
 use loadtwin_machine::{Drift, Machine};
 
-/// `scale a L(t)`: a slow load `L` that is the same for all channels, told for
-/// each channel by the others. What is left of it in one channel is not used
-/// to explain that channel.
+/// `scale a L(t)`: a slow load `L` that is the same for all channels, estimated for
+/// each channel from the others. The residual of a channel is not used to
+/// explain that channel.
 pub struct BendingLoad;
 
 const INFO: EffectInfo = EffectInfo {

@@ -1,4 +1,4 @@
-//! Channels that do not tell the same time.
+//! Channels that are not sampled at the same time.
 
 use crate::drivetrain::effect::{GaugeModel, each};
 use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, Regressor, ResidualSignal};
@@ -56,7 +56,7 @@ impl Effect<DrivetrainResiduals> for Delay {
         )]
     }
     fn apply_to(&self, shape: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
-        // Where the reading moves slowly only the product is told.
+        // Where the reading moves slowly only the product is observable.
         let late_s = gauge.late_s + parameters[0] * shape[0];
         // The line waits for no channel: one that comes early makes the others late.
         let has_place = (0.0..=LATEST_S).contains(&late_s);

@@ -9,7 +9,7 @@ use loadtwin_machine::{Encoder, Machine};
 const TWICE_RAD: f64 = 0.0005;
 
 /// `a cos(r angle) + b sin(r angle) + c` on the angle of an inertia with speed
-/// ratio `r`; `c` is what the index pulse takes of it, less what all maps told.
+/// ratio `r`; `c` is the part that the index pulse removes, less the phase common to all maps.
 pub struct Eccentricity;
 
 const INFO: EffectInfo = EffectInfo {

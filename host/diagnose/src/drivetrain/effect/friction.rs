@@ -13,8 +13,8 @@ const BODY: NonlinearParameter = NonlinearParameter {
     logarithmic: false,
 };
 
-/// How much of what it sets off is told: 0 where it sticks and slips otherwise than the chain would
-/// answer to a torque that is known, 1 where the chain answers so.
+/// Part of the vibration it excites that is modelled: 0 where it sticks and slips otherwise than
+/// the chain would respond to a known torque, 1 where the chain responds so.
 const SETS_OFF: NonlinearParameter = NonlinearParameter {
     name: "what it sets off is told",
     unit: "part",

@@ -81,8 +81,8 @@ impl Effect<DrivetrainResiduals> for Resonance {
         let Some(s) = chain.shafts.iter().position(|s| s.name == *name) else {
             return false;
         };
-        // The vibration tells the inertia by its frequency; of its size the small gear that is in
-        // the model anyway takes a part.
+        // The frequency of the vibration determines the inertia; the small gear that is in the
+        // model anyway takes a part of the amplitude.
         let with = chain.with_gear(s, shape[1]);
         // A gear that an earlier diagnosis put there has the name already.
         let is_new = (chain.inertias.iter()).all(|i| i.name != with.inertias[s + 1].name);

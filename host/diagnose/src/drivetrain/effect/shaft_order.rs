@@ -29,7 +29,7 @@ impl Effect<DrivetrainResiduals> for ShaftOrder {
         &INFO
     }
     fn initial_values(&self, recording: &DrivetrainResiduals) -> Vec<Vec<f64>> {
-        // An order is only seen where it is sampled more than twice a period.
+        // An order is only observable where it is sampled more than twice a period.
         let most = std::f64::consts::PI / recording.signals.dt_s / recording.signals.nominal_speed;
         let of_carrier = |r: f64| r.fract() == 0.0 && r <= HIGHEST as f64;
         let orders: Vec<f64> = recording

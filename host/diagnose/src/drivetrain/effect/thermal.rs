@@ -14,7 +14,7 @@ const LAG: NonlinearParameter = NonlinearParameter {
     logarithmic: true,
 };
 
-/// A lag that nothing tells from none [s].
+/// A lag that is indistinguishable from none [s].
 const AT_ONCE_S: f64 = 0.3;
 
 /// What temperature rise does to a gauge, by `w` with `dw/dt = (T - T0 - w) / lag`.

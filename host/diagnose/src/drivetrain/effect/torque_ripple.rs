@@ -59,12 +59,12 @@ impl Effect<DrivetrainResiduals> for TorqueRipple {
     fn regressors(&self, recording: &DrivetrainResiduals, shape: &[f64]) -> Vec<Regressor> {
         // What the chain does to a torque is known only as fast as it is sampled.
         let most = 0.8 * std::f64::consts::PI / recording.signals.dt_s;
-        let seen = |w: &f64| f64::from(u8::from((shape[1] * w).abs() < most));
-        let seen: Vec<f64> = recording.signals.speed.iter().map(seen).collect();
+        let resolved = |w: &f64| f64::from(u8::from((shape[1] * w).abs() < most));
+        let resolved: Vec<f64> = recording.signals.speed.iter().map(resolved).collect();
         fourier_pair(recording, shape[1])
             .map(|u| Regressor::ResistingTorque {
                 body: shape[0] as usize,
-                u: product(&u, &seen),
+                u: product(&u, &resolved),
                 sticks: false,
             })
             .into()

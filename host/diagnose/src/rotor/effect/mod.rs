@@ -40,5 +40,5 @@ fn location_grid(count: usize) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// The experiment that tells what stays from what grows with the speed squared.
+/// The experiment that separates constant forces from those that grow with the speed squared.
 pub const RUN_UP: &str = "a run-up, or constant speeds well apart, below and above a critical one";
