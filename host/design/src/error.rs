@@ -64,7 +64,7 @@ pub enum BuildError {
         /// Number of loads.
         loads: usize,
     },
-    /// A mode's speed cannot be seen in its displacements.
+    /// A mode's speed is not observable in its displacements.
     #[error(
         "rate_hz: found a rate that samples a mode at a multiple of half its period, allowed: \
          another rate, or fewer rotor.reduction.modes"

@@ -8,7 +8,7 @@ use crate::bearing::calibration::Calibration;
 use crate::bearing::rig_fit::{Rig, RigSample};
 use crate::error::BuildError;
 
-/// Factor on the errors at rest: with the loads told there is time.
+/// Factor on the errors at rest: with the loads given there is time.
 const NOISE_INFLATION: f32 = 3.0;
 
 /// A block with its loads (kN) and the phases of both rows at its start.

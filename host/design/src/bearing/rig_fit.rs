@@ -1,6 +1,6 @@
 //! Calibration of a bearing on a rig whose loads are known.
 //!
-//! The filter itself follows the phases with the loads told; given phases and
+//! The filter itself follows the phases with the loads given; for given phases and
 //! contacts, the answer of a gauge is linear in its coefficients, so that their fit is
 //! one linear least-squares problem. What the bearing differs in from its description follows from
 //! what that leaves.
@@ -27,7 +27,7 @@ const LEAST_AT_FIRST: f64 = 0.1;
 /// Error of answers that are only guessed, as part of the strain.
 const INITIAL_MODEL_ERROR: f32 = 0.7;
 /// Errors of the model stay for many blocks, where the filter takes them for new ones
-/// in each: how much larger they are told to it.
+/// in each: factor by which its error variances are enlarged.
 pub(crate) const ERROR_CORRELATION_FACTOR: f64 = 4.0;
 
 /// A sample on the rig: raw words, and `Fx, Fy, Fz` (N), `Mx, Mz` [N m].

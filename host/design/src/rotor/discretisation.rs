@@ -7,7 +7,7 @@ use crate::rotor::guyan_reduction::motion;
 use crate::rotor::modal_truncation::ModalModel;
 use loadtwin_math::exponential::exponential;
 
-/// Smallest part of a mode's speed that must be seen in its next displacement.
+/// Smallest part of a mode's speed that must appear in its next displacement.
 const SEEN: f64 = 1e-6;
 
 /// `z+ = z + e`, `e+ = e + D (z, e, s)`, `s+ = R s`, and how to come there from
@@ -50,7 +50,7 @@ pub(crate) fn held(rotor: &ModalModel, dt_s: f64) -> Mat<f64> {
 /// `z' = A_12^-1 (e - (A_11 - I) z - B_1 s)`.
 ///
 /// None where a mode is sampled at a multiple of half its period, so that its
-/// speed cannot be seen in its displacements.
+/// speed is not observable in its displacements.
 pub fn discrete(held: &Mat<f64>, moved: &Mat<f64>) -> Option<DiscreteModel> {
     let m = moved.nrows();
     let n = held.nrows();

@@ -100,8 +100,8 @@ impl Eigenpairs {
     }
 
     /// How many coordinates a motion takes: what swings has a displacement and a speed in one. What
-    /// does not has its speed from its displacement; in a coordinate with another such motion it could not be
-    /// told from it, where films at several bearings are alike.
+    /// does not has its speed from its displacement; in a coordinate with another such motion it would not be
+    /// separable from it, where films at several bearings are alike.
     fn coordinates(&self, k: usize) -> usize {
         let s = self.values[k];
         if swings(s) || s.im == 0.0 { 1 } else { 2 }

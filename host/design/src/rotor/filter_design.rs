@@ -45,7 +45,7 @@ pub struct RotorFilterDesign {
 }
 
 impl RotorFilterDesign {
-    /// Assembles and reduces `rotor`, seen by `channels`.
+    /// Assembles and reduces `rotor`, measured by `channels`.
     ///
     /// # Errors
     /// When it is not held, or is larger than an image.

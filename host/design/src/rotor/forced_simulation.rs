@@ -44,7 +44,7 @@ pub struct ShaftRotation {
 }
 
 impl ShaftRotation {
-    /// Whether angular acceleration may be seen in how the shaft bends.
+    /// Whether angular acceleration may appear in the bending of the shaft.
     pub fn accelerates(&self) -> bool {
         let most = |of: &[f64]| {
             of.iter()
@@ -79,7 +79,7 @@ pub struct ForcedRotor {
 }
 
 impl ForcedRotor {
-    /// `rotor` under `forces`, seen by displacement sensors `channels`, turning as `turning`.
+    /// `rotor` under `forces`, measured by displacement sensors `channels`, turning as `turning`.
     ///
     /// # Errors
     /// [`RotorError`] where the rotor is not held.

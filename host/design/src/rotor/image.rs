@@ -27,7 +27,7 @@ const FULL_SCALE: f64 = 16.0;
 /// Standard deviation at which an estimate is no longer valid, in nominal loads.
 const VALID_STD: f64 = 1.0;
 
-/// Bandwidth of the tracked speed, in sample rates, at most [Hz], and where an encoder tells the
+/// Bandwidth of the tracked speed, in sample rates, at most [Hz], and where an encoder measures the
 /// angle as closely as this [turns].
 const TRACKING: f64 = 0.01;
 const TRACKING_HZ: f64 = 20.0;
@@ -182,9 +182,9 @@ impl RotorFilterDesign {
         let s = innovation_covariance(&hp, h, variances);
         let error = self.model_error(rotor, at, &SteadyFilter { f: &f, h, k: &k });
         let (mut gains, mut covariance) = (vec![k.clone()], &prior - &k * &hp);
-        for (gain, told) in before {
+        for (gain, reduction) in before {
             gains.push(gain);
-            covariance -= told;
+            covariance -= reduction;
         }
         Ok(SteadyState {
             gains,

@@ -15,10 +15,10 @@ use crate::rotor::unbalance::forced_response;
 /// Undamped modes beyond four times the eigenpairs kept that these are computed in.
 const SPARE: usize = 24;
 
-/// Part of a motion that the coordinates and their speeds must tell.
-const TOLD: f64 = 0.01;
+/// Least part of a motion that the coordinates and their speeds must observe.
+const LEAST_OBSERVED: f64 = 0.01;
 
-/// Displacements that the reduced rotor is told in, `z = L q`, the same at every speed.
+/// Displacements that are the coordinates of the reduced rotor, `z = L q`, the same at every speed.
 ///
 /// `L = T' M + (H T)^+ (H - H T T' M)`, `T' M T = I`, `L T = I`: every reading `H q` is
 /// `H T z`, whatever `q` is. The columns of `T` are the directions that the eigenpairs at one
@@ -90,12 +90,12 @@ impl Coordinates {
         let basis = &t * turned.U();
         let weighted = basis.transpose() * &model.mass;
         let h = Mat::from_fn(sensors.len(), model.len(), |i, j| sensors[i][j]);
-        let seen = &h * &basis;
-        let inverse = seen
+        let observed = &h * &basis;
+        let inverse = observed
             .svd()
             .map_err(|_| RotorError::NoEigenvalues)?
             .pseudoinverse();
-        let rows = &weighted + inverse * (&h - &seen * &weighted);
+        let rows = &weighted + inverse * (&h - &observed * &weighted);
         Ok(Self {
             squares: (0..count).map(|i| turned.S()[i]).collect(),
             basis,
@@ -148,19 +148,19 @@ pub(crate) fn truncated(
     let whole: Vec<Whole> = (turning.par_iter())
         .map(|speed| Whole::new(model, &fine, *speed, ports))
         .collect::<Result<_, _>>()?;
-    // What does not swing is left to the residual only where the coordinates do not tell it.
+    // Overdamped motions go to the residual flexibility only where the coordinates do not observe them.
     let mut best: Option<(f64, Reduction)> = None;
     for all in [true, false] {
         let least = (whole.iter().map(|whole| whole.pairs.swinging())).min();
         let most = if all { fine.len() } else { least.unwrap_or(0) };
         let count = count.min(most);
         let found = reduction(model, &fine, &whole, ports.sensors, count, all)?;
-        let told = found.as_ref().map_or(0.0, |(told, _)| *told);
+        let observed = found.as_ref().map_or(0.0, |(observed, _)| *observed);
         best = match best {
-            Some((most, best)) if most >= told => Some((most, best)),
+            Some((most, best)) if most >= observed => Some((most, best)),
             _ => found,
         };
-        if told > TOLD {
+        if observed > LEAST_OBSERVED {
             break;
         }
     }
@@ -172,7 +172,7 @@ pub(crate) fn truncated(
 type Reduction = (Coordinates, Vec<ModalModel>);
 
 /// The `whole` rotor, at rising speeds and then at its own, in `count` coordinates with or without
-/// what does not swing, and what they tell of the motion that they tell least of; none where
+/// what does not swing, and the part observed of the motion that they observe least; none where
 /// there are not so many motions.
 fn reduction(
     model: &RotorModel,
@@ -206,10 +206,10 @@ fn reduction(
     let mut least: f64 = 1.0;
     let mut at_speeds = Vec::with_capacity(whole.len());
     for (whole, kept) in whole.iter().zip(&kept) {
-        let Some((told, truncated)) = whole.truncated(fine, &coordinates, kept) else {
+        let Some((observed, truncated)) = whole.truncated(fine, &coordinates, kept) else {
             return Ok(None);
         };
-        least = least.min(told);
+        least = least.min(observed);
         at_speeds.push(truncated);
     }
     Ok(Some((least, (coordinates, at_speeds))))
@@ -248,7 +248,7 @@ impl Whole {
     /// `Z = L G`, and `N = G - Y (Z, Z W)`.
     ///
     /// With the smallest singular value of `U` over orthonormal motions, speeds in units of the
-    /// fastest: what of the motion that is told least well is told. None where `kept` fit
+    /// fastest: the part observed of the least observable motion. None where `kept` fit
     /// other coordinates.
     fn truncated(
         &self,
@@ -259,8 +259,8 @@ impl Whole {
         let (r, count) = (fine.len(), coordinates.squares.len());
         let upper = |m: &Mat<f64>| m.subrows(0, r).to_owned();
         let lower = |m: &Mat<f64>| m.subrows(r, r).to_owned();
-        let told = &coordinates.rows * &fine.basis;
-        let both = |m: &Mat<f64>| stacked(&(&told * upper(m)), &(&told * lower(m)));
+        let rows = &coordinates.rows * &fine.basis;
+        let both = |m: &Mat<f64>| stacked(&(&rows * upper(m)), &(&rows * lower(m)));
         let (x, derivative) = self.pairs.basis(kept);
         if x.ncols() != 2 * count {
             return None;
@@ -269,14 +269,14 @@ impl Whole {
         let alike = |m: &Mat<f64>| stacked(&upper(m), &(Scale(1.0 / rate) * lower(m)));
         let orthonormal = alike(&x).qr().compute_thin_Q();
         let within = stacked(
-            &(&told * upper(&orthonormal)),
-            &(&told * lower(&orthonormal)),
+            &(&rows * upper(&orthonormal)),
+            &(&rows * lower(&orthonormal)),
         );
         let least = within.singular_values().ok()?.last().copied()?;
         // Solved from the right.
         let u = both(&x).transpose().partial_piv_lu();
         let over = |m: Mat<f64>| u.solve(m.transpose()).transpose().to_owned();
-        let pulled = over(&told * lower(&derivative));
+        let pulled = over(&rows * lower(&derivative));
         let stiffness = Scale(-1.0) * pulled.subcols(0, count);
         let damping = Scale(-1.0) * pulled.subcols(count, count);
         let free = over(&fine.basis * upper(&x));

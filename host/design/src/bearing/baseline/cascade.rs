@@ -133,7 +133,7 @@ impl Cascade {
     }
 
     /// Loads [ranges] by the strains [um/m] and the wheel's angle [rad], while the wheel turns fast
-    /// enough; `known`: loads that it is told at a start [N, N m], as it cannot tell the rows apart.
+    /// enough; `known`: loads given at a start [N, N m], as it cannot distinguish the rows.
     pub(crate) fn step(
         &mut self,
         strain: &[f64; GAUGES],
@@ -186,7 +186,7 @@ impl Cascade {
                 x[3 * row] = passing as f32;
                 x[3 * row + 2] = self.load.load(contact.approach) as f32;
             }
-            // Its loads are what tells one row from the other.
+            // The rows are distinguished by their loads.
             let variance = [25.0, 4.0, 0.01];
             gauges.push(Gaussian::independent(
                 x,

@@ -151,16 +151,19 @@ mod tests {
             unreachable!("the example is a bearing");
         };
         let model = LoadModel::try_new(bearing).unwrap();
-        let told = [-2.0_f32, 3.0, 7.0, 20.0, -5.0];
+        let applied = [-2.0_f32, 3.0, 7.0, 20.0, -5.0];
         let at = Contacts::try_new(model.geometry().clone())
             .unwrap()
-            .solve_equilibrium(&told, 0.0)
+            .solve_equilibrium(&applied, 0.0)
             .position
             .map(f64::from);
         let ring = [&at[LOADS..LOADS + SHAPES], &at[LOADS + SHAPES..]].map(Ring::from_row_slice);
         let (loads, bent) = model.loads(&Displacement::from_row_slice(&at[..LOADS]), &ring);
-        for (load, told) in loads.iter().zip(told) {
-            assert!((load - f64::from(told)).abs() < 0.3, "{loads} {told:?}");
+        for (load, applied) in loads.iter().zip(applied) {
+            assert!(
+                (load - f64::from(applied)).abs() < 0.3,
+                "{loads} {applied:?}"
+            );
         }
         for (bent, ring) in bent.iter().zip(&ring) {
             assert!((bent - ring).amax() < 0.5, "{bent} {ring}");
