@@ -97,9 +97,9 @@ pub fn measure_noise(
         .enumerate()
     {
         // What a state of the filter follows is no noise, but in these errors.
-        let told = |_: &&Moments| channel.bending == 0.0;
-        let seen = |m: &&Moments| m.total().n > 0.0;
-        if let Some(moments) = moments.as_ref().filter(told).filter(seen) {
+        let unbent = |_: &&Moments| channel.bending == 0.0;
+        let observed = |m: &&Moments| m.total().n > 0.0;
+        if let Some(moments) = moments.as_ref().filter(unbent).filter(observed) {
             let map = channel.sensitivity_over_angle(machine)?;
             let floor = channel.lsb_si().abs() / 12.0_f64.sqrt();
             let offset = channel.to_si(channel.offset);

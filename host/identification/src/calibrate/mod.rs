@@ -39,7 +39,7 @@ use loadtwin_recording::{Column, Quantity, Reader, RecordingError, Unit, Wanted,
 use loadtwin_replay::ReplayError;
 
 /// Least standard deviation of what a gauge senses, as part of its root mean
-/// square, from which offset and sensitivity can be told apart.
+/// square, from which offset and sensitivity are separable.
 const LEAST_VARIATION: f64 = 0.05;
 
 /// Why nothing can be calibrated.
@@ -73,7 +73,7 @@ pub enum CalibrateError {
 /// What the recordings say about the channels of a machine.
 pub struct Observations {
     /// Sums of each channel, in the order of the machine; none for a channel
-    /// that measures no load, or for one that no reference tells the truth of.
+    /// that measures no load, or for one that has no reference.
     pub channels: Vec<Option<Moments>>,
     /// The same of the even and of the odd turns of the carrier.
     pub turn_parity: Vec<Option<[Moments; 2]>>,
@@ -84,7 +84,7 @@ pub struct Observations {
 }
 
 impl Observations {
-    /// Reads `recordings`; tells the part done, 0 to 1.
+    /// Reads `recordings`; reports the part done, 0 to 1.
     ///
     /// # Errors
     /// When a recording cannot be read, has no reference load, or its index

@@ -36,7 +36,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Reads encoder, index pulse and references of `recording`; tells the part
+    /// Reads encoder, index pulse and references of `recording`; reports the part
     /// read so far, 0 to 1.
     ///
     /// # Errors
@@ -240,7 +240,7 @@ impl Motion {
     }
 
     /// What `senses` sensed in each sample (SI), NaN where unknown; none for
-    /// what no reference of the recording tells.
+    /// what no reference of the recording measures.
     ///
     /// The torque of a shaft follows from the loads on one side of it, less
     /// what accelerates the inertias there and what their friction takes:

@@ -40,7 +40,7 @@ impl Placement {
     /// they are the described `map` turned by up to `patch_rad` either way and
     /// spread over neighbouring angles, which lowers a peak and keeps its mean, as
     /// nodes do that lie further from the mid-plane of the ring gear. Offset and
-    /// gain are fitted for each one. None where they cannot be told apart.
+    /// gain are fitted for each one. None where they are not separable.
     ///
     /// Source: Bosmans et al. 2023, section 4.2.
     pub fn fit(

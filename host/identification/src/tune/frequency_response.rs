@@ -17,7 +17,7 @@ const STOP: usize = 32;
 ///
 /// As printed, the stop band outweighs a pass band of 10 Hz by 24 to 1 at
 /// 500 Hz. For the shipped gearbox that is right: above its first torsional
-/// mode (3 Hz) the shaft hardly tells of the load any more, and a response of
+/// mode (3 Hz) the shaft hardly responds to the load any more, and a response of
 /// 1 up to 10 Hz is bought with noise. At 1 Hz it is wrong: the stop band
 /// outweighs 249 to 1 and the estimate lags in ramps, where averaged bands do
 /// well. `loadtwin tables` shows both.

@@ -95,15 +95,15 @@ impl Tuned {
     }
 }
 
-/// The walk of each load that sets of sensors tell together, from what each tells, `[set][load]`:
+/// The walk of each load, common to sets of sensors, from the estimates of each, `[set][load]`:
 /// the median, of an even number of sets the lower of the two in the middle.
 ///
 /// The likelihood asks how the loads moved, which is the same for every set. What a set's model
 /// gets wrong can only pass for a load that moves faster.
-pub fn common_walk(told: &[&[f64]]) -> Vec<f64> {
-    let loads = told.first().map_or(0, |walks| walks.len());
+pub fn common_walk(estimated: &[&[f64]]) -> Vec<f64> {
+    let loads = estimated.first().map_or(0, |walks| walks.len());
     let of_load = |j: usize| {
-        let mut walks: Vec<f64> = told.iter().map(|walks| walks[j]).collect();
+        let mut walks: Vec<f64> = estimated.iter().map(|walks| walks[j]).collect();
         walks.sort_by(f64::total_cmp);
         walks[(walks.len() - 1) / 2]
     };
@@ -294,9 +294,9 @@ mod tests {
 
     #[test]
     fn a_set_whose_model_is_wrong_is_outvoted() {
-        let told: [&[f64]; 3] = [&[7.0, 2.0], &[900.0, 1.0], &[8.0, 3.0]];
-        assert_eq!(common_walk(&told), [8.0, 2.0]);
-        assert_eq!(common_walk(&told[..2]), [7.0, 1.0]);
-        assert_eq!(common_walk(&told[..1]), [7.0, 2.0]);
+        let estimated: [&[f64]; 3] = [&[7.0, 2.0], &[900.0, 1.0], &[8.0, 3.0]];
+        assert_eq!(common_walk(&estimated), [8.0, 2.0]);
+        assert_eq!(common_walk(&estimated[..2]), [7.0, 1.0]);
+        assert_eq!(common_walk(&estimated[..1]), [7.0, 2.0]);
     }
 }
