@@ -13,7 +13,7 @@ use thiserror::Error;
 pub struct Received {
     /// Time, since the epoch or since the start of the bus (us).
     pub t_us: u64,
-    /// The frame; error frames tell what the controller met.
+    /// The frame; error frames report what the controller met.
     pub frame: CanAnyFrame,
 }
 

@@ -67,7 +67,7 @@ pub struct Figures {
     /// Bits that differ.
     pub differing_bits: u64,
     /// Frames that differ where the machine's state is not known: it had samples
-    /// that were not seen, before the first one here or lost, and has not started anew.
+    /// that were not received, before the first one here or lost, and has not started anew.
     pub unsettled_frames: u64,
     /// The first frame that differs.
     pub first_difference: Option<Difference>,
@@ -95,7 +95,7 @@ pub struct Figures {
     pub lost_status: u64,
     /// Times that the machine started anew.
     pub restarts: u64,
-    /// Name of the model that the machine runs, where it told.
+    /// Name of the model that the machine runs, where it was reported.
     pub machine_model: Option<u32>,
     /// From raw sample to the load frame that the machine made from it, mean (ms); by how many samples
     /// its estimates lag is not in it.
@@ -140,8 +140,8 @@ pub struct Comparison<'a> {
     assembler: RawAssembler,
     channels: [Channel; COMPARED],
     status_counter: Counter,
-    /// Whether every sample that the machine has had was seen. Two states that
-    /// once differed come together, but nothing tells when to the last bit.
+    /// Whether every sample that the machine has had was received. Two states that
+    /// once differed converge, but it is not known when they agree to the last bit.
     known: bool,
     answered: bool,
     figures: Figures,
@@ -230,7 +230,7 @@ impl<'a> Comparison<'a> {
         &self.estimate
     }
 
-    /// The machine's status, as far as it told.
+    /// The machine's status, as far as it was reported.
     pub fn status(&self) -> Option<Status> {
         self.status
     }
@@ -279,7 +279,7 @@ impl<'a> Comparison<'a> {
         let joined_late = self.assembler.counts().samples == 1 && sample.tick != 0;
         self.estimate = self.line.step(sample);
         // A gap is no loss where the machine has it too; should something
-        // differ now, it cannot be told.
+        // differ now, it cannot be detected.
         if joined_late || self.estimate.lost > 0 {
             self.known = false;
         }

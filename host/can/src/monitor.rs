@@ -162,9 +162,9 @@ fn show(
     match message {
         Message::Load(index, load) => page.load(index, &load),
         Message::Sensor(index, sensor) => page.sensor(index, &sensor),
-        Message::Status(newer, told) => {
-            status.get_or_insert_default().merge(&newer, told);
-            if let StatusPage::Image(hash) = told {
+        Message::Status(newer, page_of_status) => {
+            status.get_or_insert_default().merge(&newer, page_of_status);
+            if let StatusPage::Image(hash) = page_of_status {
                 summary.machine_model = Some(hash);
             }
         }

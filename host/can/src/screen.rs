@@ -189,7 +189,7 @@ mod tests {
         });
         page.verdict(Verdict::Identical);
         page.count("frames lost", 7);
-        let seen = text(&page, 80, 24);
+        let drawn = text(&page, 80, 24);
         for what in [
             "main shaft",
             "-500.00 +- 3.00",
@@ -199,7 +199,7 @@ mod tests {
             "Identical",
             "frames lost",
         ] {
-            assert!(seen.contains(what), "{what} in\n{seen}");
+            assert!(drawn.contains(what), "{what} in\n{drawn}");
         }
         for width in [1, 5, 40] {
             for height in 1..12 {

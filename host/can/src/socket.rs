@@ -120,7 +120,7 @@ impl SocketBus {
     }
 }
 
-/// Empties the socket until told to stop; opens it again when the interface was replaced.
+/// Empties the socket until stopped; opens it again when the interface was replaced.
 fn read(
     mut socket: CanFdSocket,
     interface: &str,

@@ -42,7 +42,7 @@ pub enum UploadError {
     /// The board does not answer.
     #[error("no answer to request {0:#04x}")]
     NoAnswer(u8),
-    /// The board did not answer the last request: its status frame tells what runs.
+    /// The board did not answer the last request: its status frame reports what runs.
     #[error("no verdict: the image may have been accepted or not")]
     NoVerdict,
     /// The request could not be handed over.
@@ -79,7 +79,7 @@ enum Phase {
 #[derive(Debug)]
 pub struct Uploader {
     image: Vec<u8>,
-    /// Bytes of the image in a block; 0 until the board has told.
+    /// Bytes of the image in a block; 0 until the board has reported it.
     block: usize,
     sent: usize,
     counter: u8,
