@@ -239,7 +239,7 @@ impl Machine {
         self.encoders.iter().find(|e| e.name == index.encoder)
     }
 
-    /// Whether the index pulse tells where that encoder's disc stands: it turns as the pulse does.
+    /// Whether the index pulse fixes the angle of that encoder's disc: it turns as the pulse does.
     pub fn index_turns_with(&self, encoder: &Encoder) -> bool {
         let latches = self.homed_encoder().is_some_and(|e| e.name == encoder.name);
         let mut inertias = self.drivetrain.iter().flat_map(|chain| &chain.inertias);

@@ -97,22 +97,22 @@ pub fn read_ross(path: &Path, rotor: &mut Rotor) -> Result<(), RossError> {
     Ok(())
 }
 
-/// The name of `told` in `materials`, where it is added unless it is there: a name that a
-/// material of other numbers has gets a number.
-fn among(materials: &mut Vec<Material>, told: Material) -> String {
-    let first = told.name.clone();
-    let mut told = told;
+/// The name of `material` in `materials`, to which it is added unless it is there. A name that
+/// belongs to a material of other values gets a number.
+fn among(materials: &mut Vec<Material>, material: Material) -> String {
+    let first = material.name.clone();
+    let mut material = material;
     for k in 2.. {
-        match materials.iter().find(|m| m.name == told.name) {
-            Some(same) if *same == told => break,
-            Some(_) => told.name = format!("{first} {k}"),
+        match materials.iter().find(|m| m.name == material.name) {
+            Some(same) if *same == material => break,
+            Some(_) => material.name = format!("{first} {k}"),
             None => {
-                materials.push(told.clone());
+                materials.push(material.clone());
                 break;
             }
         }
     }
-    told.name
+    material.name
 }
 
 struct Element<'a> {
@@ -182,13 +182,13 @@ impl Element<'_> {
         let name = (fields.get("name"))
             .and_then(Value::as_str)
             .unwrap_or("shaft");
-        let told = Material {
+        let described = Material {
             name: name.to_owned(),
             young_pa,
             density_kg_per_m3: material.number("rho")?,
             poisson,
         };
-        let name = among(materials, told);
+        let name = among(materials, described);
         Ok(Section {
             length_m: self.number("L")?,
             elements: 1,
@@ -274,7 +274,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn materials_of_one_name_are_told_apart_by_their_numbers() {
+    fn materials_of_one_name_are_distinguished_by_their_values() {
         let steel = |young_pa: f64| Material {
             name: "steel".into(),
             young_pa,

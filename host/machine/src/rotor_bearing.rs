@@ -119,8 +119,9 @@ impl Rotor {
             nodes.len() >= 2,
             "at 2 nodes or more: with fewer the rotor is not held",
         )?;
-        let told = (self.bearings.iter()).flat_map(|b| b.table.iter().map(|at| at.speed_rad_s));
-        for speed in told.chain([self.speed_rad_s]) {
+        let tabulated =
+            (self.bearings.iter()).flat_map(|b| b.table.iter().map(|at| at.speed_rad_s));
+        for speed in tabulated.chain([self.speed_rad_s]) {
             // A seal or a damper need not hold the shaft, where bearings beside it do.
             if self.is_held_at(speed) {
                 continue;

@@ -120,8 +120,13 @@ impl Machine {
             waves.len() <= WAVES,
             &format!("at most {WAVES}"),
         )?;
-        let told = waves.is_empty() || !self.encoders.is_empty();
-        within(field, "one", told, "nothing where no encoder is described")?;
+        let allowed = waves.is_empty() || !self.encoders.is_empty();
+        within(
+            field,
+            "one",
+            allowed,
+            "nothing where no encoder is described",
+        )?;
         let small = |part: &f64| channel.to_si(part.abs()) <= COARSEST_M;
         within(
             field,

@@ -102,8 +102,8 @@ pub fn gains_before(
         m = &m * closed.transpose();
         let mh = &m * observation.transpose();
         let gain = s.solve(mh.transpose()).transpose().to_owned();
-        let told = &gain * mh.transpose();
-        (gain, told)
+        let reduction = &gain * mh.transpose();
+        (gain, reduction)
     };
     std::iter::repeat_with(next).take(lag).collect()
 }
@@ -164,8 +164,8 @@ mod tests {
         let before = gains_before(&f, &h, &steady, &k, &r, LAG);
         assert_eq!(before.len(), LAG);
         let mut left = &steady - &k * &h * &steady;
-        for (j, (gain, told)) in before.iter().enumerate() {
-            left -= told;
+        for (j, (gain, reduction)) in before.iter().enumerate() {
+            left -= reduction;
             for i in 0..n {
                 for c in 0..2 {
                     let found = gain[(i, c)] - expected[((j + 1) * n + i, c)];

@@ -199,7 +199,7 @@ impl Figures {
     }
 }
 
-/// The parts of a recording that figures are told for.
+/// The parts of a recording that figures are reported for.
 pub(super) fn segments(machine: &Machine) -> Vec<Segment> {
     machine
         .segments

@@ -41,7 +41,7 @@ impl Held {
     }
 }
 
-/// A line whose estimates may lag, with the samples that it has not told of. They come without gaps.
+/// A line whose estimates may lag, with the samples that await their estimate. They come without gaps.
 pub(super) struct HeldBack<'a> {
     line: Estimator<'a>,
     held: VecDeque<Held>,
@@ -82,7 +82,7 @@ impl<'a> HeldBack<'a> {
 
     /// Shows the last ones, after which nothing is read.
     pub fn finish(mut self, mut each: impl FnMut(&Sample<'_>, &Estimate, &Estimator<'_>)) {
-        // Of a recording shorter than the lag, nothing is told yet.
+        // A recording shorter than the lag has no estimate yet.
         for _ in self.held.len()..self.line.lag_samples() {
             self.read_nothing();
         }

@@ -11,7 +11,7 @@ use loadtwin_math::metrics::{Autocorrelation, Histogram, NisConsistency, chi_squ
 /// Buckets over time: with two points each, more than a wide screen has pixels.
 const BUCKETS: usize = 4096;
 
-/// Points of a scatter plot: enough for a shape, few enough to tell them apart.
+/// Points of a scatter plot: enough for a shape, few enough to distinguish them.
 const POINTS: usize = 2000;
 
 /// Samples that the smoothed NIS looks back on.

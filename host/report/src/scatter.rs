@@ -7,7 +7,7 @@
 #[derive(Clone, Debug)]
 pub struct ScatterSample {
     capacity: usize,
-    seen: u64,
+    pushed: u64,
     state: u64,
     rows: Vec<Vec<f64>>,
 }
@@ -17,7 +17,7 @@ impl ScatterSample {
     pub fn new(capacity: usize) -> Self {
         Self {
             capacity,
-            seen: 0,
+            pushed: 0,
             state: 0,
             rows: Vec::new(),
         }
@@ -30,7 +30,7 @@ impl ScatterSample {
         if !row.first().is_some_and(|x| x.is_finite()) {
             return;
         }
-        self.seen += 1;
+        self.pushed += 1;
         if self.rows.len() < self.capacity {
             self.rows.push(row.to_vec());
             return;
@@ -40,8 +40,8 @@ impl ScatterSample {
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
         z ^= z >> 31;
-        // Upper half of the product: uniform over 0..seen.
-        let place = (u128::from(z) * u128::from(self.seen)) >> 64;
+        // Upper half of the product: uniform over 0..pushed.
+        let place = (u128::from(z) * u128::from(self.pushed)) >> 64;
         if let Some(slot) = self.rows.get_mut(place as usize) {
             slot.clear();
             slot.extend_from_slice(row);

@@ -153,8 +153,8 @@ impl Plant {
                 let largest = (bearing.table.iter())
                     .flat_map(|at| at.damping_n_s_per_m.as_flattened())
                     .fold(0.0, |most: f64, c| most.max(c.abs()));
-                let seen: f64 = shapes.iter().map(|shape| dot(shape, shape)).sum();
-                2.0 * largest * seen
+                let participation: f64 = shapes.iter().map(|shape| dot(shape, shape)).sum();
+                2.0 * largest * participation
             })
             .sum();
         dot(&self.damping, &self.damping).sqrt() + more

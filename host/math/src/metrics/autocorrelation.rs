@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn coloured_noise_is_told_from_white() {
+    fn coloured_noise_is_distinguished_from_white() {
         let (mut state, mut low) = (1_u64, 0.0);
         let (mut white, mut coloured) = (Autocorrelation::default(), Autocorrelation::default());
         for _ in 0..100_000 {

@@ -66,7 +66,7 @@ pub struct LoadError {
 }
 
 impl LoadError {
-    /// Nothing seen yet. Segments may overlap or leave time out.
+    /// An empty sum. Segments may overlap or leave time out.
     pub fn new(segments: Vec<Segment>) -> Self {
         Self {
             full: ErrorFigures::default(),

@@ -134,17 +134,17 @@ mod tests {
     /// Mean squares of 16 stretches of 40 values whose loudness walks from stretch to stretch
     /// (correlation 0.3, a factor of 1.6 either way): of other such recordings 94 in 100 are
     /// inside. Without the products it would be 87. At a correlation of 0.6 it is 84: a single
-    /// recording does not tell for how long it is loud.
+    /// recording does not show for how long it is loud.
     #[test]
     fn other_recordings_are_inside() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
         let mut inside = 0;
         let draws = 2000;
         for _ in 0..draws {
-            let [told, other] = [(); 2].map(|()| recording(&mut rng));
+            let [first, other] = [(); 2].map(|()| recording(&mut rng));
             let mean = |s: &[Stretch]| s.iter().map(|s| s.error).sum::<f64>();
-            let factor = prediction_factor(relative_variance(&told).unwrap()).unwrap();
-            let ratio = mean(&other) / mean(&told);
+            let factor = prediction_factor(relative_variance(&first).unwrap()).unwrap();
+            let ratio = mean(&other) / mean(&first);
             inside += usize::from((1.0 / factor..=factor).contains(&ratio));
         }
         let part = inside as f64 / f64::from(draws);

@@ -295,18 +295,18 @@ fn select<'a>(
     // Drives and tachometers are no gauges; without a target they are left alone.
     let count = gauges.iter().filter(|g| g.is_load_sensor).count().max(1);
     let drawn = dose.draw.individual.random_range(0..count);
-    let mut seen = 0;
+    let mut sensors = 0;
     gauges
         .iter_mut()
         .filter(|gauge| {
             if let Some(name) = target {
                 return gauge.name == name || gauge.group.as_deref() == Some(name);
             }
-            seen += usize::from(gauge.is_load_sensor);
+            sensors += usize::from(gauge.is_load_sensor);
             gauge.is_load_sensor
                 && match scope {
                     Scope::Every => true,
-                    Scope::One => seen == drawn + 1,
+                    Scope::One => sensors == drawn + 1,
                     Scope::WeakestGroup => gauge.group == weakest,
                     Scope::Intermittent => gauge.map.is_intermittent(),
                 }
