@@ -238,8 +238,8 @@ fn is_as_good_as_it_stands(second: &Value, first: &Value) {
     let nominal = second["error"]["nominal"]["before"]["value_percent"]
         .as_f64()
         .unwrap();
-    let told = after(first);
-    assert!((nominal - told).abs() < 0.05, "{nominal} {told}");
+    let reported = after(first);
+    assert!((nominal - reported).abs() < 0.05, "{nominal} {reported}");
 }
 
 /// The improved description needs nothing more, and is as good as it is as it stands.

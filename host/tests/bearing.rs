@@ -94,7 +94,7 @@ fn every_block_is_taken_in_at_any_rate() {
             filter.step(&mut state, &raw);
             taken_in += u32::from(state.updated().is_some());
         }
-        // The first ones tell the speed, at 400 Hz in 28 samples; the last is on its way.
+        // The first ones determine the speed, at 400 Hz in 28 samples; the last is on its way.
         assert!((90..=99).contains(&taken_in), "{taken_in} at {rate_hz} Hz");
     }
 }
@@ -178,7 +178,7 @@ fn baselines_are_refused_on_another_machine() {
 }
 
 /// With its phases lost once for a moment, most of a recording on the rig still counts: a mirror
-/// image is told from the truth at once where the loads are known.
+/// image is distinguished from the truth at once where the loads are known.
 #[test]
 fn a_bearing_is_calibrated_from_a_part_of_the_usual_recording() {
     const INDIVIDUAL: &str = "1";

@@ -1,4 +1,4 @@
-//! `loadtwin diagnose` of bearings on recordings whose effect it is not told.
+//! `loadtwin diagnose` of bearings on recordings of an effect that it does not know.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

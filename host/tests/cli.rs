@@ -264,7 +264,7 @@ fn a_machine_that_is_wrong_is_refused_with_line_field_and_range() {
         "adc = { lsb = 0.001 }\nlate_s = -0.01",
         &["channel[1].late_s", "-0.01", "0 to 0.2"],
     );
-    // It turns twice as fast, so that a pulse once a turn would not tell where its disc stands.
+    // It turns twice as fast, so that a pulse once a turn would not fix the angle of its disc.
     bench.refused_machine(
         "counts_per_turn = 4096",
         "counts_per_turn = 4096\neccentricity = { amplitude_rad = 0.002, ahead_at_rad = 0.0 }",

@@ -2,14 +2,14 @@
 
 #[path = "../examples/diagnose_benchmark/cases.rs"]
 mod cases;
+#[path = "../examples/diagnose_benchmark/evaluation.rs"]
+mod evaluation;
 #[path = "../examples/diagnose_benchmark/outside.rs"]
 mod outside;
 #[path = "../examples/diagnose_benchmark/rate.rs"]
 mod rate;
 #[path = "../examples/diagnose_benchmark/score.rs"]
 mod score;
-#[path = "../examples/diagnose_benchmark/told.rs"]
-mod told;
 
 use std::path::Path;
 
@@ -26,14 +26,14 @@ const SEED: u64 = 2026;
 const NUMBERS: [usize; 5] = [0, 1, 4, 5, 8];
 
 #[test]
-fn what_is_not_told_is_found() {
+fn undeclared_effects_are_found() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/gearbox/machine.toml");
     let (machines, cases) = cases::drawn(&Machine::load(&path).unwrap(), 1, SEED);
     let rows: Vec<_> = NUMBERS
         .par_iter()
         .map(|number| {
             let case = &cases[*number];
-            told::told(*number, case, &machines[case.machine]).unwrap()
+            evaluation::evaluate(*number, case, &machines[case.machine]).unwrap()
         })
         .collect();
     let score = Score::of(&rows);

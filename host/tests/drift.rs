@@ -26,7 +26,7 @@ fn nmae(machine: &Machine, recording: &Path) -> f64 {
 }
 
 #[test]
-fn three_gauges_of_unequal_signs_tell_their_drift_from_the_torque() {
+fn three_gauges_of_unequal_signs_separate_their_drift_from_the_torque() {
     let folder = tempfile::tempdir().unwrap();
     let described = Machine::load(&example("machine.toml")).unwrap();
     let record = |scenario: &str, effects: &[&str]| {

@@ -1,4 +1,4 @@
-//! Recordings as text: what is read, and what each wrong one is told.
+//! Recordings as text: what is read, and the message for each wrong one.
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 

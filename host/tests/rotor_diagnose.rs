@@ -1,4 +1,4 @@
-//! `loadtwin diagnose` of rotors on recordings whose effect it is not told.
+//! `loadtwin diagnose` of rotors on recordings of an effect that it does not know.
 
 #[path = "../examples/rotor_benchmark/cases.rs"]
 mod cases;
@@ -21,12 +21,12 @@ const SEED: u64 = 2026;
 const NUMBERS: [usize; 3] = [1, 7, 11];
 
 #[test]
-fn what_is_not_told_of_a_rotor_is_found() {
+fn undeclared_effects_of_a_rotor_are_found() {
     let (rotors, cases) = cases::drawn(&Machine::load(&example()).unwrap(), 1, SEED);
     assert!(cases.len() == cases::OF_EACH);
     NUMBERS.into_par_iter().for_each(|number| {
         let case = &cases[number];
-        let (right, said) = case.told(&rotors[case.rotor]).unwrap();
+        let (right, said) = case.evaluate(&rotors[case.rotor]).unwrap();
         println!("{}: {said}", case.truth());
         assert!(right, "{}: {said}", case.truth());
     });
@@ -73,11 +73,11 @@ fn simulated(machine: &str, folder: &Path, scenario: &str, seed: &str, effects: 
     path
 }
 
-/// What `diagnose` says of `seen`, the mended description in `out`.
-fn diagnosed(machine: &str, seen: &[&str], unseen: &str, out: &str) -> Value {
+/// Diagnosis of `fitted`, with the improved description in `out`.
+fn diagnosed(machine: &str, fitted: &[&str], held_out: &str, out: &str) -> Value {
     let mut arguments = vec!["diagnose", "--json", machine];
-    arguments.extend(seen);
-    arguments.extend(["--validate", unseen, "--out", out]);
+    arguments.extend(fitted);
+    arguments.extend(["--validate", held_out, "--out", out]);
     let page = format!("{out}.html");
     arguments.extend(["--report", &page]);
     let output = loadtwin(&arguments);
@@ -106,10 +106,10 @@ fn a_gain_error_of_a_rotor_is_named_and_the_description_is_mended() {
     let folder = tempfile::tempdir().unwrap();
     let machine = with_encoder(folder.path());
     let effects = ["gain-error@x32=1"];
-    let seen = recorded(&machine, folder.path(), "3", &effects);
-    let unseen = recorded(&machine, folder.path(), "4", &effects);
+    let fitted = recorded(&machine, folder.path(), "3", &effects);
+    let held_out = recorded(&machine, folder.path(), "4", &effects);
     let out = folder.path().join("mended.toml").display().to_string();
-    let said = diagnosed(&machine, &[&seen], &unseen, &out);
+    let said = diagnosed(&machine, &[&fitted], &held_out, &out);
     assert_eq!(said["verdict"], "effect", "{said}");
     assert_eq!(said["effects"][0]["name"], "gain-error", "{said}");
     assert_eq!(said["effects"][0]["place"], "x32", "{said}");
@@ -123,7 +123,7 @@ fn a_gain_error_of_a_rotor_is_named_and_the_description_is_mended() {
             .unwrap()
     };
     assert!(error("after") < 0.5 * error("before"), "{said}");
-    let (described, mended) = (nmae(&machine, &unseen), nmae(&out, &unseen));
+    let (described, mended) = (nmae(&machine, &held_out), nmae(&out, &held_out));
     println!("gain: NMAE of disc1_x {described:.2} % as described, {mended:.2} % as mended");
     assert!(mended < 0.5 * described, "{mended} {described}");
 }
@@ -135,10 +135,10 @@ fn a_runout_that_two_recordings_show_is_subtracted_afterwards() {
     let folder = tempfile::tempdir().unwrap();
     let machine = with_encoder(folder.path());
     let effects = ["runout@32=1"];
-    let seen = ["3", "5"].map(|seed| recorded(&machine, folder.path(), seed, &effects));
-    let unseen = recorded(&machine, folder.path(), "4", &effects);
+    let fitted = ["3", "5"].map(|seed| recorded(&machine, folder.path(), seed, &effects));
+    let held_out = recorded(&machine, folder.path(), "4", &effects);
     let out = folder.path().join("mended.toml").display().to_string();
-    let said = diagnosed(&machine, &[&seen[0], &seen[1]], &unseen, &out);
+    let said = diagnosed(&machine, &[&fitted[0], &fitted[1]], &held_out, &out);
     let found: Vec<&str> = (said["effects"].as_array().unwrap().iter())
         .map(|effect| effect["name"].as_str().unwrap())
         .collect();
@@ -152,18 +152,18 @@ fn a_runout_that_two_recordings_show_is_subtracted_afterwards() {
             assert_eq!(size, None);
         }
     }
-    let (described, mended) = (nmae(&machine, &unseen), nmae(&out, &unseen));
+    let (described, mended) = (nmae(&machine, &held_out), nmae(&out, &held_out));
     println!("runout: NMAE of disc1_x {described:.2} % as described, {mended:.2} % as mended");
     assert!(mended < 5e-3 * described, "{mended} {described}");
 }
 
-/// At one speed only the waves of the surface that no unbalance makes are seen.
+/// At one speed only the waves of the surface that no unbalance makes are observable.
 #[test]
 fn the_lobes_of_a_surface_are_named_at_one_speed() {
     let folder = tempfile::tempdir().unwrap();
     let machine = with_encoder(folder.path());
-    let seen = simulated(&machine, folder.path(), "constant", "6", &["runout@5=1"]);
-    let output = loadtwin(&["diagnose", "--json", &machine, &seen]);
+    let fitted = simulated(&machine, folder.path(), "constant", "6", &["runout@5=1"]);
+    let output = loadtwin(&["diagnose", "--json", &machine, &fitted]);
     let said: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(said["verdict"], "effect", "{said}");
     assert_eq!(said["effects"][0]["name"], "surface-lobes", "{said}");
@@ -185,7 +185,7 @@ fn how_a_rotor_is_driven_is_no_effect() {
         text.replace("[rotor]", "[rotor]\nacceleration_stiffness = 1"),
     )
     .unwrap();
-    let seen = simulated(
+    let fitted = simulated(
         &real.display().to_string(),
         folder.path(),
         "run-up",
@@ -196,7 +196,7 @@ fn how_a_rotor_is_driven_is_no_effect() {
         "diagnose",
         "--json",
         &described.display().to_string(),
-        &seen,
+        &fitted,
     ]);
     let said: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(said["verdict"], "none", "{said}");

@@ -299,9 +299,9 @@ fn a_rotor_that_is_unstable_as_described_gets_a_line() {
         let built = said(&["build", machine, "-o", &image, "--json"]);
         let replayed = said(&["replay", machine, &recording, "--json"]);
         assert_eq!(built["instability"].is_object(), grows, "{built}");
-        for told in [built, replayed] {
-            let note = told["stability_note"].as_str().unwrap_or_default();
-            assert_eq!(note.contains("unstable at 88.0 rad/s"), grows, "{told}");
+        for report in [built, replayed] {
+            let note = report["stability_note"].as_str().unwrap_or_default();
+            assert_eq!(note.contains("unstable at 88.0 rad/s"), grows, "{report}");
         }
     }
 }

@@ -339,14 +339,14 @@ fn a_disc_that_is_sped_up_tilts_as_by_the_equations_of_euler() {
             x
         };
         let small = 1e-4;
-        let told = run(&linear, [small, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let predicted = run(&linear, [small, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         // alpha = -e_y.
         let mut first = [0.0; 9];
         (first[1], first[2], first[6]) = (-small, f64::sqrt(1.0 - small * small), start);
         let right = run(&euler, first);
         let right = [-right[1], right[0]];
-        let off = (told[0] - right[0]).hypot(told[1] - right[1]);
-        println!("{part}: {told:?} {right:?}");
+        let off = (predicted[0] - right[0]).hypot(predicted[1] - right[1]);
+        println!("{part}: {predicted:?} {right:?}");
         assert!(off < 1e-6 * small, "{part}: {off:e}");
         ends.push(right);
     }

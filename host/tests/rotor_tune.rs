@@ -91,9 +91,9 @@ fn likelihood_finds_the_noise_and_evolution_follows_it() {
     ];
     let output = loadtwin(&options, &[&example(), &tuned_on]);
     assert!(output.status.success(), "{output:?}");
-    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     let [described, evolution, likelihood] =
-        ["described", "evolution", "likelihood"].map(|method| &told["methods"][method]);
+        ["described", "evolution", "likelihood"].map(|method| &report["methods"][method]);
     let number = |value: &Value| value.as_f64().unwrap();
     for channel in &machine.channels {
         let found = number(&likelihood["noise_std"][&channel.name]);
@@ -114,7 +114,7 @@ fn likelihood_finds_the_noise_and_evolution_follows_it() {
         settled(described),
         settled(evolution),
         settled(likelihood),
-        number(&told["seconds"])
+        number(&report["seconds"])
     );
     let tuned = Machine::load(&out).unwrap();
     let noise = tuned.channels[0].noise_std;
@@ -163,8 +163,8 @@ fn a_replay_shows_orbits_and_says_where_the_speed_leaves_the_schedule() {
         let options = ["replay", "--json", "--report", page.to_str().unwrap()];
         let output = loadtwin(&options, &[&described, &path]);
         assert!(output.status.success(), "{output:?}");
-        let told: Value = serde_json::from_slice(&output.stdout).unwrap();
-        let note = told["speed_note"].as_str().unwrap_or_default();
+        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let note = report["speed_note"].as_str().unwrap_or_default();
         assert_eq!(!note.is_empty(), outside, "{note}");
         assert!(
             !outside || note.contains("allowed: 80 to 100 rad/s"),

@@ -187,15 +187,15 @@ fn of_the_likelihood_all_sets_get_the_median_walk() {
         &tuned,
     ])
     .unwrap();
-    let mut told: Vec<f64> = (report["sets"].as_array().unwrap().iter())
+    let mut estimated: Vec<f64> = (report["sets"].as_array().unwrap().iter())
         .map(|set| &set["methods"]["likelihood"]["main_shaft"]["walk_nm_per_sqrt_s"])
         .map(|walk| walk.as_f64().unwrap())
         .collect();
-    told.sort_by(f64::total_cmp);
-    assert!(told.last() > told.first(), "{told:?}");
-    let median = told[(told.len() - 1) / 2];
+    estimated.sort_by(f64::total_cmp);
+    assert!(estimated.last() > estimated.first(), "{estimated:?}");
+    let median = estimated[(estimated.len() - 1) / 2];
     let machine = Machine::load(&tuned).unwrap();
-    assert_eq!(machine.sensor_sets.len(), told.len());
+    assert_eq!(machine.sensor_sets.len(), estimated.len());
     let described = Machine::load(Path::new(GEARBOX)).unwrap();
     let mut taken = 0;
     for ((set, was), of) in (machine.sensor_sets.iter().zip(&described.sensor_sets))

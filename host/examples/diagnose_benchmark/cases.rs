@@ -45,7 +45,7 @@ const PROFILES: [&str; 4] = ["start-stop", "reversals", "steps", "turbulent"];
 /// Length of each recording [s].
 pub const DURATION_S: f64 = 90.0;
 
-/// Part of the samples of some column that an effect must change to be seen at all.
+/// Part of the samples of some column that an effect must change to be observable.
 const SHOWN: f64 = 1e-3;
 
 /// Strength from which an effect counts as strong.
@@ -162,15 +162,15 @@ impl Case {
         words.join(" ")
     }
 
-    /// Writes what is to be diagnosed to `seen` and what is to be judged on to `unseen`.
+    /// Writes the recording to be diagnosed to `fitted` and the hold-out recording to `held_out`.
     pub fn record(
         &self,
         machine: &Machine,
-        seen: &Path,
-        unseen: &Path,
+        fitted: &Path,
+        held_out: &Path,
     ) -> Result<(), Box<dyn Error>> {
-        self.write(machine, self.profile, self.seeds[0], seen)?;
-        self.write(machine, self.unseen_profile, self.seeds[1], unseen)
+        self.write(machine, self.profile, self.seeds[0], fitted)?;
+        self.write(machine, self.unseen_profile, self.seeds[1], held_out)
     }
 
     /// The same with the next profile in which the recording that is to be diagnosed shows each of

@@ -13,21 +13,21 @@ use crate::score::Row;
 
 /// Simulates the case, in a profile that shows it, diagnoses it without its label, then with the true
 /// effects as the only candidates.
-pub fn told(number: usize, drawn: &Case, machine: &Machine) -> Result<Row, Box<dyn Error>> {
+pub fn evaluate(number: usize, drawn: &Case, machine: &Machine) -> Result<Row, Box<dyn Error>> {
     let (case, shows) = if drawn.kind == Kind::Outside {
         (drawn.clone(), true)
     } else {
         drawn.shown(machine)?
     };
     let folder = tempfile::tempdir()?;
-    let (seen, unseen) = (
-        folder.path().join("seen.parquet"),
-        folder.path().join("unseen.parquet"),
+    let (fitted, held_out) = (
+        folder.path().join("fitted.parquet"),
+        folder.path().join("held_out.parquet"),
     );
-    case.record(machine, &seen, &unseen)?;
-    let (seen, unseen) = (vec![seen], vec![unseen]);
+    case.record(machine, &fitted, &held_out)?;
+    let (fitted, held_out) = (vec![fitted], vec![held_out]);
     let started = Instant::now();
-    let residuals = DrivetrainResiduals::read(machine, &seen, &unseen, |_| ())?;
+    let residuals = DrivetrainResiduals::read(machine, &fitted, &held_out, |_| ())?;
     let diagnosis = residuals.diagnose(DrivetrainResiduals::library(), |_| ());
     let seconds = started.elapsed().as_secs_f64();
     let said = match &diagnosis.verdict {
@@ -70,8 +70,8 @@ pub fn told(number: usize, drawn: &Case, machine: &Machine) -> Result<Row, Box<d
     })
 }
 
-/// Error on the unseen recording with what was said; nothing is mended of
-/// what is not known.
+/// Error on the hold-out recording with the effects reported; an unknown effect corrects
+/// nothing.
 fn after(diagnosis: &Diagnosis<DrivetrainResiduals>) -> Option<f64> {
     let errors = diagnosis.errors.nominal;
     let error = match diagnosis.verdict {

@@ -1,20 +1,20 @@
-//! What `diagnose` says of effects that it is not told.
+//! Blind benchmark: `diagnose` on recordings of effects that it does not know.
 //!
 //! `cargo run --release -p loadtwin --example diagnose_benchmark -- [MACHINES] [SEED] [RESULTS.csv] [weak]`
 //!
 //! For each machine (a description with its parameters drawn anew) ten
-//! recordings: four with one effect, two clean, two with two effects, two with
+//! recordings: four with one effect, two fault-free, two with two effects, two with
 //! something outside the library. Effect, strength (0.1 to 1.6), profile and
-//! noise are drawn. What is true stands only in the results, which `diagnose`
+//! noise are drawn. The true effects are only in the results, which `diagnose`
 //! never opens; a row is written as soon as a recording was diagnosed, and
 //! rows that are there already are not done again. With `weak` only those with one
 //! effect of a strength below 0.3.
 
 mod cases;
+mod evaluation;
 mod outside;
 mod rate;
 mod score;
-mod told;
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -25,8 +25,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use loadtwin::machine::Machine;
 
 use cases::{Case, Kind, STRONG};
+use evaluation::evaluate;
 use score::{Row, Score};
-use told::told;
 
 /// Recordings that are diagnosed at a time.
 const AT_A_TIME: usize = 2;
@@ -72,7 +72,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         for _ in 0..AT_A_TIME {
             scope.spawn(|| {
                 while let Some((number, case)) = left.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    let row = told(*number, case, &machines[case.machine])
+                    let row = evaluate(*number, case, &machines[case.machine])
                         .map_err(|error| format!("recording {number}: {error}"));
                     let Ok(mut results) = results.lock() else {
                         break;

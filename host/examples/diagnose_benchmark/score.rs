@@ -24,7 +24,7 @@ pub struct Row {
     pub verdict: String,
     /// Effects named, the first found first.
     pub said: String,
-    /// Beside several effects: `name=other` where the recording does not tell the two apart.
+    /// Beside several effects: `name=other` where the recording does not separate the two.
     pub open: String,
     /// Error on the unseen recording as described [% of nominal].
     pub before: Option<f64>,
@@ -48,7 +48,7 @@ impl Row {
         self.said.split_whitespace().collect()
     }
 
-    /// Whether what was named is `wanted`, or is told to be inseparable from it.
+    /// Whether the named effect is `wanted`, or is reported as inseparable from it.
     fn exact_or_inseparable(&self, wanted: &[&str]) -> bool {
         let open: Vec<(&str, &str)> = (self.open.split_whitespace())
             .filter_map(|pair| pair.split_once('='))
@@ -82,7 +82,7 @@ pub struct Named {
     pub all: Rate,
     /// Where the recording shows it.
     shown: Rate,
-    /// There, named or told to be inseparable from what is named.
+    /// There, named or reported as inseparable from the named one.
     among: Rate,
 }
 

@@ -38,8 +38,8 @@ pub enum Asked {
     BothNamed,
     /// Nothing is named.
     Nothing,
-    /// Nothing else is named, and it is said that it cannot be told at this speed.
-    Untold,
+    /// Nothing else is named, and it is reported as not observable at this speed.
+    Unobservable,
 }
 
 /// A recording.
@@ -113,8 +113,16 @@ fn case(rotor: usize, number: usize, rng: &mut ChaCha8Rng) -> Case {
         }
         7 | 8 => (Asked::Nothing, "run-up", Vec::new()),
         9 => (Asked::Nothing, "constant", Vec::new()),
-        10 => (Asked::Untold, "constant", vec![("runout", strength())]),
-        _ => (Asked::Untold, "constant", vec![("shaft-bow", strength())]),
+        10 => (
+            Asked::Unobservable,
+            "constant",
+            vec![("runout", strength())],
+        ),
+        _ => (
+            Asked::Unobservable,
+            "constant",
+            vec![("shaft-bow", strength())],
+        ),
     };
     Case {
         rotor,
@@ -139,9 +147,9 @@ impl Case {
         )
     }
 
-    /// Simulates the recording, diagnoses it, and says whether that is what is asked, and what
-    /// was said.
-    pub fn told(&self, machine: &Machine) -> Result<(bool, String), Box<dyn Error>> {
+    /// Simulates the recording, diagnoses it, and returns whether the result is the one
+    /// asked for, with its text.
+    pub fn evaluate(&self, machine: &Machine) -> Result<(bool, String), Box<dyn Error>> {
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("rotor.parquet");
         self.write(machine, &path)?;
@@ -163,7 +171,7 @@ impl Case {
                 names.iter().all(own) && self.effects.iter().all(has)
             }
             Asked::Nothing => names.is_empty() && !unknown,
-            Asked::Untold => {
+            Asked::Unobservable => {
                 let silent = cannot_show(&diagnosis.selection);
                 let said = self
                     .effects

@@ -1,4 +1,4 @@
-//! What `diagnose` says of rotors with effects that it is not told.
+//! Blind benchmark: `diagnose` on rotors with effects that it does not know.
 //!
 //! `cargo run --release -p loadtwin --example rotor_benchmark -- [ROTORS] [SEED]`
 //!
@@ -29,11 +29,14 @@ fn main() -> Result<(), Box<dyn Error>> {
             "two effects in a run-up, both and no other",
         ),
         (Asked::Nothing, "clean ones of which nothing is said"),
-        (Asked::Untold, "what an unbalance does as well, said so"),
+        (
+            Asked::Unobservable,
+            "what an unbalance does as well, said so",
+        ),
     ];
     let mut rates = [Rate::default(); 4];
     for case in &cases {
-        let (right, said) = case.told(&rotors[case.rotor])?;
+        let (right, said) = case.evaluate(&rotors[case.rotor])?;
         let mark = if right { "  " } else { "NO" };
         println!("{mark} {}: {said}", case.truth());
         for (rate, _) in rates

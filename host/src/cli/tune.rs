@@ -144,13 +144,13 @@ pub(super) struct Set {
 ///
 /// Which bandwidth a set can reach differs from set to set, how the loads moved does not.
 fn chosen_walks(sets: &[Set], method: Method) -> Vec<Vec<f64>> {
-    let told = || {
+    let estimated = || {
         sets.iter()
             .map(|set| set.tuned.methods[0].1.walk.as_slice())
     };
     match method {
-        Method::Likelihood => vec![common_walk(&told().collect::<Vec<_>>()); sets.len()],
-        _ => told().map(<[f64]>::to_vec).collect(),
+        Method::Likelihood => vec![common_walk(&estimated().collect::<Vec<_>>()); sets.len()],
+        _ => estimated().map(<[f64]>::to_vec).collect(),
     }
 }
 

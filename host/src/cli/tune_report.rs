@@ -90,16 +90,16 @@ pub(super) fn process_noise(machine: &Machine) -> Value {
     json!({ "parameter_std": std, "draws": DRAWS, "drawn_to_first_order_std": ratios })
 }
 
-/// Where a set tells another size of walk than the one that is written for it.
+/// Warnings where the walk estimated from a set differs from the one that is written for it.
 pub(super) fn doubts(machine: &Machine, sets: &[Set], walks: &[Vec<f64>]) -> Vec<String> {
     const FACTOR: f64 = 10.0;
     let mut doubts = Vec::new();
     for (set, chosen) in sets.iter().zip(walks) {
-        let told = &set.tuned.methods[0].1.walk;
-        for (load, (told, chosen)) in load_names(machine).zip(told.iter().zip(chosen)) {
-            if !(chosen / FACTOR..=chosen * FACTOR).contains(told) {
+        let estimated = &set.tuned.methods[0].1.walk;
+        for (load, (walk, chosen)) in load_names(machine).zip(estimated.iter().zip(chosen)) {
+            if !(chosen / FACTOR..=chosen * FACTOR).contains(walk) {
                 doubts.push(format!(
-                    "{}: alone it tells a walk of {load} of {told:.3e} N m/sqrt(s), most others {chosen:.3e}, \
+                    "{}: alone it tells a walk of {load} of {walk:.3e} N m/sqrt(s), most others {chosen:.3e}, \
                      which is taken: its model or its noise may be wrong",
                     set.name
                 ));

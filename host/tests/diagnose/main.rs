@@ -1,4 +1,4 @@
-//! `loadtwin diagnose` on recordings whose effect it is not told.
+//! `loadtwin diagnose` on recordings of an effect that it does not know.
 
 mod estimator;
 mod mended;
@@ -73,8 +73,8 @@ fn nothing_is_missing_from_a_clean_recording() {
     assert_eq!(said["effects"].as_array().unwrap().len(), 0);
 }
 
-/// Vibrations, reversals and steps are done again in the simulations that tell
-/// what chance leaves.
+/// Vibrations, reversals and steps are repeated in the simulations of the null
+/// samples.
 #[test]
 fn nothing_is_missing_however_the_machine_was_moved() {
     let folder = tempfile::tempdir().unwrap();
@@ -106,8 +106,8 @@ fn without_reference_the_gauges_outvote_one_that_is_wrong() {
     let folder = tempfile::tempdir().unwrap();
     let machine = without_references(folder.path());
     let effect = ["gain-error@ta2=1"];
-    let seen = recorded(folder.path(), "seen.parquet", "start-stop", "60", &effect);
-    let said = diagnosed_as(&machine, &seen, &[]);
+    let fitted = recorded(folder.path(), "fitted.parquet", "start-stop", "60", &effect);
+    let said = diagnosed_as(&machine, &fitted, &[]);
     assert_eq!(said["torque_told_by"], "gauges", "{said}");
     assert_eq!(said["verdict"], "effect", "{said}");
     assert_eq!(said["effects"][0]["name"], "gain-error");
@@ -115,7 +115,7 @@ fn without_reference_the_gauges_outvote_one_that_is_wrong() {
         .as_f64()
         .unwrap();
     assert!((gain.abs() - 0.05).abs() < 3e-3, "{gain}");
-    // Friction is not seen without the loads, and there is no error to tell.
+    // Friction is not observable without the loads, and there is no error to report.
     let silent = said["cannot_show"].as_array().unwrap();
     assert!(silent.contains(&"coulomb-friction".into()), "{said}");
     assert!(said["error"]["nominal"]["before"]["value_percent"].is_null());
@@ -150,13 +150,13 @@ fn one_gauge_without_reference_is_judged_by_its_innovations() {
     let said = diagnosed_as(&machine, &clean, &[]);
     assert_eq!(said["torque_told_by"], "filter", "{said}");
     assert_eq!(said["verdict"], "none", "{said}");
-    // What a load may be is not told.
+    // An effect that a load can imitate is not reported.
     let silent = said["cannot_show"].as_array().unwrap();
     assert!(silent.contains(&"gain-error".into()), "{said}");
 
     let effect = ["carrier-order=1"];
-    let seen = recorded(folder.path(), "seen.parquet", "start-stop", "60", &effect);
-    let said = diagnosed_as(&machine, &seen, &[]);
+    let fitted = recorded(folder.path(), "fitted.parquet", "start-stop", "60", &effect);
+    let said = diagnosed_as(&machine, &fitted, &[]);
     assert_eq!(said["verdict"], "unknown", "{said}");
     let order = tested(&said, "ta1", "order", "main_shaft");
     assert!(
@@ -171,8 +171,14 @@ fn one_gauge_without_reference_is_judged_by_its_innovations() {
 fn residuals_go_with_what_the_effect_goes_with_until_it_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let diagnosed_with = |effect: &str| {
-        let seen = recorded(folder.path(), "seen.parquet", "start-stop", "60", &[effect]);
-        diagnosed(&seen, &[])
+        let fitted = recorded(
+            folder.path(),
+            "fitted.parquet",
+            "start-stop",
+            "60",
+            &[effect],
+        );
+        diagnosed(&fitted, &[])
     };
     let said = diagnosed_with("strain-nonlinearity=1");
     let torque = tested(&said, "ta1", "over", "Torque");
@@ -190,9 +196,9 @@ fn residuals_go_with_what_the_effect_goes_with_until_it_is_found() {
     }
 }
 
-/// Both what is late and by how much, not only their product, also where a recording begins in motion.
+/// Both the late part and its delay, not only their product, also where a recording begins in motion.
 #[test]
-fn how_late_a_gauge_comes_is_told() {
+fn the_delay_of_a_gauge_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     for scenario in ["reversals", "start-stop"] {
         let effect = ["channel-delay@ta2=1.5"];
@@ -210,11 +216,11 @@ fn how_late_a_gauge_comes_is_told() {
 
 /// The filter's own consistency, and the innovation of a gauge that it leaves out.
 #[test]
-fn innovations_are_told_beside_the_residuals() {
+fn innovations_are_reported_beside_the_residuals() {
     let folder = tempfile::tempdir().unwrap();
     let nis = |effects: &[&str]| {
-        let seen = recorded(folder.path(), "seen.parquet", "start-stop", "60", effects);
-        let said = diagnosed(&seen, &[]);
+        let fitted = recorded(folder.path(), "fitted.parquet", "start-stop", "60", effects);
+        let said = diagnosed(&fitted, &[]);
         let sets = said["innovations"].as_array().unwrap().clone();
         assert_eq!(sets.len(), 8, "{said}");
         let set = sets
@@ -244,17 +250,17 @@ fn an_effect_is_confirmed_beside_one_that_does_not_last() {
     let folder = tempfile::tempdir().unwrap();
     let effects = ["gauge-debonding@rg3=1.5", "encoder-eccentricity=0.3"];
     let record = |name, scenario| recorded(folder.path(), name, scenario, "60", &effects);
-    let [seen, unseen] = [
-        record("seen.parquet", "reversals"),
-        record("unseen.parquet", "turbulent"),
+    let [fitted, held_out] = [
+        record("fitted.parquet", "reversals"),
+        record("held_out.parquet", "turbulent"),
     ];
-    let said = diagnosed(&seen, &["--validate", &unseen]);
+    let said = diagnosed(&fitted, &["--validate", &held_out]);
     assert_eq!(said["verdict"], "effects", "{said}");
     let names = [&said["effects"][0]["name"], &said["effects"][1]["name"]];
     assert_eq!(names, ["gauge-debonding", "encoder-eccentricity"], "{said}");
 }
 
-/// What the strong one leaves of the gauge that it explains best tells how right its form is.
+/// The model error of the strong one follows from the residual of the gauge that it explains best.
 #[test]
 fn a_weak_effect_is_named_beside_a_strong_one() {
     let folder = tempfile::tempdir().unwrap();
@@ -268,7 +274,7 @@ fn a_weak_effect_is_named_beside_a_strong_one() {
 
 /// Friction that builds up over an angle is a constant torque where nothing stands still.
 #[test]
-fn beside_another_an_effect_says_what_it_cannot_be_told_from() {
+fn an_effect_beside_another_names_its_indistinguishable_ones() {
     let folder = tempfile::tempdir().unwrap();
     let effects = ["mains-pick-up=1", "presliding-hysteresis=1"];
     let recording = recorded(folder.path(), "two.parquet", "turbulent", "60", &effects);
@@ -310,8 +316,8 @@ fn rewritten(
     to.write_record(&header).unwrap();
     for record in from.records() {
         let record = record.unwrap();
-        let told = |name: &str| record[place(name)].parse::<f64>().unwrap();
-        let value = change(told(column), &told).to_string();
+        let number = |name: &str| record[place(name)].parse::<f64>().unwrap();
+        let value = change(number(column), &number).to_string();
         let cells = record.iter().enumerate();
         to.write_record(cells.map(|(k, cell)| if k == changed { &value } else { cell }))
             .unwrap();
@@ -320,8 +326,8 @@ fn rewritten(
 
 /// A gauge that reads `8 µm/m sin(20 torque / nominal)` too much.
 fn wavy(clean: &str, wavy: &Path) {
-    rewritten(clean, wavy, "ta2", |reads, told| {
-        reads + 8e-6 * (20.0 * told("torque_main") / 312e3).sin()
+    rewritten(clean, wavy, "ta2", |reads, column| {
+        reads + 8e-6 * (20.0 * column("torque_main") / 312e3).sin()
     });
 }
 

@@ -25,12 +25,12 @@ fn nmae_of(load: &str, machine: &str, recording: &str, sensors: &str) -> f64 {
 fn a_gain_error_is_named_and_the_description_is_mended() {
     let folder = tempfile::tempdir().unwrap();
     let effect = ["gain-error@ta2=1"];
-    let seen = recorded(folder.path(), "seen.parquet", "start-stop", "60", &effect);
+    let fitted = recorded(folder.path(), "fitted.parquet", "start-stop", "60", &effect);
     let unseen = recorded(folder.path(), "unseen.parquet", "steps", "60", &effect);
     let out = folder.path().join("mended.toml").display().to_string();
     let page = folder.path().join("page.html").display().to_string();
     let more = ["--validate", &unseen, "--out", &out, "--report", &page];
-    let said = diagnosed(&seen, &more);
+    let said = diagnosed(&fitted, &more);
     assert_eq!(said["verdict"], "effect", "{said}");
     assert_eq!(said["effects"][0]["name"], "gain-error");
     assert_eq!(said["effects"][0]["channels"], serde_json::json!(["ta2"]));
@@ -65,7 +65,13 @@ fn friction_response_creep_and_warmth_that_are_found_become_part_of_the_descript
         ("gauge-creep", "main_shaft", "high-speed-housing-1"),
         ("thermal-gain", "main_shaft", "torque-arm-3"),
     ] {
-        let seen = recorded(folder.path(), "seen.parquet", "start-stop", "60", &[effect]);
+        let fitted = recorded(
+            folder.path(),
+            "fitted.parquet",
+            "start-stop",
+            "60",
+            &[effect],
+        );
         let unseen = recorded(
             folder.path(),
             "unseen.parquet",
@@ -75,7 +81,7 @@ fn friction_response_creep_and_warmth_that_are_found_become_part_of_the_descript
         );
         let out = folder.path().join("better.toml");
         let out_name = out.display().to_string();
-        let said = diagnosed(&seen, &["--out", &out_name]);
+        let said = diagnosed(&fitted, &["--out", &out_name]);
         assert_eq!(said["effects"][0]["name"], effect, "{said}");
         let again = diagnosed_as(&out, &unseen, &[]);
         assert_eq!(again["verdict"], "none", "{effect}: {again}");
@@ -98,10 +104,10 @@ fn hysteresis_of_a_gauge_becomes_part_of_the_description() {
         );
     let remembering = folder.path().join("remembering.toml");
     std::fs::write(&remembering, text).unwrap();
-    let seen = recorded_of(
+    let fitted = recorded_of(
         &remembering,
         folder.path(),
-        "seen.parquet",
+        "fitted.parquet",
         "reversals",
         "60",
         &[],
@@ -116,7 +122,7 @@ fn hysteresis_of_a_gauge_becomes_part_of_the_description() {
     );
     let out = folder.path().join("better.toml");
     let out_name = out.display().to_string();
-    let said = diagnosed(&seen, &["--out", &out_name]);
+    let said = diagnosed(&fitted, &["--out", &out_name]);
     assert_eq!(said["effects"][0]["name"], "strain-hysteresis", "{said}");
     let found = Machine::load(&out).unwrap().channels[1].hysteresis.unwrap();
     assert!((found.half_width / -8e-6 - 1.0).abs() < 0.1, "{found:?}");
@@ -146,7 +152,7 @@ struct Mended {
 fn mended(effect: &str, sensors: &str) -> Mended {
     let folder = tempfile::tempdir().unwrap();
     let effect = [effect];
-    let recording = recorded(folder.path(), "seen.parquet", "reversals", "60", &effect);
+    let recording = recorded(folder.path(), "fitted.parquet", "reversals", "60", &effect);
     let out = folder.path().join("mended.toml").display().to_string();
     let said = diagnosed(&recording, &["--out", &out]);
     let unseen = recorded(folder.path(), "unseen.parquet", "start-stop", "60", &effect);

@@ -45,7 +45,7 @@ fn a_machine_at_rest_gets_a_reason() {
 #[test]
 fn loads_that_contradict_the_description_get_a_reason() {
     let folder = tempfile::tempdir().unwrap();
-    let recording = recorded(folder.path(), "seen.parquet", "start-stop", "30", &[]);
+    let recording = recorded(folder.path(), "fitted.parquet", "start-stop", "30", &[]);
     let described = std::fs::read_to_string(machine()).unwrap();
     let wrong = described.replace("direction = \"brakes\"", "direction = \"drives\"");
     assert_ne!(described, wrong);
@@ -58,7 +58,7 @@ fn loads_that_contradict_the_description_get_a_reason() {
 }
 
 #[test]
-fn recordings_that_do_not_tell_the_same_are_not_judged_together() {
+fn recordings_with_different_channels_are_not_diagnosed_together() {
     let folder = tempfile::tempdir().unwrap();
     let both = recorded(folder.path(), "both.parquet", "start-stop", "30", &[]);
     let one = only(folder.path(), |block| {

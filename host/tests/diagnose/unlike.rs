@@ -21,37 +21,37 @@ fn described(folder: &Path, from: &str, to: &str) -> PathBuf {
     path
 }
 
-/// Torque is told by the lighter side; where that is the eccentric encoder's, strains err by the
-/// acceleration that it tells.
+/// Torque is computed from the lighter side; where that is the eccentric encoder's, strains err by
+/// the acceleration that it measures.
 #[test]
 fn an_eccentric_encoder_is_named_on_the_lighter_side() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let lighter = described(folder, "moment_kg_m2 = 3.0e5", "moment_kg_m2 = 1.0e5");
     let effect = ["encoder-eccentricity=1"];
-    let seen = recorded_of(
+    let fitted = recorded_of(
         &lighter,
         folder,
-        "seen.parquet",
+        "fitted.parquet",
         "start-stop",
         "60",
         &effect,
     );
-    let said = diagnosed_as(&lighter, &seen, &[]);
+    let said = diagnosed_as(&lighter, &fitted, &[]);
     assert_eq!(said["verdict"], "effect", "{said}");
     assert_eq!(said["effects"][0]["name"], "encoder-eccentricity");
 }
 
-/// A description whose inertias are off is no effect of the machine, but said.
+/// Wrong inertias of a description are no effect of the machine, but are reported.
 #[test]
-fn moments_of_inertia_that_are_off_are_told() {
+fn wrong_moments_of_inertia_are_reported() {
     let folder = tempfile::tempdir().unwrap();
-    let seen = recorded(folder.path(), "seen.parquet", "start-stop", "60", &[]);
-    let said = diagnosed(&seen, &[]);
+    let fitted = recorded(folder.path(), "fitted.parquet", "start-stop", "60", &[]);
+    let said = diagnosed(&fitted, &[]);
     assert_eq!(said["note"], serde_json::Value::Null, "{said}");
     let (of, to) = ("moment_kg_m2 = 3.0e5", "moment_kg_m2 = 2.7e5");
     let lighter = described(folder.path(), of, to);
-    let said = diagnosed_as(&lighter, &seen, &[]);
+    let said = diagnosed_as(&lighter, &fitted, &[]);
     let note = said["note"].as_str().unwrap();
     assert!(note.contains("moments of inertia"), "{note}");
 }
@@ -62,12 +62,12 @@ fn moments_of_inertia_that_are_off_are_told() {
 fn a_gain_that_warmth_changes_is_named_where_the_torque_swings() {
     let folder = tempfile::tempdir().unwrap();
     let effect = ["thermal-gain=1"];
-    let seen = recorded(folder.path(), "seen.parquet", "reversals", "90", &effect);
-    let said = diagnosed(&seen, &[]);
+    let fitted = recorded(folder.path(), "fitted.parquet", "reversals", "90", &effect);
+    let said = diagnosed(&fitted, &[]);
     assert_eq!(said["effects"][0]["name"], "thermal-gain", "{said}");
 }
 
-/// Angles that are read half a sample before torques, which maps over the angle tell as a delay: where the
+/// Angles that are read half a sample before torques, which maps over the angle show as a delay: where the
 /// speed swings that passes for drag as well, and is none.
 #[test]
 fn angles_read_half_a_sample_late_are_no_drag() {
@@ -118,8 +118,8 @@ fn following(time_s: f64) -> impl FnMut(f64) -> f64 {
     }
 }
 
-/// A machine that warms by 4 K while a gauge follows the thermometer in 15 s: told with that time,
-/// and the line follows as late.
+/// A machine that warms by 4 K while a gauge follows the thermometer in 15 s: the effect is named with that
+/// time, and the estimator follows as late.
 #[test]
 fn a_gauge_that_follows_the_thermometer_late_is_named_with_its_lag() {
     let folder = tempfile::tempdir().unwrap();
@@ -128,13 +128,16 @@ fn a_gauge_that_follows_the_thermometer_late_is_named_with_its_lag() {
         folder.path().join("warm.csv"),
         folder.path().join("late.csv"),
     );
-    rewritten(&clean, &warm, "housing_temperature", |_, told| {
-        20.0 + 4.0 * (1.0 - (-told("t [") / 25.0).exp())
+    rewritten(&clean, &warm, "housing_temperature", |_, column| {
+        20.0 + 4.0 * (1.0 - (-column("t [") / 25.0).exp())
     });
     let mut follow = following(15.0);
-    rewritten(&warm.display().to_string(), &late, "ta2", |reads, told| {
-        reads + 5e-6 * (follow(told("housing_temperature")) - 20.0)
-    });
+    rewritten(
+        &warm.display().to_string(),
+        &late,
+        "ta2",
+        |reads, column| reads + 5e-6 * (follow(column("housing_temperature")) - 20.0),
+    );
     let late = late.display().to_string();
     let out = folder.path().join("better.toml");
     let said = diagnosed(&late, &["--out", &out.display().to_string()]);
@@ -165,8 +168,8 @@ fn creep_over_decades_is_no_free_load() {
         for part in &mut parts {
             part(0.0);
         }
-        rewritten(&recording, &creeping, gauge, |reads, told| {
-            let level = told("torque_main") / 312e3;
+        rewritten(&recording, &creeping, gauge, |reads, column| {
+            let level = column("torque_main") / 312e3;
             let crept: f64 = parts.iter_mut().map(|part| part(level)).sum();
             reads + 3e-6 * crept
         });

@@ -82,7 +82,7 @@ impl Bound {
         let recorded = Recorded::read(machine, recording);
         let p = self.columns.len();
         let mut information = Mat::<f64>::identity(p, p);
-        let mut seen = Mat::<f64>::zeros(p, 1);
+        let mut weighted = Mat::<f64>::zeros(p, 1);
         let mut worst = 0.0_f64;
         for (i, raw) in recorded.raw.iter().enumerate() {
             for (channel, word) in machine.channels.iter().zip(raw.words) {
@@ -97,7 +97,7 @@ impl Bound {
                 let row: Vec<f64> = self.columns.iter().map(of).collect();
                 let weight = channel.to_si(channel.noise_std).powi(-2);
                 for a in 0..p {
-                    seen[(a, 0)] += weight * row[a] * reading;
+                    weighted[(a, 0)] += weight * row[a] * reading;
                     for b in 0..p {
                         information[(a, b)] += weight * row[a] * row[b];
                     }
@@ -106,7 +106,7 @@ impl Bound {
             if (i as f64) < from_s * machine.rate_hz {
                 continue;
             }
-            let u = information.partial_piv_lu().solve(&seen);
+            let u = information.partial_piv_lu().solve(&weighted);
             for (k, truth) in recorded.displacements[i].iter().enumerate() {
                 let columns = self.columns.iter().enumerate();
                 let estimate: f64 = columns.map(|(j, column)| u[(j, 0)] * column[i][k]).sum();

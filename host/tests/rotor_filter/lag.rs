@@ -51,7 +51,7 @@ fn the_later_an_estimate_the_less_it_errs() {
 }
 
 /// Without noise an estimate is off by less than a tenth of what the rotor moves by in a
-/// sample: by one sample's lag that is not told it would be off by all of it. That holds where
+/// sample: one sample of unreported lag would make it off by all of it. That holds where
 /// samples are lost and readings missing, too.
 #[test]
 fn an_estimate_is_of_the_sample_that_it_says() {
@@ -77,7 +77,7 @@ fn an_estimate_is_of_the_sample_that_it_says() {
         let plan = plan.unwrap();
         let payload = build::image(&machine, &sensors).unwrap();
         let mut line = Estimator::try_build(Image::from_bytes(&payload).unwrap()).unwrap();
-        let mut told = vec![0.0; 2 * plan.nodes()];
+        let mut estimated = vec![0.0; 2 * plan.nodes()];
         let (mut worst, mut moved, mut steady) = (0.0_f64, 0.0_f64, 0);
         let mut last = None;
         for sample in &raw {
@@ -103,10 +103,14 @@ fn an_estimate_is_of_the_sample_that_it_says() {
                 continue;
             }
             steady += u32::from(estimate.steady);
-            plan.displacements(line.rotor_state(), f64::from(line.rotor_speed()), &mut told);
+            plan.displacements(
+                line.rotor_state(),
+                f64::from(line.rotor_speed()),
+                &mut estimated,
+            );
             let of = sample.tick as usize - usize::from(lag);
-            for (i, told) in told.iter().enumerate() {
-                worst = worst.max((told - displacements[of][i]).abs());
+            for (i, estimated) in estimated.iter().enumerate() {
+                worst = worst.max((estimated - displacements[of][i]).abs());
                 moved = moved.max((displacements[of - 1][i] - displacements[of][i]).abs());
             }
         }
@@ -116,10 +120,10 @@ fn an_estimate_is_of_the_sample_that_it_says() {
     }
 }
 
-/// Loads that walk as described, on the model itself: the squared error over the variance that is
-/// told is 1 on average, and not more in the samples after some were lost.
+/// Loads that walk as described, on the model itself: the squared error over the reported
+/// variance is 1 on average, and not more in the samples after some were lost.
 #[test]
-fn the_deviation_that_is_told_is_that_of_the_error() {
+fn the_reported_deviation_is_that_of_the_error() {
     const NZ: usize = 8;
     for lag in [0, 2, 4] {
         let machine = lagging(machine(), lag);

@@ -19,7 +19,7 @@ fn an_effect_of_strength_0_changes_not_one_bit() {
     }
 }
 
-/// What each effect may change, and on how many gauges it has to be seen.
+/// The signals that each effect may change, and the number of gauges that must show it.
 #[test]
 fn an_effect_changes_what_it_claims_and_nothing_else() {
     let machine = gearbox();
