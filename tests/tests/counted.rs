@@ -1,4 +1,4 @@
-//! What goes wrong around the estimator is counted, told in the status, and stops nothing.
+//! Faults around the estimator are counted, reported in the status, and stop nothing.
 
 use loadtwin_common::io::frame::{Frame, IDS_PER_MACHINE, Message, Status, decode};
 use loadtwin_firmware::app::App;
@@ -13,7 +13,7 @@ const SAMPLES: u32 = 6000;
 const OFF: [std::ops::Range<u32>; 2] = [1000..1500, 3000..3040];
 
 #[test]
-fn overruns_a_full_queue_and_bus_off_are_told_and_stop_nothing() {
+fn overruns_a_full_queue_and_bus_off_are_reported_and_stop_nothing() {
     let (image, samples) = (image(), samples(SAMPLES));
     let mut app = App::try_new(&image, 0).unwrap();
     let mut board = Bench::with_room_for(OUTBOX);

@@ -110,7 +110,7 @@ fn a_fault_is_flagged_forgotten_and_never_becomes_a_number_that_is_none() {
         assert_eq!((o.not_finite, o.latched), (0, 0), "{o:?}");
         // No fault moves a load further than its own uncertainty allows for.
         assert!(o.deviation_most < 3.0, "{o:?}");
-        // One count is the encoder's resolution: no single reading tells it from a true one.
+        // One count is the encoder's resolution: no single reading distinguishes it from a true one.
         if !matches!(o.kind, Kind::Glitch(1) | Kind::LostCounts(1)) {
             assert_eq!(o.flagged, o.runs, "{o:?}");
             assert!(o.latency_most <= 5, "{o:?}");

@@ -15,20 +15,20 @@ use loadtwin_firmware::stimulus::Stimulus;
 use loadtwin_tests::emulator::{Bus, Emulator, MACHINE_ID, flash};
 use loadtwin_tests::gearbox::{image, samples};
 
-/// What the status frames said: everything, and the model's name.
+/// The status reported by the frames, and the model's name.
 fn status(frames: &[Frame]) -> (Status, Option<u32>) {
-    let mut told = Status::new();
+    let mut reported = Status::new();
     let mut name = None;
     for frame in frames {
         let base = frame.id / IDS_PER_MACHINE * IDS_PER_MACHINE;
-        if let Ok((Message::Status(status, page), _)) = decode(base, frame.id, &frame.data) {
-            told.merge(&status, page);
+        if let Ok((Message::Status(newer, page), _)) = decode(base, frame.id, &frame.data) {
+            reported.merge(&newer, page);
             if let StatusPage::Image(hash) = page {
                 name = Some(hash);
             }
         }
     }
-    (told, name)
+    (reported, name)
 }
 
 fn signed(model: &[u8], issue: u32, key: &SigningKey) -> Vec<u8> {
@@ -126,8 +126,8 @@ fn a_model_from_the_bus_runs_after_a_restart_and_a_refused_one_never() {
         .filter(|frame| frame.id % IDS_PER_MACHINE == 0)
         .take(8)
         .collect();
-    let (told, model) = status(&frames);
-    assert_eq!(told.refused, ImageError::BadModel.code());
+    let (reported, model) = status(&frames);
+    assert_eq!(reported.refused, ImageError::BadModel.code());
     assert_eq!(model, Some(name(&old)));
 
     let (taken, _) = bus.upload(signed(&new, 2, &key));
@@ -136,13 +136,13 @@ fn a_model_from_the_bus_runs_after_a_restart_and_a_refused_one_never() {
     // The new start says so first.
     loop {
         let frame = bus.next().expect("the board starts again");
-        let (told, model) = status(&[frame]);
-        if told.state == State::Waiting && model.is_some() {
+        let (reported, model) = status(&[frame]);
+        if reported.state == State::Waiting && model.is_some() {
             assert_eq!(model, Some(name(&new)));
             break;
         }
     }
     let (frames, _) = run_to_the_end(board, bus, 1000);
-    let (told, model) = status(&frames);
-    assert_eq!((model, told.refused), (Some(name(&new)), 0));
+    let (reported, model) = status(&frames);
+    assert_eq!((model, reported.refused), (Some(name(&new)), 0));
 }
