@@ -81,7 +81,7 @@ pub struct Diagnosis<S: Diagnosable> {
     pub holdout: Vec<S>,
     /// What explains them.
     pub selection: Selection<S>,
-    /// What is left and unlike the machine without effect.
+    /// Excess of the residuals over those of the machine without effect.
     pub residual_excesses: Vec<ResidualExcess>,
     /// What the residuals go with.
     pub residual_tests: Vec<ResidualTests>,

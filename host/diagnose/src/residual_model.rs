@@ -84,7 +84,7 @@ pub trait ResidualModel: Clone + Send + Sync + 'static {
     type ResidualSignal;
     /// A way in which an effect enters the residuals.
     type Regressor;
-    /// What of a description takes an effect.
+    /// The part of a description that an effect changes.
     type Target;
 
     /// Every effect that is tried on such a machine.

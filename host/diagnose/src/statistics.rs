@@ -25,11 +25,11 @@ pub(crate) fn mean_and_std(x: &[f64]) -> (f64, f64) {
 
 /// The value that an extreme-value distribution with the null samples' mean and
 /// standard deviation exceeds with `probability`.
-pub(crate) fn gumbel_quantile(draws: &[f64], probability: f64) -> f64 {
-    if draws.len() < 2 {
+pub(crate) fn gumbel_quantile(samples: &[f64], probability: f64) -> f64 {
+    if samples.len() < 2 {
         return 0.0;
     }
-    let (mean, spread) = mean_and_std(draws);
+    let (mean, spread) = mean_and_std(samples);
     let width = spread * 6.0_f64.sqrt() / std::f64::consts::PI;
     mean - 0.577_2 * width - width * (-(1.0 - probability).ln()).ln()
 }

@@ -16,11 +16,11 @@ pub struct Correction {
     pub channel: String,
     /// Unit of what is subtracted.
     pub unit: &'static str,
-    /// What it is over.
+    /// The quantity that it depends on.
     pub over: &'static str,
     /// Unit of that.
     pub over_unit: &'static str,
-    /// Part of the mean square about its mean that it takes from blocks left out.
+    /// Part of the mean square about its mean that it explains in hold-out blocks.
     #[serde(rename = "takes")]
     pub explained: f64,
     /// Middles of the bins, rising.
@@ -29,8 +29,8 @@ pub struct Correction {
     pub subtract: Vec<f64>,
 }
 
-/// For each residual that is larger than a fault-free machine's the correction that takes most of it,
-/// where one takes enough. Time is no cause: what it explains is not there in the next recording.
+/// For each residual that is larger than a fault-free machine's the correction that explains most of it,
+/// where one explains enough. Time is no cause: what it explains is not there in the next recording.
 pub fn corrections<S: ResidualModel>(
     recordings: &[S],
     residual_excesses: &[ResidualExcess],

@@ -16,8 +16,8 @@ pub struct ResidualExcess {
     pub before: f64,
     /// After what was found.
     pub after: f64,
-    /// Part of what is left over that sits in the tenth of the time where
-    /// there is most of it; 0.1 where it is everywhere.
+    /// Part of the residual in the tenth of the time where it is largest; 0.1 for one
+    /// spread evenly.
     pub concentration: f64,
     /// Middle of that time (s).
     pub at_s: f64,

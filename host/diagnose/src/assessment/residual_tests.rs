@@ -35,8 +35,8 @@ pub enum Test {
     /// Part of the mean square over a shaft's angle `phi` in its order `o`: that of the
     /// `a cos(o phi) + b sin(o phi)` that is nearest to the residual about its mean.
     Order,
-    /// Part of the mean square about the mean that the mean over a quantity takes from blocks
-    /// left out, of any form and either sign; over time it is a drift.
+    /// Part of the mean square about the mean that the mean over a quantity explains in hold-out
+    /// blocks, for any function and either sign; over time it is a drift.
     #[serde(rename = "over")]
     Covariate,
     /// Correlation with another residual: near -1 where two gauges err against each other.

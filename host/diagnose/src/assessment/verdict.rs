@@ -86,8 +86,7 @@ impl Verdict {
     }
 }
 
-/// Whether an excess remains beyond chance, and beyond the model error
-/// not quite right leaves of an effect.
+/// Whether an excess remains beyond chance and beyond the model error of the effects found.
 fn unexplained<S: Diagnosable>(
     recordings: &[S],
     selection: &Selection<S>,
@@ -101,17 +100,17 @@ fn unexplained<S: Diagnosable>(
         let n = samples / recordings[0].samples_per_independent(k);
         // What a mean square differs by over the null samples, beside what is fitted of it as well, and, as
         // null samples share blocks, from block to block of a null sample; at least that of white noise.
-        let (mut of_draws, mut of_blocks) = (Vec::new(), Vec::new());
+        let (mut of_samples, mut of_blocks) = (Vec::new(), Vec::new());
         for null_sample in null_samples {
             let blocks: Vec<f64> = (recordings.iter().zip(null_sample))
                 .flat_map(|(recording, d)| d[k].chunks(recording.block()))
                 .filter_map(mean_square)
                 .collect();
             let (mean, spread) = mean_and_std(&blocks);
-            of_draws.push(mean);
+            of_samples.push(mean);
             of_blocks.push(spread / (blocks.len().max(1) as f64).sqrt());
         }
-        let (mean, _) = mean_and_std(&of_draws);
+        let (mean, _) = mean_and_std(&of_samples);
         let (_, spread) = mean_and_std(&left[k]);
         (spread.max(mean_and_std(&of_blocks).0) / mean.max(1e-300))
             .max((2.0 / n).sqrt())
@@ -129,11 +128,11 @@ fn unexplained<S: Diagnosable>(
 /// Whether some residual goes with an order or a quantity, by more than how well a fault-free machine
 /// is known. Where nothing can be named that is all there is to say.
 fn has_structure(residual_excesses: &[ResidualExcess], residual_tests: &[ResidualTests]) -> bool {
-    let form =
+    let is_structured =
         |t: &TestResult| t.is_significant() && matches!(t.test, Test::Order | Test::Covariate);
     (residual_excesses.iter().zip(residual_tests))
         .flat_map(|(o, s)| s.tests.iter().map(move |t| (o, t)))
-        .any(|(o, t)| form(t) && o.before * t.before > MIN_STRUCTURE)
+        .any(|(o, t)| is_structured(t) && o.before * t.before > MIN_STRUCTURE)
 }
 
 /// Logarithm of the odds that faulty samples give for an effect.

@@ -25,7 +25,7 @@ pub(crate) struct BearingContext {
     /// Of each block of the recording, its place among those that were followed.
     place: Vec<Option<usize>>,
     /// What an offset that warms up does.
-    pub taken: NuisanceProjection,
+    pub projection: NuisanceProjection,
 }
 
 impl BearingContext {
@@ -45,11 +45,11 @@ impl BearingContext {
             sensors: rig.sensors.clone(),
             calibration: calibration.clone(),
             predicted: predict_readings(rig, &recorded.known, calibration)?,
-            taken: NuisanceProjection::new(Vec::new(), &[], Vec::new()),
+            projection: NuisanceProjection::new(Vec::new(), &[], Vec::new()),
             recorded,
             place,
         };
-        context.taken = context.drift();
+        context.projection = context.drift();
         Ok(context)
     }
 
@@ -73,10 +73,10 @@ impl BearingContext {
         self.place[block]
     }
 
-    /// What is left of the readings; NaN where there are none.
+    /// Residuals of the readings; NaN where there are none.
     pub fn residual(&self) -> SignalSet {
         let whole: SignalSet = (0..STREAMS).map(|k| self.untouched(Kind::of(k))).collect();
-        let mut left = (self.taken).annihilate(
+        let mut left = (self.projection).annihilate(
             (whole.iter())
                 .map(|of| of.iter().copied().map(known).collect())
                 .collect(),
@@ -91,7 +91,7 @@ impl BearingContext {
         left
     }
 
-    /// Residual before what an offset can do is taken out.
+    /// Residual before the projection on offsets.
     fn untouched(&self, kind: Kind) -> Vec<f64> {
         (0..self.len())
             .map(|i| {

@@ -234,7 +234,7 @@ impl ResidualModel for BearingResiduals {
         parameters: &[Vec<f64>],
     ) -> Vec<Columns> {
         let mut all: Vec<Columns> = (effect.regressors_at(self, shape, parameters).into_iter())
-            .map(|term| self.context.taken.annihilate(term))
+            .map(|term| self.context.projection.annihilate(term))
             .collect();
         for k in 0..STREAMS {
             let acts = (all.iter()).any(|columns| columns[k].iter().any(|v| *v != 0.0));

@@ -2,8 +2,8 @@
 //!
 //! Phases are followed as on the rig, with the loads given. Of each gauge there is then the
 //! mean strain less what the calibration says of it (bulk), and the strain that goes with the
-//! balls, along what the calibration says of it (local); of each row how much its cage lags. What an
-//! offset that warms up can do is taken out of the bulk strain, and of what effects predict alike.
+//! balls, along what the calibration says of it (local); of each row how much its cage lags. An
+//! offset that warms up is projected out of the bulk strain and of the regressors alike.
 
 mod context;
 mod diagnosable;
@@ -50,7 +50,7 @@ impl Kind {
 pub struct BearingSignal {
     name: String,
     residual: Vec<f64>,
-    /// What a fault-free bearing leaves, root mean square.
+    /// Residual of a fault-free bearing, root mean square.
     noise_std: f64,
 }
 
@@ -63,11 +63,11 @@ pub struct BearingResiduals {
     t: Vec<f64>,
 }
 
-/// What of a description takes an effect: the machine.
+/// The part of a description that an effect changes: the machine.
 pub type BearingTarget = Machine;
 
 impl BearingResiduals {
-    /// A column by what it is of and block.
+    /// A column by residual and block.
     fn each(&self, of: impl Fn(Kind, usize) -> f64) -> SignalSet {
         (0..STREAMS)
             .map(|k| (0..self.t.len()).map(|i| of(Kind::of(k), i)).collect())

@@ -18,7 +18,7 @@ const INDIVIDUALS: u64 = 3;
 /// For how long each is calibrated [s].
 const RIG_S: f64 = 60.0;
 
-/// What fault-free bearings leave in place of each of `recordings`, each a draw.
+/// Null samples of each of `recordings`: residuals of simulated fault-free bearings.
 ///
 /// Others of the same description, calibrated on their own rig, carry the same loads at the
 /// same speed: the error of a calibration stays the same for long, so that blocks of different
@@ -94,7 +94,7 @@ fn calibrated(rig: &Rig<'_>, individual: u64) -> Result<Calibration, DiagnoseErr
     Ok(fit(rig, &samples)?.0)
 }
 
-/// What is left of another bearing that does what `recording` did.
+/// Residuals of another bearing under the operating profile of `recording`.
 fn left(
     rig: &Rig<'_>,
     calibration: &Calibration,

@@ -97,7 +97,7 @@ fn course(rig: &Rig<'_>, samples: &[RigSample]) -> BearingCourse {
     BearingCourse { dt_s, speed, loads }
 }
 
-/// Angle of the wheel at the start of each block [rad]; what is missing stands where it was.
+/// Angle of the wheel at the start of each block [rad]; a missing one repeats the last.
 fn turned(rig: &Rig<'_>, blocks: &[&[RigSample]]) -> Vec<f64> {
     let Some(encoder) = rig.sensors.encoders.first() else {
         return vec![0.0; blocks.len()];

@@ -17,17 +17,18 @@ pub(crate) fn write(
     diagnosis: &Diagnosis<BearingResiduals>,
     path: &Path,
 ) -> Result<Vec<&'static str>, DiagnoseError> {
-    let mut mended = machine.clone();
+    let mut improved = machine.clone();
     let mut absent = Vec::new();
     for found in &diagnosis.selection.found {
         let own = found.parameters.iter().find(|own| !own.is_empty());
-        let taken = own.is_some_and(|own| found.effect.apply_to(&found.shape, own, &mut mended));
-        if !taken {
+        let is_applied =
+            own.is_some_and(|own| found.effect.apply_to(&found.shape, own, &mut improved));
+        if !is_applied {
             absent.push(found.effect.name());
         }
     }
     let mut description = Description::read(&machine.path).map_err(CalibrateError::from)?;
-    if let (Some(was), Some(is)) = (&machine.bearing, &mended.bearing) {
+    if let (Some(was), Some(is)) = (&machine.bearing, &improved.bearing) {
         if was.preload_um != is.preload_um {
             description.set_in("bearing", "preload_um", is.preload_um);
         }

@@ -128,8 +128,8 @@ pub(crate) fn torques(
         })
         .collect();
     let lost = |b: usize, i: usize| losses[b].as_ref().map_or(0.0, |losses| losses[i]);
-    // What inertia and friction of body b take, smoothed.
-    let taken = |b: usize, i: usize| {
+    // Torque of inertia and friction of body b, smoothed.
+    let absorbed = |b: usize, i: usize| {
         moment(b) * motion.acceleration[b][i]
             + drag(b) * motion.speed[b][i]
             + dry[b].as_ref().map_or(0.0, |dry| dry[i])
@@ -172,7 +172,7 @@ pub(crate) fn torques(
                 .map(|i| {
                     let sum: f64 = side
                         .iter()
-                        .map(|b| source[*b].as_ref().map_or(0.0, |o| o[i]) - taken(*b, i))
+                        .map(|b| source[*b].as_ref().map_or(0.0, |o| o[i]) - absorbed(*b, i))
                         .sum();
                     // What is lost of the torque carried is a part of the torque itself.
                     let losses: f64 = side.iter().map(|b| lost(*b, i)).sum();
@@ -196,7 +196,9 @@ pub(crate) fn torques(
     };
     let balance = all.then(|| {
         let missing = |b: usize, i: usize| {
-            slow[b].as_ref().map_or(0.0, |o| o[i]) - taken(b, i) - lost(b, i) * carried(b, i).abs()
+            slow[b].as_ref().map_or(0.0, |o| o[i])
+                - absorbed(b, i)
+                - lost(b, i) * carried(b, i).abs()
         };
         (0..n)
             .map(|i| (0..bodies).map(|b| missing(b, i)).sum())

@@ -23,22 +23,22 @@ const ALIKE: u64 = 3;
 /// Part to which the friction that a description has is known.
 const FRICTION_TOLERANCE: f64 = 0.05;
 
-/// null samples of the residuals.
-const DRAWS: u64 = 10;
+/// Number of null samples of the residuals.
+const NULL_SAMPLES: u64 = 10;
 
-/// What simulations of one recording without any effect leave, `[simulation][signal]`.
+/// Residuals of simulations of one recording without any effect, `[simulation][signal]`.
 struct NominalResiduals {
-    /// What noise leaves, and that what was done is only read off the recording.
+    /// Those of noise, and of the estimation of the operating profile from the recording.
     noise: Vec<Vec<Vec<f64>>>,
-    /// What machines like the one described leave more than that one, without noise.
+    /// Those of machines within the tolerance of the description, without noise, less its own.
     parameter_scatter: Vec<Vec<Vec<f64>>>,
 }
 
-/// Draws residuals without effect: of fault-free simulations of `machine` doing what it did in each
-/// recording what noise leaves, each block from another one, and over the whole of them what a
-/// machine leaves that differs from the description as little as such figures are known.
+/// Null samples of the residuals, from fault-free simulations of `machine` under the profile of each
+/// recording: the residuals of noise, each block from another simulation, and over the whole
+/// the residuals of a machine that differs from the description within its tolerance.
 ///
-/// What a simulation of the very `machine` without noise leaves is taken into the signals of
+/// The residuals of a simulation of `machine` itself without noise are stored in the signals of
 /// `recordings`. That misses a part of a fault-free recording, because the operating profile is
 /// only estimated from it; the null samples contain this part as well: each simulation with noise is
 /// simulated again from what is read off it, and the difference drawn.
@@ -56,7 +56,7 @@ pub fn null_samples(
         .map(|recording| fault_free(machine, recording, seed).ok())
         .collect();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    (0..DRAWS)
+    (0..NULL_SAMPLES)
         .map(|number| {
             let like = (number % ALIKE) as usize;
             let of =
@@ -83,8 +83,8 @@ pub fn null_samples(
         .collect()
 }
 
-/// Simulates `machine` doing what it did in `recording`, and takes what it leaves without noise
-/// into the signals of `recording`.
+/// Simulates `machine` under the profile of `recording`, and stores its residuals without noise
+/// in the signals of `recording`.
 fn fault_free(
     machine: &Machine,
     recording: &mut DrivetrainResiduals,
@@ -126,7 +126,7 @@ fn fault_free(
     })
 }
 
-/// What `recording` leaves more than `other`, signal by signal.
+/// Residuals of `recording` less those of `other`, signal by signal.
 fn difference(mut recording: DrivetrainResiduals, other: &DrivetrainResiduals) -> Vec<Vec<f64>> {
     for (signal, other) in recording.residuals.iter_mut().zip(&other.residuals) {
         for (r, source) in signal.residual.iter_mut().zip(&other.residual) {
@@ -182,8 +182,8 @@ fn perturbed_machine(machine: &Machine, seed: u64) -> Machine {
     machine
 }
 
-/// As [`simulated`] by sensors without noise: what stands still repeats its word then and is taken
-/// for stuck, but reads what it read before.
+/// As [`simulated`] by sensors without noise: a reading at standstill repeats its code and is
+/// masked as stuck; it keeps its last value.
 fn noise_free(
     described: &Machine,
     machine: &Machine,

@@ -174,7 +174,7 @@ impl DrivetrainRecording {
     }
 }
 
-/// Counts as a continuous angle; what is missing stands where it was.
+/// Counts as a continuous angle; a missing one repeats the last.
 fn unwrapped(counts: &[f64], modulus: f64, step: f64) -> Vec<f64> {
     let mut last = counts
         .iter()
@@ -198,8 +198,8 @@ fn unwrapped(counts: &[f64], modulus: f64, step: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Takes off how the index's encoder errs by `machine`'s description; nothing where `angle`, its
-/// own once homed, is not known.
+/// Subtracts the error of the index's encoder by `machine`'s description; nothing where `angle`,
+/// its own once homed, is not known.
 fn remove_eccentricity(read: &mut [f64], angle: &[f64], machine: &Machine) {
     let known = angle.iter().position(|angle| angle.is_finite());
     let Some(zero) = known.map(|at| angle[at] - read[at]) else {
@@ -211,7 +211,7 @@ fn remove_eccentricity(read: &mut [f64], angle: &[f64], machine: &Machine) {
     }
 }
 
-/// Takes out readings that repeat for longer than noise allows; how many.
+/// Masks readings that repeat for longer than noise allows; returns their number.
 ///
 /// A channel that rests by nature (of coarse counts) is left alone.
 pub(crate) fn mask_stuck(y: &mut [f64]) -> u64 {
@@ -243,7 +243,7 @@ pub(crate) fn mask_stuck(y: &mut [f64]) -> u64 {
     count
 }
 
-/// Takes out samples of `residual` that stand out from their four neighbours
+/// Masks samples of `residual` that stand out from their four neighbours
 /// alone by more than seven standard deviations, theirs and `noise_std`; which.
 pub(crate) fn mask_outliers(residual: &mut [f64], noise_std: f64) -> Vec<usize> {
     let n = residual.len();

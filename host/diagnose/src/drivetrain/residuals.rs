@@ -164,9 +164,9 @@ impl DrivetrainResiduals {
         }
     }
 
-    /// Takes out what stands where the machine rests, of a strain whose map is so steep that the
-    /// count of the encoder decides on the reading, and of an angle, where it moves at all: there
-    /// both err alike for as long as the machine rests.
+    /// Masks standstills of a strain whose map is so steep that the resolution of the encoder
+    /// limits its prediction, and those of an angle, if it moves at all: there the error of both
+    /// is constant for as long as the machine rests.
     pub(crate) fn mask_quantised_standstill(&mut self) {
         let signals = &self.signals;
         let rests = |w: &f64| w.abs() * signals.dt_s < signals.count;
@@ -208,8 +208,8 @@ impl DrivetrainResiduals {
     fn angle(&self, body: usize, u: &[f64], about: &[f64]) -> Columns {
         let signals = &self.signals;
         let acceleration = second_difference(u, signals.smoothing, signals.dt_s);
-        // Additional torque of the inertias whose motion this encoder measures, each by its `part`.
-        let taken = |part: &dyn Fn(usize) -> f64| -> f64 {
+        // Sum of the inertias whose motion this encoder measures, each weighted by its `part`.
+        let moment_of = |part: &dyn Fn(usize) -> f64| -> f64 {
             let bodies = signals.response.iter().flat_map(|r| &r.bodies).enumerate();
             let torque_source = bodies.filter(|(b, _)| signals.encoder_inertia[*b] == body);
             torque_source.map(|(b, (moment, _))| part(b) * moment).sum()
@@ -217,11 +217,11 @@ impl DrivetrainResiduals {
         let side =
             |shaft: usize, b: usize| signals.response.as_ref().map_or(0.0, |r| r.side[shaft][b]);
         self.each(|s| match s.kind {
-            Kind::Balance => scaled(&acceleration, -taken(&|_| 1.0)),
+            Kind::Balance => scaled(&acceleration, -moment_of(&|_| 1.0)),
             Kind::Angle if s.inertias[0] == body => scaled(u, -1.0),
             Kind::Angle if s.inertias[1] == body => u.to_vec(),
             Kind::Strain => {
-                let moment = s.shaft.map_or(0.0, |shaft| -taken(&|b| side(shaft, b)));
+                let moment = s.shaft.map_or(0.0, |shaft| -moment_of(&|b| side(shaft, b)));
                 let by_torque = product(&s.map, &scaled(&acceleration, moment));
                 // The first encoder measures the carrier angle of the maps.
                 if s.over_angle() && body == signals.encoder_inertia[0] {

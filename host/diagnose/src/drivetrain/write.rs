@@ -133,7 +133,7 @@ pub fn corrected(
     let folder = loadtwin_files::scratch::Scratch::new()?;
     let map_path = folder.path().join("maps.csv");
     let mut maps = Vec::new();
-    let mut mended = vec![false; selection.found.len()];
+    let mut applied = vec![false; selection.found.len()];
     let strains = residuals.iter().filter(|s| s.kind == Kind::Strain);
     let weights: f64 = strains.map(common_mode::weight).sum();
     let sampled = machine.thermometer().is_some_and(|t| t.adc.is_some());
@@ -169,18 +169,18 @@ pub fn corrected(
             }),
         };
         let mut moved = false;
-        for (found, mended) in selection.found.iter().zip(&mut mended) {
+        for (found, applied) in selection.found.iter().zip(&mut applied) {
             let own = &found.parameters[k];
             if !own.is_empty() && found.effect.scope() == Scope::PerSignal {
                 let before = gauge.map.clone();
-                let mut taken = found.effect.apply_to(&found.shape, own, &mut gauge);
+                let mut changes = found.effect.apply_to(&found.shape, own, &mut gauge);
                 // Over an angle that nothing homes the phase is lost at the next start.
                 if machine.index.is_none() && gauge.map.len() > 1 {
                     gauge.map = before;
-                    taken = false;
+                    changes = false;
                 }
-                *mended |= taken;
-                moved |= taken;
+                *applied |= changes;
+                moved |= changes;
             }
         }
         let slot = &mut changed.channels[number];
@@ -216,12 +216,12 @@ pub fn corrected(
     map_file(&map_path, &maps, "/Nm").map_err(CalibrateError::from)?;
     let recording = &diagnosis.recordings[0];
     let mut absent = Vec::new();
-    for (found, mended) in selection.found.iter().zip(mended) {
+    for (found, applied) in selection.found.iter().zip(applied) {
         let shared = found.parameters.iter().find(|p| !p.is_empty());
-        let taken = shared.is_some_and(|parameters| {
+        let changes = shared.is_some_and(|parameters| {
             (found.effect).apply_to_machine(recording, &found.shape, parameters, &mut changed)
         });
-        if !mended && !taken {
+        if !applied && !changes {
             absent.push(found.effect.name());
         }
     }

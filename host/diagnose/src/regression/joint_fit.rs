@@ -13,8 +13,8 @@ use crate::regression::normal_equations::{SchurComplement, solve_ridge, weighted
 use crate::residual_model::Columns;
 use crate::residual_model::ResidualModel;
 
-/// Log-evidence that a signal must give for an effect with per-signal parameters
-/// to be taken to act on it.
+/// Least log-evidence of a signal for an effect with per-signal parameters to act
+/// on it.
 const MIN_ACTING_EVIDENCE: f64 = 4.0;
 
 /// Fits all parameters together: nuisances of each signal, effects of each signal
@@ -170,9 +170,9 @@ impl Normal {
         let SchurComplement { by, free, .. } = &self.eliminated;
         (0..free.nrows())
             .map(|i| {
-                let taken = self.places.iter().enumerate();
-                let taken: f64 = taken.map(|(j, p)| by[(i, j)] * shared[*p]).sum();
-                free[(i, 0)] - taken
+                let shared_part = self.places.iter().enumerate();
+                let shared_part: f64 = shared_part.map(|(j, p)| by[(i, j)] * shared[*p]).sum();
+                free[(i, 0)] - shared_part
             })
             .collect()
     }

@@ -59,7 +59,7 @@ impl RegressionData {
     }
 
     /// The shared parameters without `fold`: each signal's base is eliminated,
-    /// what is left is summed over the signals. With it, what each signal says.
+    /// the reduced normal equations are summed over the signals. Also those of each signal.
     pub(crate) fn pooled_solution(
         &self,
         base: &BaseModel,
@@ -127,15 +127,15 @@ impl RegressionData {
             .collect()
     }
 
-    /// Inverse variance of what is new in a sample of signal `k` by what the base
-    /// leaves of right-hand side `r`.
+    /// Inverse variance of an independent sample of signal `k`, from the residual of
+    /// the base for right-hand side `r`.
     fn weight(&self, base: &BaseModel, k: usize, r: usize) -> f64 {
         let signal = &self.signals[k];
         signal.count / (base.fitted[k].sse[r].max(1e-300) * signal.samples_per_independent)
     }
 
-    /// What signal `k` says of a candidate, without `fold`, once its base has taken
-    /// what it explains.
+    /// Normal equations of a candidate in signal `k`, without `fold`, after elimination of
+    /// its base.
     fn eliminate_own(
         &self,
         base: &BaseModel,

@@ -5,7 +5,7 @@ use faer::Mat;
 use crate::regression::normal_equations::{dot, solve_ridge, symmetrise};
 use crate::residual_model::SignalSet;
 
-/// Columns that all signals share the parameters of, taken out by weighted least squares:
+/// Projection on columns whose parameters all signals share, by weighted least squares:
 /// `y - U (U' W U + L)^-1 U' W y`.
 ///
 /// Fitted beside a column without them, the parameters of an effect are those of a fit of

@@ -10,15 +10,15 @@ use crate::rotor::uncertain_parameters::UncertainParameter;
 use loadtwin_design::rotor::{ForcedRotor, ShaftRotation, SynchronousForce};
 use loadtwin_machine::{Channel, Rotor};
 
-/// Times that what is known roughly is taken about what the recording says of it.
+/// Linearisations of the uncertain parameters about their estimates.
 const ROUNDS: usize = 3;
 
 /// Standard deviations by which it may differ from the description.
 const MOST_OFF: f64 = 4.0;
 
-/// What of a recording stays as it is.
+/// The part of a recording that no effect changes.
 pub(crate) struct RotorContext {
-    /// As described, but for what is known roughly.
+    /// As described, except for the uncertain parameters.
     pub rotor: Rotor,
     pub channels: Vec<Channel>,
     recorded: Arc<RotorRecording>,
@@ -30,7 +30,8 @@ pub(crate) struct RotorContext {
     pub sizes: Vec<f64>,
     /// What the sensors read so.
     pub explained: SignalSet,
-    pub taken: NuisanceProjection,
+    /// Projection on unbalances, initial motion and uncertain parameters.
+    pub projection: NuisanceProjection,
 }
 
 /// Unbalances at the loads, constant forces there, and forces at both ends twice a turn.
@@ -62,8 +63,8 @@ impl RotorContext {
     }
 
     /// What `recorded`, less offsets, shows of `rotor`; `beside` are effects that it may hold, as
-    /// columns with the standard deviations of their parameters, for what is known roughly is not
-    /// to be taken for them.
+    /// columns with the standard deviations of their parameters, so that they are not mistaken for
+    /// uncertain parameters.
     pub fn new(
         described: &Rotor,
         channels: &[Channel],
@@ -77,8 +78,8 @@ impl RotorContext {
             let context = Self::about(described, channels, recorded, &forces, &rough, &off)?;
             let context = Arc::new(context);
             let further = beside(&context);
-            let found = (context.taken.with(further)).parameters(&known(&recorded.readings));
-            let steps = &found[context.taken.len() - off.len()..];
+            let found = (context.projection.with(further)).parameters(&known(&recorded.readings));
+            let steps = &found[context.projection.len() - off.len()..];
             for (off, step) in off.iter_mut().zip(steps) {
                 *off = (*off + step).clamp(-MOST_OFF, MOST_OFF);
             }
@@ -87,7 +88,7 @@ impl RotorContext {
         Ok(Arc::new(context))
     }
 
-    /// With what is known roughly off by `off` standard deviations.
+    /// With the uncertain parameters off by `off` standard deviations.
     fn about(
         described: &Rotor,
         channels: &[Channel],
@@ -116,8 +117,8 @@ impl RotorContext {
         let mut free: Vec<SignalSet> = columns[..unbalances].to_vec();
         free.extend(begun);
         let stds = vec![f64::INFINITY; free.len()];
-        let taken = NuisanceProjection::new(free.clone(), &stds, weights.clone());
-        let found = taken.parameters(&known(&recorded.readings));
+        let projection = NuisanceProjection::new(free.clone(), &stds, weights.clone());
+        let found = projection.parameters(&known(&recorded.readings));
         let mut sizes = vec![0.0; columns.len()];
         sizes[..unbalances].copy_from_slice(&found[..unbalances]);
         sizes.extend(&found[unbalances..]);
@@ -129,7 +130,7 @@ impl RotorContext {
             rotor,
             columns,
             sizes,
-            taken,
+            projection,
         };
         let stds: Vec<f64> = stds.into_iter().chain(vec![1.0; rough.len()]).collect();
         for rough in rough {
@@ -137,7 +138,7 @@ impl RotorContext {
             rough.scale(&mut other, rough.part().exp());
             free.push(context.change_to(&other));
         }
-        context.taken = NuisanceProjection::new(free, &stds, weights);
+        context.projection = NuisanceProjection::new(free, &stds, weights);
         Ok(context)
     }
 
@@ -155,7 +156,7 @@ impl RotorContext {
         change
     }
 
-    /// What is left of the readings less what `rotor` leaves, each with what explains them best;
+    /// Residuals of the readings less those with `rotor`, each after its own best fit;
     /// nothing where it is not held.
     pub fn explained_beyond(&self, rotor: &Rotor) -> SignalSet {
         let rough = nuisances(rotor, self.turning());
@@ -173,8 +174,8 @@ impl RotorContext {
             return vec![Vec::new(); self.channels.len()];
         };
         let readings = known(&self.recorded.readings);
-        let mut left = self.taken.annihilate(readings.clone());
-        for (left, other) in left.iter_mut().zip(other.taken.annihilate(readings)) {
+        let mut left = self.projection.annihilate(readings.clone());
+        for (left, other) in left.iter_mut().zip(other.projection.annihilate(readings)) {
             left.iter_mut()
                 .zip(other)
                 .for_each(|(left, other)| *left -= other);
@@ -182,10 +183,10 @@ impl RotorContext {
         left
     }
 
-    /// What is left of the readings; NaN where there are none.
+    /// Residuals of the readings; NaN where there are none.
     pub fn residual(&self) -> SignalSet {
         let readings = &self.recorded.readings;
-        let mut left = self.taken.annihilate(known(readings));
+        let mut left = self.projection.annihilate(known(readings));
         for (left, readings) in left.iter_mut().zip(readings) {
             for (left, reading) in left.iter_mut().zip(readings) {
                 if !reading.is_finite() {

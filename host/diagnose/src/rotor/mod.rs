@@ -51,8 +51,8 @@ pub struct RotorResiduals {
     t: Vec<f64>,
 }
 
-/// What of a description takes an effect: the machine, and a channel where the effect has
-/// parameters for each.
+/// The part of a description that an effect changes: the machine, and a channel where the effect
+/// has parameters for each.
 pub struct RotorTarget {
     machine: Machine,
     channel: Option<usize>,
@@ -170,7 +170,7 @@ impl RotorResiduals {
         &self.context.columns[first..first + 4]
     }
 
-    /// What is left of the readings less what `rotor` in place of the described one leaves.
+    /// Residuals of the readings less those with `rotor` in place of the described one.
     fn explained_beyond(&self, rotor: &Rotor) -> SignalSet {
         self.context.explained_beyond(rotor)
     }
@@ -192,10 +192,10 @@ impl RotorResiduals {
         if column.iter().any(Vec::is_empty) {
             return None;
         }
-        let taken = &self.context.taken;
-        let whole = taken.square(&column);
-        let left = taken.annihilate(column);
-        let square = taken.square(&left);
+        let projection = &self.context.projection;
+        let whole = projection.square(&column);
+        let left = projection.annihilate(column);
+        let square = projection.square(&left);
         (square > MIN_INDEPENDENT * MIN_INDEPENDENT * whole
             && square * prior_std * prior_std > MIN_VISIBLE_POWER)
             .then_some(left)

@@ -18,12 +18,12 @@ use loadtwin_simulate::{AppliedUnbalance, RotorCourse, RotorScenario, RotorSimul
 const SIMULATIONS: u64 = 3;
 
 /// null samples of the residuals.
-const DRAWS: usize = 10;
+const NULL_SAMPLES: usize = 10;
 
-/// What fault-free machines leave in each of `recordings`: `[recording][simulation]`.
+/// Residuals of fault-free machines for each of `recordings`: `[recording][simulation]`.
 ///
-/// That of the very `machine` without noise is taken into the signals; the others are machines
-/// like it, less that.
+/// Those of `machine` itself without noise are stored in the signals and subtracted from those of
+/// the others, which are within its tolerance.
 pub(crate) fn simulated(
     machine: &Machine,
     sensors: &Sensors,
@@ -72,7 +72,7 @@ pub(crate) fn null_samples(
     seed: u64,
 ) -> NullSamples {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    (0..DRAWS)
+    (0..NULL_SAMPLES)
         .map(|_| {
             (recordings.iter().zip(fault_free))
                 .map(|(recording, fault_free)| resample_blocks(recording, fault_free, &mut rng))
@@ -81,7 +81,7 @@ pub(crate) fn null_samples(
         .collect()
 }
 
-/// What `described` leaves of a fault-free simulation of `machine` on what `recording` did.
+/// Residuals by `described` of a fault-free simulation of `machine` under the profile of `recording`.
 fn left(
     described: &Machine,
     machine: &Machine,

@@ -106,7 +106,7 @@ impl RotorRecording {
     }
 }
 
-/// Counts without their wraps; what is missing stands where it was.
+/// Counts without their wraps; a missing one repeats the last.
 fn continued(counts: &[Option<f64>], modulus: f64) -> Vec<f64> {
     let mut last = counts.iter().flatten().next().copied().unwrap_or(0.0);
     let mut total = last;

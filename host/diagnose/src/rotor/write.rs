@@ -31,7 +31,7 @@ pub(crate) fn write(
             Scope::PerSignal => usize::MAX,
         };
         // Where several locations are equivalent, none is changed.
-        let mut taken = found.equivalent_locations.is_empty();
+        let mut is_applied = found.equivalent_locations.is_empty();
         for (k, own) in acting
             .take(count)
             .filter(|_| found.equivalent_locations.is_empty())
@@ -40,9 +40,9 @@ pub(crate) fn write(
                 .channels
                 .iter()
                 .position(|c| c.name == channels[k].name);
-            taken &= found.effect.apply_to(&found.shape, own, &mut place);
+            is_applied &= found.effect.apply_to(&found.shape, own, &mut place);
         }
-        if !taken {
+        if !is_applied {
             absent.push(found.effect.name());
         }
     }

@@ -195,7 +195,7 @@ pub(crate) fn tie_tolerance(evidence: f64) -> f64 {
 }
 
 /// A trial of an effect that is not linear in its parameters: its terms are
-/// taken about what the fit says, in turn.
+/// linearised about the fitted parameters, repeatedly.
 fn gauss_newton<S: ResidualModel>(
     data: &RegressionData,
     base: &BaseModel,
@@ -220,8 +220,8 @@ fn gauss_newton<S: ResidualModel>(
 /// Evidence that a machine without the effect hardly reaches: tempered as that of the
 /// `null_samples`, and as much more as that of `trial` is without.
 ///
-/// The null samples know the power of what a fault-free machine leaves only within a
-/// factor, taken as two; evidence is in proportion to it.
+/// The null samples give the residual power of a fault-free machine only within a
+/// factor, assumed as two; evidence is in proportion to it.
 fn significance_threshold(
     trial: &CandidateScore,
     null_samples: &[f64],
@@ -235,8 +235,8 @@ fn significance_threshold(
         .then(|| tempered * (trial.log_evidence / trial.log_evidence_tempered).max(1.0))
 }
 
-/// Takes from the evidence what latent degrees of freedom cost; a signal that is free to
-/// explain anything has to explain twice as much.
+/// Subtracts the cost of latent degrees of freedom from the evidence; a free signal has to
+/// explain twice as much.
 pub(crate) fn penalise_latent<S: ResidualModel>(
     effect: &dyn Effect<S>,
     recordings: &[S],

@@ -14,7 +14,7 @@ const MIN_VISIBLE: f64 = 0.05;
 
 impl<S: ResidualModel> Selection<S> {
     /// Keeps of the further effects those that explain recordings which took no part in the
-    /// search; one that these do not show stands by what the search found.
+    /// search; one that is not observable in these is kept as the search found it.
     pub fn validate_on(&mut self, recordings: &[S], holdout: &[S]) {
         let mut kept: Vec<FittedEffect<S>> = Vec::new();
         let mut left = Vec::new();
@@ -96,8 +96,8 @@ impl<S: ResidualModel> MachineEffects<S> {
     }
 }
 
-/// What `found` leaves of each signal of a recording that took no part in the fit, and its zero;
-/// what every recording has of its own (zeros, counts, how it vibrates at first) is fitted anew.
+/// Residual of each signal of a hold-out recording after the effects `found`, and its zero; the
+/// nuisances of each recording (zeros, counts, initial vibration) are fitted anew.
 fn left_by<S: ResidualModel>(
     found: &[FittedEffect<S>],
     recording: &S,
@@ -105,15 +105,15 @@ fn left_by<S: ResidualModel>(
     let none = vec![Vec::new(); recording.residuals().len()];
     let one = subtract_effects(std::slice::from_ref(recording), found, &none);
     // Taken off already: of these only what goes with them.
-    let mut taken_off = found.to_vec();
-    for f in &mut taken_off {
+    let mut subtracted = found.to_vec();
+    for f in &mut subtracted {
         f.parameters.clone_from(&none);
     }
-    let nuisance = fit_jointly(&one, &mut taken_off, None);
+    let nuisance = fit_jointly(&one, &mut subtracted, None);
     let zeros = nuisance.iter().map(|n| n.first().copied().unwrap_or(0.0));
     (
         zeros.collect(),
-        residuals_after(&one, &taken_off, &nuisance).remove(0),
+        residuals_after(&one, &subtracted, &nuisance).remove(0),
     )
 }
 

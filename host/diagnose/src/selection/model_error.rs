@@ -1,4 +1,4 @@
-//! Model error: how much residual an imperfectly modelled effect may leave, so that it is no further effect.
+//! Model error: residual of an imperfectly modelled effect, which is not mistaken for a further effect.
 
 use crate::effect::fitted::{FittedEffect, is_free_signal};
 use crate::effect::{Effect, Scope};
@@ -10,7 +10,7 @@ use crate::selection::score::CandidateScore;
 use crate::smoothing::smooth;
 
 /// Relative tolerance of the simulated mean square of a fault-free machine,
-/// leaves, where vibrations are most of it.
+/// where vibrations are most of it.
 pub(crate) const MEAN_SQUARE_TOLERANCE: f64 = 0.03;
 
 /// Largest ratio of the relative model errors of one effect in two gauges.
@@ -138,17 +138,17 @@ impl<'a, S: ResidualModel> ModelErrors<'a, S> {
             });
             MAX_SPREAD_RATIO * parts.fold(f64::INFINITY, f64::min)
         };
-        let form = |(i, f): (usize, &FittedEffect<S>)| {
-            let form = f.effect.model_error(&self.recordings[0]).powi(2);
+        let squared = |(i, f): (usize, &FittedEffect<S>)| {
+            let squared = f.effect.model_error(&self.recordings[0]).powi(2);
             let same =
                 f.effect.scope() == Scope::PerSignal && !is_free_signal(self.recordings, f.effect);
             if same && !is_free {
-                form.min(at_most(i))
+                squared.min(at_most(i))
             } else {
-                form
+                squared
             }
         };
-        self.found.iter().enumerate().map(form).collect()
+        self.found.iter().enumerate().map(squared).collect()
     }
 
     /// Squares of signal `k` that those found of that coupling may have left, by their `model_errors`, of

@@ -31,10 +31,10 @@ impl Effect<BearingResiduals> for SpeedOffset {
         &INFO
     }
     fn initial_values(&self, recording: &BearingResiduals) -> Vec<Vec<f64>> {
-        let taken = &recording.context.taken;
+        let projection = &recording.context.projection;
         let column = column(recording);
-        let whole = taken.square(&column);
-        let left = taken.square(&taken.annihilate(column));
+        let whole = projection.square(&column);
+        let left = projection.square(&projection.annihilate(column));
         if left > OWN * OWN * whole {
             vec![Vec::new()]
         } else {

@@ -3,8 +3,8 @@
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor, ResidualSignal};
 use crate::effect::{Effect, EffectInfo, Scope};
 
-/// Logarithm of the odds that one faulty sample gives against chance: what
-/// stands out as these do comes once in 10^8 samples.
+/// Logarithm of the odds that one faulty sample gives against chance: an
+/// outlier of this size occurs once in 10^8 samples.
 const PER_SAMPLE: f64 = 8.0;
 
 /// Samples that are wrong by themselves: no residual is fitted, they are counted.

@@ -23,7 +23,7 @@ const SETS_OFF: NonlinearParameter = NonlinearParameter {
     logarithmic: false,
 };
 
-/// How sharply it turns about at standstill, which is a form and no number that an effect is taken from.
+/// How sharply it reverses at standstill: a regularisation, not a physical parameter.
 const REGULARISATION: NonlinearParameter = NonlinearParameter {
     name: "speed below which it creeps",
     unit: "part of nominal",

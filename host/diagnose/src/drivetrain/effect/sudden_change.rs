@@ -8,7 +8,7 @@ use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Sco
 const CHANGE_TIMES: usize = 60;
 
 /// Part of the squares of the torque that there must be before and after a moment for a gain: at
-/// rest a reading is what the references' noise makes of it, and its gain that of noise.
+/// rest a reading contains only the references' noise, and its gain is that of noise.
 const LOADED: f64 = 0.01;
 
 /// A change of a channel that stays from a moment on.
@@ -16,7 +16,7 @@ pub struct SuddenChange {
     info: EffectInfo,
     /// What changes after the moment.
     term: fn(&DrivetrainResiduals, f64) -> Regressor,
-    /// Takes its size into a gauge, as it is since then.
+    /// Applies its size to the model of a gauge after the moment.
     apply_to: fn(&mut GaugeModel, f64),
 }
 

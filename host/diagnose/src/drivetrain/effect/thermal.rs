@@ -22,7 +22,7 @@ pub struct ThermalEffect {
     info: EffectInfo,
     /// What changes with `w`.
     term: fn(Vec<f64>) -> Regressor,
-    /// Takes its size into what temperature rise does to a gauge of that full scale.
+    /// Applies its size to the thermal model of a gauge of that full scale.
     apply_to: fn(&mut Thermal, f64, f64),
 }
 
