@@ -30,8 +30,8 @@ pub fn block_samples(rig: &Rig<'_>) -> usize {
     (rig.machine.rate_hz as f32 / BLOCK_HZ).round().max(1.0) as usize
 }
 
-/// Follows the phases with known loads by the model of `calibration`, with what `doubt` makes of
-/// it.
+/// Follows the phases with known loads by the model of `calibration`, after `inflate_noise` has
+/// adapted it.
 ///
 /// # Errors
 /// When the description does not make a model.
@@ -39,7 +39,7 @@ pub fn track_phases(
     rig: &Rig<'_>,
     samples: &[RigSample],
     calibration: &Calibration,
-    doubt: impl FnOnce(&mut BearingModel),
+    inflate_noise: impl FnOnce(&mut BearingModel),
 ) -> Result<Vec<CalibrationBlock>, BuildError> {
     let mut model = model(rig.machine, rig.bearing, rig.sensors, calibration)?;
     // Bulk strain says nothing about the phase.
@@ -47,7 +47,7 @@ pub fn track_phases(
     for gauge in &mut model.gauges {
         gauge.resting_error *= NOISE_INFLATION;
     }
-    doubt(&mut model);
+    inflate_noise(&mut model);
     let radius = f64::from(model.geometry.radius_mm);
     let rate = rig.machine.rate_hz as f32;
     let filter = Filter::try_build(model, rate).map_err(BuildError::Model)?;
@@ -70,19 +70,20 @@ pub fn track_phases(
             }
         }
         filter.step(&mut state, raw);
-        if let Some((taken, belief)) = state.updated()
+        if let Some((updated_block, posterior)) = state.updated()
             && state.is_locked()
             && mean.iter().all(|load| load.is_finite())
         {
-            let x = &belief.gaussian.state;
-            let phase = f64::from(taken.phase);
+            let x = &posterior.gaussian.state;
+            let phase = f64::from(updated_block.phase);
             known.push(CalibrationBlock {
-                block: *taken,
+                block: *updated_block,
                 loads: mean.map(|load| load as f32),
                 phase: [0, 1].map(|row| {
                     f64::from(x[row])
                         - phase
-                            * (0.5 + 0.5 * f64::from(belief.equilibrium.pace[row] + x[ROWS + row]))
+                            * (0.5
+                                + 0.5 * f64::from(posterior.equilibrium.pace[row] + x[ROWS + row]))
                 }),
                 time: 2.0 * i as f64 / samples.len() as f64 - 1.0,
                 number: i / block - 1,

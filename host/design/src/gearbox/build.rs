@@ -73,7 +73,7 @@ pub fn image(
     packed(machine, Model::Gearbox(model))
 }
 
-/// Where each state stands and how large it is.
+/// Index and size of each state.
 struct Plan {
     torsion: Torsion,
     dt_s: f64,
@@ -180,8 +180,8 @@ impl Plan {
         }
     }
 
-    /// What is left of state `i` above the mechanical ones after a sample, and the
-    /// variance of what is added to it, in its own unit.
+    /// Decay over a sample of state `i` above the mechanical ones, and the variance of
+    /// its process noise, in its own unit.
     fn walk(&self, i: usize) -> (f64, f64) {
         // A zero stays; the filter only must not freeze. A state that nothing
         // depends on is forgotten.

@@ -1,4 +1,4 @@
-//! The filter's model, linearised where the carrier stands.
+//! The filter's model, linearised at the carrier angle.
 
 use faer::Mat;
 use loadtwin_common::drivetrain::{GearboxModel, LOADS, Role};

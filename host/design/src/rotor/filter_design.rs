@@ -182,14 +182,14 @@ impl RotorFilterDesign {
         Some(self.first_bias() + at)
     }
 
-    /// Part of each bias that is left after a sample.
+    /// Decay of each bias over a sample.
     pub(crate) fn left(&self) -> [f64; BIASES] {
         let left = |at: usize| (self.drifts.get(at)).map(|(_, drift)| -self.dt_s / drift.time_s);
         std::array::from_fn(|at| left(at).map_or(0.0, f64::exp))
     }
 
-    /// `m` with what `of` gives for each bias: what is left of it after a sample, and its
-    /// variance in the long run [`UNIT_M`].
+    /// `m` with the result of `of` for each bias, given its decay over a sample and its
+    /// stationary variance [`UNIT_M`].
     fn with_biases(&self, mut m: Mat<f64>, of: impl Fn(f64, f64) -> f64) -> Mat<f64> {
         for (at, ((_, drift), left)) in self.drifts.iter().zip(self.left()).enumerate() {
             let state = self.first_bias() + at;
@@ -212,7 +212,7 @@ impl RotorFilterDesign {
         })
     }
 
-    /// Where reduced state `i` of `2 modes + loads` stands in the filter.
+    /// Index in the filter of reduced state `i` of `2 modes + loads`.
     fn place(&self, i: usize) -> usize {
         let (modes, nz) = (self.modes(), self.size.0);
         match i {

@@ -56,18 +56,23 @@ impl CovarianceRecursion<'_> {
             })
             .collect();
         let q = triangle(self.q);
-        let mut belief = StateEstimate::<f64, NX> {
+        let mut estimate = StateEstimate::<f64, NX> {
             state: [0.0; NX],
             covariance: std::array::from_fn(|i| std::array::from_fn(|j| self.p[(i, j)])),
         };
         let loads = 2 * NZ..2 * NZ + 2 * self.turn.pairs;
         let mut history = Vec::new();
         for _ in 0..self.most() {
-            predict_covariance(&mut belief.covariance, &dense, &self.turn, |i| q[i]);
+            predict_covariance(&mut estimate.covariance, &dense, &self.turn, |i| q[i]);
             for (row, variance) in rows.iter().zip(self.variances) {
-                update(&mut belief, row, 0.0, *variance, |_| true);
+                update(&mut estimate, row, 0.0, *variance, |_| true);
             }
-            history.push(loads.clone().map(|d| belief.covariance[d][d]).sum::<f64>());
+            history.push(
+                loads
+                    .clone()
+                    .map(|d| estimate.covariance[d][d])
+                    .sum::<f64>(),
+            );
         }
         let Some(last) = history.last().copied() else {
             return self.most();

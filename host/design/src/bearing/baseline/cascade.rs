@@ -234,10 +234,10 @@ impl Cascade {
                 .step(&mut running.low[g], strain[g] as f32)
                 .high;
             let angles = [0, 1].map(|row| self.contact(&inner, &running.ring, g, row).angle);
-            let belief = &mut running.gauges[g];
-            self.follow(belief, g, local, &angles, trusted);
+            let estimate = &mut running.gauges[g];
+            self.follow(estimate, g, local, &angles, trusted);
             for row in 0..ROWS {
-                let approach = self.load.approach(f64::from(belief.state[3 * row + 2])) as f32;
+                let approach = self.load.approach(f64::from(estimate.state[3 * row + 2])) as f32;
                 approaches[ROWS * g + row] = approach;
                 variances[ROWS * g + row] = (APPROACH + APPROACH_RELATIVE * approach).powi(2);
             }
@@ -280,28 +280,28 @@ impl Cascade {
     /// Source: Kerst et al. 2019, eq. (12)-(15).
     fn follow(
         &self,
-        belief: &mut Gaussian<STATES>,
+        estimate: &mut Gaussian<STATES>,
         g: usize,
         local: f32,
         angles: &[f64; ROWS],
         trusted: [f32; ROWS],
     ) {
-        predict(belief, &self.transition, &self.noise);
+        predict(estimate, &self.transition, &self.noise);
         let mut predicted = 0.0;
         let mut slope = RowVector6::zeros();
         for row in 0..ROWS {
-            let phi = &mut belief.state[3 * row + 1];
+            let phi = &mut estimate.state[3 * row + 1];
             *phi = wrap_rad(*phi);
             let (shape, turned) = self.strain[g].transfer(f64::from(*phi));
             let sensitivity = self.strain[g].sensitivity(angles[row]);
-            let load = belief.state[3 * row + 2];
+            let load = estimate.state[3 * row + 2];
             predicted += load * (sensitivity * shape) as f32;
             slope[3 * row + 1] = load * (sensitivity * turned) as f32;
             slope[3 * row + 2] = (sensitivity * shape) as f32;
         }
         let variance = RESTING * RESTING + (RELATIVE * local).powi(2);
         update(
-            belief,
+            estimate,
             &slope,
             local - predicted,
             variance,
@@ -310,10 +310,10 @@ impl Cascade {
         for row in 0..ROWS {
             let mut h = RowVector6::zeros();
             h[3 * row] = 1.0;
-            let nu = trusted[row] - belief.state[3 * row];
-            update(belief, &h, nu, TRUSTED * TRUSTED, &mut Gate::open());
+            let nu = trusted[row] - estimate.state[3 * row];
+            update(estimate, &h, nu, TRUSTED * TRUSTED, &mut Gate::open());
             // A contact only pushes.
-            belief.state[3 * row + 2] = belief.state[3 * row + 2].max(0.0);
+            estimate.state[3 * row + 2] = estimate.state[3 * row + 2].max(0.0);
         }
     }
 }
