@@ -169,7 +169,7 @@ impl Description {
         }
     }
 
-    /// What stands at the dotted `path`.
+    /// The value at the dotted `path`.
     fn item(&mut self, path: &str) -> Option<&mut Item> {
         let mut item: &mut Item = self.document.as_item_mut();
         for part in path.split('.').filter(|part| !part.is_empty()) {
@@ -271,7 +271,7 @@ fn matrix(rows: &[[f64; 2]]) -> Array {
     rows.iter().map(row).collect()
 }
 
-/// Sets a value and keeps the comment that stands behind the old one.
+/// Sets a value and keeps the comment after the old one.
 fn put(entry: &mut dyn TableLike, key: &str, mut value: Value) {
     match entry.get_mut(key).and_then(Item::as_value_mut) {
         Some(old) => {

@@ -110,7 +110,7 @@ impl Motion {
                 if let Some(phase) = phase {
                     let mut moved = last.map_or(phase.0, |last: u64| phase.0.wrapping_sub(last));
                     if let (Some(by), false) = (m.rehomed, motion.homed) {
-                        // What was read before stands turned by as much.
+                        // Earlier readings are shifted by as much.
                         moved = moved.wrapping_sub(by.0);
                         let by = by.0 as i64 as f64 * TURNS_PER_PHASE * TAU;
                         for angle in &mut motion.angle {
@@ -300,7 +300,7 @@ impl Motion {
     }
 }
 
-/// All that stands on one side of a shaft, referred to the main shaft.
+/// Everything on one side of a shaft, referred to the main shaft.
 struct Side {
     sign: f64,
     moment: f64,

@@ -9,7 +9,7 @@ use loadtwin_design::build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_replay::{Displacements, Figures, ReplayError, run_line};
 
-/// What a recording says of a description.
+/// Figures of a description on a recording.
 #[derive(Clone, Debug, Serialize)]
 pub struct Evaluation {
     /// Mean normalised innovation squared; 1 in a consistent filter.

@@ -9,7 +9,7 @@ pub fn page(machine: &Machine, choices: &[(Choice, Evaluation)], recording: &str
     Report {
         title: format!("Tuning of {}", machine.name),
         facts: vec![["Judged on".into(), recording.into()]],
-        tables: vec![noise(machine, choices), judged(choices)],
+        tables: vec![noise(machine, choices), evaluation(choices)],
         ..Report::default()
     }
 }
@@ -48,8 +48,8 @@ fn noise(machine: &Machine, choices: &[(Choice, Evaluation)]) -> Table {
     }
 }
 
-fn judged(choices: &[(Choice, Evaluation)]) -> Table {
-    let first = choices.first().map(|(_, judged)| judged);
+fn evaluation(choices: &[(Choice, Evaluation)]) -> Table {
+    let first = choices.first().map(|(_, evaluation)| evaluation);
     let segments: Vec<&String> = first
         .iter()
         .flat_map(|j| j.displacement_um.keys())
@@ -59,17 +59,17 @@ fn judged(choices: &[(Choice, Evaluation)]) -> Table {
     let mut head = vec!["Method".to_owned(), "Mean NIS".to_owned()];
     head.extend(segments.iter().map(|s| format!("Displacement, {s} [µm]")));
     head.extend(loads.iter().map(|load| format!("NMAE {load} [%]")));
-    let rows = choices.iter().map(|(choice, judged)| {
-        let mut row = vec![choice.method.name().to_owned(), cell(judged.nis_mean)];
+    let rows = choices.iter().map(|(choice, evaluation)| {
+        let mut row = vec![choice.method.name().to_owned(), cell(evaluation.nis_mean)];
         row.extend(
             segments
                 .iter()
-                .map(|s| cell(judged.displacement_um.get(*s).copied())),
+                .map(|s| cell(evaluation.displacement_um.get(*s).copied())),
         );
         row.extend(
             loads
                 .iter()
-                .map(|load| cell(judged.nmae_percent[*load]["full"])),
+                .map(|load| cell(evaluation.nmae_percent[*load]["full"])),
         );
         row
     });
