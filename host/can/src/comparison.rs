@@ -363,10 +363,10 @@ impl<'a> Comparison<'a> {
         if unverifiable > 0 {
             self.known = false;
         }
-        self.judge(&expected, t_us, payload);
+        self.compare_frame(&expected, t_us, payload);
     }
 
-    fn judge(&mut self, expected: &Expected, t_us: u64, payload: [u8; 8]) {
+    fn compare_frame(&mut self, expected: &Expected, t_us: u64, payload: [u8; 8]) {
         let figures = &mut self.figures;
         figures.compared_frames += 1;
         figures.compared_bits += 64;

@@ -1,6 +1,6 @@
 //! The machine's frames on CAN sockets and in `candump` logs.
 //!
-//! [`node`] stands in for the microcontroller, [`send`] puts raw samples on a
+//! [`node`] replaces the microcontroller, [`send`] puts raw samples on a
 //! bus, [`twin`] recomputes what the microcontroller sent and compares it bit
 //! for bit, on a bus or in a log, [`monitor`] watches, [`dbc`] prints the
 //! description of the frames. All of them run on the [`bus::Bus`] trait: a
