@@ -1,4 +1,4 @@
-//! Where an output goes, and which file a path stands for.
+//! Destinations of outputs, and the file that a path refers to.
 
 use std::ffi::OsString;
 use std::fs::{File, Metadata};
@@ -12,7 +12,7 @@ use super::scratch;
 /// Links that are followed one after another, as the Linux kernel does.
 const MOST_LINKS: usize = 40;
 
-/// The file that a path stands for, whatever it is called.
+/// The file that a path refers to, whatever it is called.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Identity {
     /// A file that is there: device and inode.

@@ -90,7 +90,7 @@ impl Channel {
         sensed * (1.0 + self.nonlinearity * sensed / nominal)
     }
 
-    /// What of the reading is runout where the shaft stands at `angle` [unit].
+    /// Runout in the reading at the shaft's `angle` [unit].
     ///
     /// `sum_k a_k cos(k angle) + b_k sin(k angle)`
     pub fn runout_at(&self, angle: f64) -> f64 {

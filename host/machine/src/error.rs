@@ -99,7 +99,7 @@ fn position(text: &str, offset: usize) -> (usize, usize) {
     )
 }
 
-/// Line of `field`, or of the deepest of its parents that stands in the text.
+/// Line of `field`, or of the deepest of its parents that is in the text.
 fn line_of(text: &str, field: &str) -> usize {
     let Ok(document) = DeTable::parse(text) else {
         return 1;

@@ -269,7 +269,7 @@ impl Signal<'_> {
 }
 
 /// Low-pass of rows `(distance [periods], value)` in their order, each with the
-/// weight of the time that it stands for.
+/// weight of the time that it represents.
 fn windowed_sinc(rows: &[(f64, f64)]) -> f64 {
     use std::f64::consts::PI;
     let (mut sum, mut weights) = (0.0, 0.0);

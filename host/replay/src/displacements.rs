@@ -33,7 +33,7 @@ pub struct Displacements {
     errors: Vec<Vec<Error>>,
     peak: f64,
     samples: u64,
-    doubted: u64,
+    mismatched: u64,
 }
 
 #[derive(Clone, Copy, Default)]
@@ -82,7 +82,7 @@ impl Displacements {
             segments,
             peak: 0.0,
             samples: 0,
-            doubted: 0,
+            mismatched: 0,
         })
     }
 
@@ -92,7 +92,7 @@ impl Displacements {
             return;
         };
         self.samples += 1;
-        self.doubted += u64::from(line.rotor_level() > 0);
+        self.mismatched += u64::from(line.rotor_level() > 0);
         let speed = f64::from(line.rotor_speed());
         plan.displacements(line.rotor_state(), speed, &mut self.estimate);
         orbits.push(sample.t, &self.estimate, sample.displacements);
@@ -123,13 +123,13 @@ impl Displacements {
 
     /// Samples in which the rotor was estimated as one that is not as described.
     pub fn doubted_samples(&self) -> u64 {
-        self.doubted
+        self.mismatched
     }
 
     /// Where there were such, that in one line.
     pub fn doubt_note(&self) -> Option<String> {
-        let percent = 100.0 * self.doubted as f64 / self.samples as f64;
-        (self.doubted > 0).then(|| {
+        let percent = 100.0 * self.mismatched as f64 / self.samples as f64;
+        (self.mismatched > 0).then(|| {
             format!(
                 "model: in {percent:.0} % of the samples the innovations contradict the description, which \
                  is held to less closely there: noise goes further into the estimates; `loadtwin diagnose` \

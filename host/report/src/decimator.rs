@@ -56,7 +56,7 @@ impl Extremes {
 ///
 /// Up to `capacity` samples are kept as they are. Then neighbouring buckets are merged, and again
 /// each time all are full, so memory does not grow with the length and no peak is lost. A value
-/// that is not finite breaks the line where it stands, to within one bucket. Values are kept as
+/// that is not finite breaks the line at its place, to within one bucket. Values are kept as
 /// f32: a plot needs no more.
 #[derive(Clone, Debug)]
 pub struct MinMaxDecimator {

@@ -58,7 +58,7 @@ pub use scatter::ScatterSample;
 use loadtwin_math::metrics::{Autocorrelation, Histogram};
 use serde::Serialize;
 
-/// Everything that stands in a report, in the order in which it stands there.
+/// The contents of a report, in their order.
 #[derive(Clone, Debug, Default)]
 pub struct Report {
     /// Heading.

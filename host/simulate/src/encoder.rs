@@ -48,7 +48,7 @@ impl Encoder {
             // Wherever the counter stood when the recording began.
             start: rng.random_range(0.0..200.0),
             modulus: f64::from(encoder.bits).exp2(),
-            // What is left of the noise when the rounding is taken off.
+            // The noise without its part from rounding.
             jitter: (noise * noise - QUANTISATION * QUANTISATION)
                 .max(0.0)
                 .sqrt(),
@@ -63,7 +63,7 @@ impl Encoder {
         self.jitter = 0.0;
     }
 
-    /// The counter when the inertia stands at `angle`, referred [rad].
+    /// The counter at the inertia's `angle`, referred [rad].
     pub(crate) fn count(&mut self, angle: f64) -> f64 {
         let own = angle * self.ratio;
         let mut count = self.start + own * self.counts_per_rad;

@@ -77,7 +77,7 @@ impl<S: Sampled> Recorder<S> {
         self.rows
     }
 
-    /// Writes what is left of the recording to `path`: CSV, Parquet or MDF4 by
+    /// Writes the remaining recording to `path`: CSV, Parquet or MDF4 by
     /// its extension. `progress` hears from 0 to 1 how far it is.
     ///
     /// # Errors

@@ -220,7 +220,7 @@ impl Placed {
         }
     }
 
-    /// Its size along x and y where the shaft stands at `angle` [m, N].
+    /// Its size along x and y at the shaft's `angle` [m, N].
     pub fn size(&self, angle: f64) -> [f64; 2] {
         match *self {
             Self::Bow(sag, at) => [sag * (angle + at).cos(), sag * (angle + at).sin()],

@@ -1,4 +1,4 @@
-//! What stands before the rows of a text: lines to skip, `sep=;`, names, units.
+//! Lines before the rows of a text: lines to skip, `sep=;`, names, units.
 use crate::error::Problem;
 use crate::layout::{Column, CsvLayout};
 use crate::named::name_time;

@@ -101,7 +101,7 @@ pub static EFFECTS: &[Effect] = &[
 
 /// The preset `paper`: what the paper's test bench showed, with strengths.
 ///
-/// Of the ring gear's peaks, what is left once the model was updated: the
+/// The error of the ring gear's peaks is the residual after the model update: the
 /// paper's results are those of the updated model.
 ///
 /// Source: Bosmans et al. 2023, sections 4.2, 5.3.2 and 6.2.
@@ -128,7 +128,7 @@ pub struct Applied {
 }
 
 impl Applied {
-    /// The effects of a list in which `paper` stands for all those that the
+    /// The effects of a list in which `paper` is replaced by all those that the
     /// paper's test bench showed.
     ///
     /// What a machine has nothing for (ring-gear peaks, ...) is then left out.
