@@ -233,8 +233,8 @@ fn what_nothing_explains_is_called_unknown() {
     assert!(diagnosis["remainder"]["percent"].as_f64().unwrap() > 10.0);
 }
 
-/// The description that `first` wrote leaves as it stands what `first` said of it.
-fn is_as_good_as_it_stands(second: &Value, first: &Value) {
+/// The description that `first` wrote has the error that `first` reported for it.
+fn has_the_reported_error(second: &Value, first: &Value) {
     let nominal = second["error"]["nominal"]["before"]["value_percent"]
         .as_f64()
         .unwrap();
@@ -242,7 +242,7 @@ fn is_as_good_as_it_stands(second: &Value, first: &Value) {
     assert!((nominal - reported).abs() < 0.05, "{nominal} {reported}");
 }
 
-/// The improved description needs nothing more, and is as good as it is as it stands.
+/// The improved description needs no further effect, and has the error reported for it.
 #[test]
 fn the_improved_description_is_complete() {
     let folder = tempfile::tempdir().unwrap();
@@ -255,7 +255,7 @@ fn the_improved_description_is_complete() {
     let files = recordings(folder.path());
     let second = run(&improved, &files[..2], &files[2..], &[]);
     assert_eq!(second["verdict"], "none", "{second}");
-    is_as_good_as_it_stands(&second, &first);
+    has_the_reported_error(&second, &first);
 }
 
 /// A load whose gain is wrong by half: the coefficient of what depends on the load
@@ -274,7 +274,7 @@ fn an_effect_of_a_load_follows_its_gain() {
     let first = run(&machine, &files[..2], &files[2..], &out);
     assert_eq!(names(&first), ["load-dependent-friction"], "{first}");
     let second = run(&improved, &files[..2], &files[2..], &[]);
-    is_as_good_as_it_stands(&second, &first);
+    has_the_reported_error(&second, &first);
 }
 
 /// A bit that was lost on the way is left out, and counted.

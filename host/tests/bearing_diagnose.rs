@@ -67,7 +67,7 @@ fn a_loose_gauge_is_named() {
         &[BearingEffect::LooseGauge(1, LEFT)],
         folder.path(),
     );
-    let [out, page] = ["mended.toml", "page.html"].map(|name| folder.path().join(name));
+    let [out, page] = ["improved.toml", "page.html"].map(|name| folder.path().join(name));
     let output = loadtwin(&[
         "diagnose",
         "--json",

@@ -102,13 +102,13 @@ fn nmae(machine: &str, recording: &str) -> f64 {
 
 /// Named, sized, and taken into a description with which `replay` errs less.
 #[test]
-fn a_gain_error_of_a_rotor_is_named_and_the_description_is_mended() {
+fn a_gain_error_of_a_rotor_is_named_and_the_description_is_improved() {
     let folder = tempfile::tempdir().unwrap();
     let machine = with_encoder(folder.path());
     let effects = ["gain-error@x32=1"];
     let fitted = recorded(&machine, folder.path(), "3", &effects);
     let held_out = recorded(&machine, folder.path(), "4", &effects);
-    let out = folder.path().join("mended.toml").display().to_string();
+    let out = folder.path().join("improved.toml").display().to_string();
     let said = diagnosed(&machine, &[&fitted], &held_out, &out);
     assert_eq!(said["verdict"], "effect", "{said}");
     assert_eq!(said["effects"][0]["name"], "gain-error", "{said}");
@@ -123,9 +123,9 @@ fn a_gain_error_of_a_rotor_is_named_and_the_description_is_mended() {
             .unwrap()
     };
     assert!(error("after") < 0.5 * error("before"), "{said}");
-    let (described, mended) = (nmae(&machine, &held_out), nmae(&out, &held_out));
-    println!("gain: NMAE of disc1_x {described:.2} % as described, {mended:.2} % as mended");
-    assert!(mended < 0.5 * described, "{mended} {described}");
+    let (described, improved) = (nmae(&machine, &held_out), nmae(&out, &held_out));
+    println!("gain: NMAE of disc1_x {described:.2} % as described, {improved:.2} % as improved");
+    assert!(improved < 0.5 * described, "{improved} {described}");
 }
 
 /// From two recordings, which differ in their unbalances: what is written subtracts the surface by
@@ -137,14 +137,14 @@ fn a_runout_that_two_recordings_show_is_subtracted_afterwards() {
     let effects = ["runout@32=1"];
     let fitted = ["3", "5"].map(|seed| recorded(&machine, folder.path(), seed, &effects));
     let held_out = recorded(&machine, folder.path(), "4", &effects);
-    let out = folder.path().join("mended.toml").display().to_string();
+    let out = folder.path().join("improved.toml").display().to_string();
     let said = diagnosed(&machine, &[&fitted[0], &fitted[1]], &held_out, &out);
     let found: Vec<&str> = (said["effects"].as_array().unwrap().iter())
         .map(|effect| effect["name"].as_str().unwrap())
         .collect();
     assert_eq!(found, ["runout", "surface-lobes"], "{said}");
-    let mended = Machine::load(Path::new(&out)).unwrap();
-    for channel in &mended.channels {
+    let improved = Machine::load(Path::new(&out)).unwrap();
+    for channel in &improved.channels {
         let size = channel.runout.first().map(|[a, b]| a.hypot(*b));
         if channel.name.ends_with("32") {
             assert!((size.unwrap() - 1e-5).abs() < 5e-7, "{size:?}");
@@ -152,9 +152,9 @@ fn a_runout_that_two_recordings_show_is_subtracted_afterwards() {
             assert_eq!(size, None);
         }
     }
-    let (described, mended) = (nmae(&machine, &held_out), nmae(&out, &held_out));
-    println!("runout: NMAE of disc1_x {described:.2} % as described, {mended:.2} % as mended");
-    assert!(mended < 5e-3 * described, "{mended} {described}");
+    let (described, improved) = (nmae(&machine, &held_out), nmae(&out, &held_out));
+    println!("runout: NMAE of disc1_x {described:.2} % as described, {improved:.2} % as improved");
+    assert!(improved < 5e-3 * described, "{improved} {described}");
 }
 
 /// At one speed only the waves of the surface that no unbalance makes are observable.

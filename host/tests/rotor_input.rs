@@ -18,7 +18,7 @@ fn machine() -> Machine {
     Machine::load(&example()).unwrap()
 }
 
-/// The example with `from` replaced by `to` where it first stands.
+/// The example with the first `from` replaced by `to`.
 fn changed(from: &str, to: &str) -> Result<Machine, MachineError> {
     let text = std::fs::read_to_string(example()).unwrap();
     assert!(text.contains(from), "{from}");

@@ -1,4 +1,4 @@
-//! `loadtwin tune` of a rotor: the methods side by side, judged on a recording that took no part;
+//! `loadtwin tune` of a rotor: the methods side by side, evaluated on a hold-out recording;
 //! and what `replay` says of orbits and of speeds outside of the schedule.
 
 use std::path::{Path, PathBuf};

@@ -237,7 +237,7 @@ impl Iterator for RawSamples {
 }
 
 /// Prints what a comparison found; anything but identity is a failure.
-fn judge(summary: &TwinSummary, as_json: bool) -> anyhow::Result<()> {
+fn report_verdict(summary: &TwinSummary, as_json: bool) -> anyhow::Result<()> {
     print(summary, as_json)?;
     let f = &summary.figures;
     match summary.verdict {
@@ -279,7 +279,7 @@ impl Twin {
         let stop = stop_on_signal()?;
         let bus = SocketBus::open(&self.args.interface, Some(model.image.can_base))?;
         let summary = twin::run(&model, bus, &self.args, &mut *page::live()?, &stop)?;
-        judge(&summary, as_json)
+        report_verdict(&summary, as_json)
     }
 }
 
@@ -288,7 +288,7 @@ impl Prove {
         let image = self.model.load()?;
         let model = Model::from_bytes(&image)?;
         let stop = stop_on_signal()?;
-        judge(
+        report_verdict(
             &twin::prove(&model, &self.args, &mut page::Quiet, &stop)?,
             as_json,
         )

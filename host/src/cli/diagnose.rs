@@ -92,7 +92,7 @@ impl Diagnose {
             diagnosis.verdict,
             Verdict::Effects(_) | Verdict::Inseparable(_)
         );
-        // What was found stands in the report, what the estimator accepts in the description.
+        // The report has what was found, the description what the estimator accepts.
         let found = diagnosis.selection.found.clone();
         let nuisance = diagnosis.selection.nuisance.clone();
         let filter = if improves {

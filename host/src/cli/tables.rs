@@ -63,7 +63,7 @@ impl Tables {
         let mut curves: Vec<Vec<Curve>> = Vec::new();
         for number in 1..=self.individuals {
             let individual = Individual::new(&machine, number, &effects)?;
-            cells.push(individual.judge(&rows)?);
+            cells.push(individual.evaluate(&rows)?);
             if self.report.is_some() {
                 let of_sets = SETS.iter().map(|set| curve(&individual, set));
                 curves.push(of_sets.collect::<Result<_, _>>()?);
@@ -141,7 +141,7 @@ fn line(row: &Published, cells: &[&Cell]) -> String {
     for k in 0..SEGMENTS.len() {
         let (mean, std) = statistics(cells.iter().map(|cell| cell.nmae[k]));
         let paper = row.nmae.map(|nmae| nmae[k]);
-        // What is worse than the paper stands out.
+        // Results worse than the paper are highlighted.
         let mark = if paper.is_some_and(|paper| mean > paper) {
             '!'
         } else {

@@ -13,8 +13,8 @@ use super::output::{note, say, shown, shown_all};
 use super::plan::{Plan, Replace};
 use super::progress::Progress;
 use super::tune_report::{
-    check_lines, check_report, complete_response, doubts, load_names, noise_report, print,
-    process_noise, reached, report, shortfalls,
+    check_lines, check_report, complete_response, load_names, noise_report, print, process_noise,
+    reached, report, shortfalls, warnings,
 };
 use crate::atomic_file::{Complete, publish};
 use crate::build::Sensors;
@@ -222,8 +222,8 @@ impl Tune {
                     say!("  {line}");
                 }
             }
-            for doubt in doubts(&attempt.machine, &attempt.sets, &attempt.walks) {
-                note(format_args!("{doubt}\n"));
+            for warning in warnings(&attempt.machine, &attempt.sets, &attempt.walks) {
+                note(format_args!("{warning}\n"));
             }
             for short in shortfalls(&attempt.machine, &attempt.sets, cutoff_hz) {
                 note(format_args!("{short}\n"));

@@ -91,14 +91,14 @@ pub(super) fn process_noise(machine: &Machine) -> Value {
 }
 
 /// Warnings where the walk estimated from a set differs from the one that is written for it.
-pub(super) fn doubts(machine: &Machine, sets: &[Set], walks: &[Vec<f64>]) -> Vec<String> {
+pub(super) fn warnings(machine: &Machine, sets: &[Set], walks: &[Vec<f64>]) -> Vec<String> {
     const FACTOR: f64 = 10.0;
-    let mut doubts = Vec::new();
+    let mut warnings = Vec::new();
     for (set, chosen) in sets.iter().zip(walks) {
         let estimated = &set.tuned.methods[0].1.walk;
         for (load, (walk, chosen)) in load_names(machine).zip(estimated.iter().zip(chosen)) {
             if !(chosen / FACTOR..=chosen * FACTOR).contains(walk) {
-                doubts.push(format!(
+                warnings.push(format!(
                     "{}: alone it tells a walk of {load} of {walk:.3e} N m/sqrt(s), most others {chosen:.3e}, \
                      which is taken: its model or its noise may be wrong",
                     set.name
@@ -106,7 +106,7 @@ pub(super) fn doubts(machine: &Machine, sets: &[Set], walks: &[Vec<f64>]) -> Vec
             }
         }
     }
-    doubts
+    warnings
 }
 
 pub(super) fn load_names(machine: &Machine) -> impl Iterator<Item = &str> {

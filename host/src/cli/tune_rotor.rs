@@ -16,7 +16,7 @@ use crate::replay::Comparison;
 use crate::rotor_tune::{Choice, Evaluation, Method, judge, page, tune};
 
 impl Tune {
-    /// Both methods on the recordings of a rotor, judged on one that took no part.
+    /// Both methods on the recordings of a rotor, evaluated on a hold-out recording.
     pub(super) fn run_rotor(
         &self,
         described: &Machine,
@@ -46,8 +46,8 @@ impl Tune {
         let recording = self.validate.as_ref().unwrap_or(&self.recordings[0]);
         let choices = (choices.into_iter())
             .map(|choice| {
-                let judged = judge(&choice.machine, self.sensors.as_deref(), recording)?;
-                Ok((choice, judged))
+                let evaluation = judge(&choice.machine, self.sensors.as_deref(), recording)?;
+                Ok((choice, evaluation))
             })
             .collect::<anyhow::Result<Vec<_>>>()?;
         let chosen = choices.iter().find(|(choice, _)| choice.method == method);
@@ -75,7 +75,9 @@ impl Tune {
         publish(files)?;
         if as_json {
             let methods: Map<String, Value> = (choices.iter())
-                .map(|(choice, judged)| (choice.method.name().to_owned(), report(choice, judged)))
+                .map(|(choice, evaluation)| {
+                    (choice.method.name().to_owned(), report(choice, evaluation))
+                })
                 .collect();
             let out = json!({
                 "machine": described.name,
@@ -103,7 +105,7 @@ impl Tune {
     }
 }
 
-fn report(choice: &Choice, judged: &Evaluation) -> Value {
+fn report(choice: &Choice, evaluation: &Evaluation) -> Value {
     let machine = &choice.machine;
     let loads: Map<String, Value> = (machine.rotor.iter())
         .flat_map(|rotor| {
@@ -125,7 +127,7 @@ fn report(choice: &Choice, judged: &Evaluation) -> Value {
         "noise_std": sensors,
         "misfit": choice.outcome.misfit,
         "objectives": choice.outcome.objectives,
-        "judged": judged,
+        "judged": evaluation,
     })
 }
 
@@ -138,9 +140,9 @@ fn print(choices: &[(Choice, Evaluation)], recording: &Path, is_tuned_on: bool) 
         "f2",
         "NIS"
     );
-    for (choice, judged) in choices {
+    for (choice, evaluation) in choices {
         let [first, second] = choice.outcome.objectives;
-        let errors: Vec<String> = (judged.displacement_um.iter())
+        let errors: Vec<String> = (evaluation.displacement_um.iter())
             .map(|(segment, worst)| format!("{segment} {worst:.3} µm"))
             .collect();
         say!(
@@ -149,7 +151,7 @@ fn print(choices: &[(Choice, Evaluation)], recording: &Path, is_tuned_on: bool) 
             choice.outcome.misfit,
             first,
             second,
-            judged.nis_mean.unwrap_or(f64::NAN),
+            evaluation.nis_mean.unwrap_or(f64::NAN),
             errors.join(", ")
         );
     }

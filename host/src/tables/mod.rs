@@ -2,7 +2,7 @@
 //!
 //! Each individual has its own parameters, gauge positions, offsets and drift.
 //! It is calibrated and tuned on a recording with torque ramps and one at
-//! constant torque, and judged on a start-stop cycle with other noise, which
+//! constant torque, and evaluated on a start-stop cycle with other noise, which
 //! nothing was fitted to.
 
 mod curve;
@@ -75,11 +75,11 @@ pub struct Cell {
     pub log10_qd: Vec<f64>,
 }
 
-/// One simulated machine, calibrated, with what it is tuned and judged on.
+/// One simulated machine, calibrated, with the recordings for its tuning and evaluation.
 pub struct Individual {
     machine: Machine,
     fitted_to: [PathBuf; 2],
-    judged_on: PathBuf,
+    evaluated_on: PathBuf,
     /// Holds the recordings and the maps.
     _folder: crate::files::scratch::Scratch,
 }
@@ -101,7 +101,7 @@ impl Individual {
             Ok::<_, TablesError>(path)
         };
         let fitted_to = [record("constant", 1)?, record("torque-ramps", 2)?];
-        let judged_on = record("start-stop", 3)?;
+        let evaluated_on = record("start-stop", 3)?;
         let observations = Observations::read(machine, &fitted_to, |_| ())?;
         let source = MapSource::Placed;
         let gauges = calibrate(machine, &observations, &fitted_to[0], PATCH_RAD, source)?;
@@ -112,16 +112,16 @@ impl Individual {
         Ok(Self {
             machine,
             fitted_to,
-            judged_on,
+            evaluated_on,
             _folder: folder,
         })
     }
 
-    /// Tunes and judges it: a cell for each of `rows`, in their order.
+    /// Tunes and evaluates it: a cell for each of `rows`, in their order.
     ///
     /// # Errors
     /// When the machine lacks a set of sensors.
-    pub fn judge(&self, rows: &[Published]) -> Result<Vec<Cell>, TablesError> {
+    pub fn evaluate(&self, rows: &[Published]) -> Result<Vec<Cell>, TablesError> {
         rows.par_iter()
             .map(|row| {
                 let mut sensors = self.sensors(row.sensors)?;
@@ -159,7 +159,7 @@ impl Individual {
         let loads = self.machine.drivetrain.iter().flat_map(|d| &d.loads);
         let names = loads.map(|load| load.name.clone());
         sensors.walks = names.zip(walk.iter().copied()).collect();
-        nmae(&self.machine, &sensors, &self.judged_on)
+        nmae(&self.machine, &sensors, &self.evaluated_on)
     }
 }
 

@@ -22,12 +22,12 @@ fn nmae_of(load: &str, machine: &str, recording: &str, sensors: &str) -> f64 {
 }
 
 #[test]
-fn a_gain_error_is_named_and_the_description_is_mended() {
+fn a_gain_error_is_named_and_the_description_is_improved() {
     let folder = tempfile::tempdir().unwrap();
     let effect = ["gain-error@ta2=1"];
     let fitted = recorded(folder.path(), "fitted.parquet", "start-stop", "60", &effect);
     let unseen = recorded(folder.path(), "unseen.parquet", "steps", "60", &effect);
-    let out = folder.path().join("mended.toml").display().to_string();
+    let out = folder.path().join("improved.toml").display().to_string();
     let page = folder.path().join("page.html").display().to_string();
     let more = ["--validate", &unseen, "--out", &out, "--report", &page];
     let said = diagnosed(&fitted, &more);
@@ -46,7 +46,7 @@ fn a_gain_error_is_named_and_the_description_is_mended() {
     assert!(error("after") < 0.5 * error("before"), "{said}");
     assert_eq!(said["machine_out"], out);
     assert!(std::fs::metadata(&page).unwrap().len() > 10_000);
-    // The mended description is one that `replay` runs, with a smaller error.
+    // The improved description is one that `replay` runs, with a smaller error.
     let described = machine().display().to_string();
     let filter_error = |machine: &str| nmae(machine, &unseen, "torque-arm-3");
     assert!(filter_error(&out) < filter_error(&described));
@@ -140,24 +140,24 @@ fn hysteresis_of_a_gauge_becomes_part_of_the_description() {
 }
 
 /// An effect of strength 1 diagnosed in `reversals`, and the description with it.
-struct Mended {
+struct Improved {
     said: Value,
     machine: Machine,
-    /// What the mended description still lacks in the same recording.
+    /// What the improved description still lacks in the same recording.
     again: Value,
     /// Error of the filter on a recording that took no part, before and after.
     errors: [f64; 2],
 }
 
-fn mended(effect: &str, sensors: &str) -> Mended {
+fn improved(effect: &str, sensors: &str) -> Improved {
     let folder = tempfile::tempdir().unwrap();
     let effect = [effect];
     let recording = recorded(folder.path(), "fitted.parquet", "reversals", "60", &effect);
-    let out = folder.path().join("mended.toml").display().to_string();
+    let out = folder.path().join("improved.toml").display().to_string();
     let said = diagnosed(&recording, &["--out", &out]);
     let unseen = recorded(folder.path(), "unseen.parquet", "start-stop", "60", &effect);
     let described = machine().display().to_string();
-    Mended {
+    Improved {
         said,
         machine: Machine::load(Path::new(&out)).unwrap(),
         again: diagnosed_as(Path::new(&out), &recording, &[]),
@@ -169,8 +169,8 @@ fn mended(effect: &str, sensors: &str) -> Mended {
 /// to explain it. The line runs it, as one inertia more.
 #[test]
 fn a_gear_with_inertia_is_named_alone_with_its_inertia() {
-    let mended = mended("torsional-resonance=1", "torque-arm-3");
-    let said = &mended.said;
+    let improved = improved("torsional-resonance=1", "torque-arm-3");
+    let said = &improved.said;
     assert_eq!(said["verdict"], "effect", "{said}");
     let found = &said["effects"][0];
     assert_eq!(found["name"], "torsional-resonance");
@@ -178,37 +178,37 @@ fn a_gear_with_inertia_is_named_alone_with_its_inertia() {
     let inertia = &found["parameters"]["inertia [part of the smaller neighbour's]"];
     let inertia = inertia.as_f64().unwrap();
     assert!((inertia - 0.21).abs() < 5e-3, "{inertia}");
-    assert_eq!(mended.again["verdict"], "none", "{}", mended.again);
-    let [before, after] = mended.errors;
+    assert_eq!(improved.again["verdict"], "none", "{}", improved.again);
+    let [before, after] = improved.errors;
     assert!(after < 0.9 * before, "{before} % before, {after} % after");
 }
 
 /// Where its map varies much over the angle, a gauge suffers most from an angle that errs.
 #[test]
 fn an_eccentric_encoder_is_set_right_in_the_line() {
-    let mended = mended("encoder-eccentricity=1", "ring-gear-3");
-    let name = &mended.said["effects"][0]["name"];
-    assert_eq!(name, "encoder-eccentricity", "{}", mended.said);
-    let encoder = mended.machine.homed_encoder().unwrap();
+    let improved = improved("encoder-eccentricity=1", "ring-gear-3");
+    let name = &improved.said["effects"][0]["name"];
+    assert_eq!(name, "encoder-eccentricity", "{}", improved.said);
+    let encoder = improved.machine.homed_encoder().unwrap();
     let amplitude = encoder.eccentricity.unwrap().amplitude_rad;
     assert!((amplitude - 0.002).abs() < 5e-5, "{amplitude}");
-    assert_eq!(mended.again["verdict"], "none", "{}", mended.again);
-    let [before, after] = mended.errors;
+    assert_eq!(improved.again["verdict"], "none", "{}", improved.again);
+    let [before, after] = improved.errors;
     assert!(after < 0.8 * before, "{before} % before, {after} % after");
 }
 
 /// The same of an angle that is old: at nominal speed the carrier turns by 3 degrees in 20 ms.
 #[test]
 fn a_gauge_that_comes_late_is_compared_with_where_the_carrier_was() {
-    let mended = mended("channel-delay@rg2=1", "ring-gear-3");
-    let name = &mended.said["effects"][0]["name"];
-    assert_eq!(name, "channel-delay", "{}", mended.said);
-    for channel in &mended.machine.channels {
+    let improved = improved("channel-delay@rg2=1", "ring-gear-3");
+    let name = &improved.said["effects"][0]["name"];
+    assert_eq!(name, "channel-delay", "{}", improved.said);
+    for channel in &improved.machine.channels {
         let late_s = if channel.name == "rg2" { 0.02 } else { 0.0 };
         let off = (channel.late_s - late_s).abs();
         assert!(off < 2e-4, "{}: {} s", channel.name, channel.late_s);
     }
-    let [before, after] = mended.errors;
+    let [before, after] = improved.errors;
     // The vote leaves the late gauge out where it contradicts: 3.9 % without, 1.9 % with the delay.
     assert!(after < 0.6 * before, "{before} % before, {after} % after");
 }

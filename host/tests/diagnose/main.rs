@@ -1,7 +1,7 @@
 //! `loadtwin diagnose` on recordings of an effect that it does not know.
 
 mod estimator;
-mod mended;
+mod improved;
 mod refused;
 mod several;
 mod unlike;

@@ -1,4 +1,4 @@
-//! Recordings that are judged together.
+//! Recordings that are diagnosed together.
 
 use super::{diagnosed, recorded};
 

@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use super::mended::nmae;
+use super::improved::nmae;
 use super::{diagnosed, diagnosed_as, machine, recorded, recorded_of, rewritten};
 
 /// The example with `from` written as `to`.

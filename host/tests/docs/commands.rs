@@ -119,7 +119,7 @@ fn trimmed(text: &str) -> String {
     }
 }
 
-/// Equal, where `...` stands for any text.
+/// Equal, where `...` matches any text.
 fn matches(expected: &str, printed: &str) -> bool {
     let parts: Vec<&str> = expected.split("...").collect();
     let [first, between @ .., last] = parts.as_slice() else {

@@ -16,7 +16,7 @@ use loadtwin_common::io::raw::RawSample;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::{judged, machine, paper, record, replayed_as, soft};
+use crate::{evaluated, machine, paper, record, replayed_as, soft};
 
 /// Samples, and displacements of every node [m], `[sample][of each]`.
 pub struct Recorded {
@@ -166,8 +166,8 @@ fn compared(machine: &mut Machine, seeds: std::ops::Range<u64>) {
         let count = (seeds.end - seeds.start) as f64;
         for seed in seeds.clone() {
             record(machine, scenario(seed), &path);
-            let outcome = judged(machine, &path);
-            assert_eq!(outcome.doubted, 0, "{}", machine.name);
+            let outcome = evaluated(machine, &path);
+            assert_eq!(outcome.mismatched, 0, "{}", machine.name);
             let bound_um = bound.settled_um(machine, &path, 1.0);
             println!(
                 "seed {seed}: settled {:.3} µm, bound {bound_um:.3} µm",
@@ -225,9 +225,9 @@ fn off(described: &Machine, factor: f64) -> Machine {
     real
 }
 
-/// After a gap that is a new start, nothing is left of a doubt, nor of its gains.
+/// After a gap that is a new start, the mismatch alarm and its gains are reset.
 #[test]
-fn a_new_start_has_no_doubt() {
+fn a_new_start_resets_the_mismatch_alarm() {
     const NEW: usize = 2850;
     let mut described = machine();
     // The new start is on a machine that runs.
@@ -243,7 +243,7 @@ fn a_new_start_has_no_doubt() {
         let Model::Rotor(model) = &mut image.model else {
             panic!("not a rotor");
         };
-        // Steady before it is doubted anew.
+        // Steady before the next mismatch alarm.
         model.levels[0].full_samples = 600;
         Estimator::try_build(image).unwrap()
     };
@@ -286,10 +286,10 @@ fn a_rotor_that_is_not_quite_as_described_is_estimated_within_some_per_mille() {
                 outcome.settled_um,
                 outcome.peak_um,
                 outcome.force_percent,
-                outcome.doubted,
+                outcome.mismatched,
                 outcome.samples
             );
-            assert!(outcome.doubted > 0 || f64::abs(sign) < 1.0);
+            assert!(outcome.mismatched > 0 || f64::abs(sign) < 1.0);
             // Settled error, part of the peak.
             let most = if f64::abs(sign) > 1.0 { 0.02 } else { 0.01 };
             assert!(outcome.settled_um < most * outcome.peak_um);

@@ -84,7 +84,7 @@ fn golden<T: Real>(run: &str, from: fn(f64) -> T, into: fn(T) -> f64) -> f64 {
     let variances: Vec<T> = (vector(&case["R_diag"]).iter())
         .map(|r| from(r / (unit * unit)))
         .collect();
-    let mut belief = StateEstimate::<T, NX> {
+    let mut filtered = StateEstimate::<T, NX> {
         state: [T::ZERO; NX],
         covariance: std::array::from_fn(|i| std::array::from_fn(|j| from(p[(i, j)]))),
     };
@@ -99,18 +99,18 @@ fn golden<T: Real>(run: &str, from: fn(f64) -> T, into: fn(T) -> f64) -> f64 {
     let (mut worst, mut compared) = (0.0_f64, 0);
     for (k, measured) in matrix(&file["measured"]).iter().enumerate() {
         if k > 0 {
-            predict_state(&mut belief.state, &dense, &turn);
-            predict_covariance(&mut belief.covariance, &dense, &turn, |i| noise[i]);
+            predict_state(&mut filtered.state, &dense, &turn);
+            predict_covariance(&mut filtered.covariance, &dense, &turn, |i| noise[i]);
         }
         for ((row, r), y) in rows.iter().zip(&variances).zip(measured) {
-            assert!(update(&mut belief, row, from(y / unit), *r, |_| true).1);
+            assert!(update(&mut filtered, row, from(y / unit), *r, |_| true).1);
         }
         let Some(expected) = expected.iter().find(|row| row[0] == k as f64) else {
             continue;
         };
         compared += 1;
         // Back to (z, z', f): z' = A_12^-1 (e - (A_11 - I) z - B_1 f).
-        let x = Mat::from_fn(NX, 1, |i, _| into(belief.state[i]) * scale[i]);
+        let x = Mat::from_fn(NX, 1, |i, _| into(filtered.state[i]) * scale[i]);
         let lu = model.coordinates.partial_piv_lu();
         let x = faer::linalg::solvers::Solve::solve(&lu, &x);
         for i in 0..NX {
@@ -133,14 +133,14 @@ fn the_filter_is_the_independent_one_in_f64_and_to_four_digits_in_f32() {
     }
 }
 
-/// What a case came to.
+/// Figures of a case.
 struct Outcome {
     start_um: f64,
     settled_um: f64,
     peak_um: f64,
     force_percent: f64,
     samples: u64,
-    doubted: u64,
+    mismatched: u64,
 }
 
 fn machine() -> Machine {
@@ -152,12 +152,12 @@ fn replayed(machine: &Machine, scenario: RotorScenario) -> Outcome {
     replayed_as(machine, machine, scenario)
 }
 
-/// What `machine` makes of a recording of `real`.
+/// Outcome of `machine` on a recording of `real`.
 fn replayed_as(machine: &Machine, real: &Machine, scenario: RotorScenario) -> Outcome {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rotor.parquet");
     record(real, scenario, &path);
-    judged(machine, &path)
+    evaluated(machine, &path)
 }
 
 fn record(real: &Machine, scenario: RotorScenario, path: &Path) {
@@ -166,8 +166,8 @@ fn record(real: &Machine, scenario: RotorScenario, path: &Path) {
     simulation.write(path, |_| ()).unwrap();
 }
 
-/// What `machine` makes of the recording in `path`.
-fn judged(machine: &Machine, path: &Path) -> Outcome {
+/// Outcome of `machine` on the recording in `path`.
+fn evaluated(machine: &Machine, path: &Path) -> Outcome {
     let sensors = Sensors::choose(machine, None).unwrap();
     let mut displacements = Displacements::new(machine, &sensors).unwrap();
     let mut figures = Figures::new(machine);
@@ -191,7 +191,7 @@ fn judged(machine: &Machine, path: &Path) -> Outcome {
         peak_um: 1e6 * displacements.peak_m(),
         force_percent: 100.0 * f64::sqrt(squares / truth),
         samples: figures.samples(),
-        doubted: displacements.doubted_samples(),
+        mismatched: displacements.doubted_samples(),
     }
 }
 
@@ -382,7 +382,7 @@ fn a_run_up_through_the_first_critical_speed() {
             outcome.peak_um,
             100.0 * part,
             outcome.force_percent,
-            outcome.doubted
+            outcome.mismatched
         );
         assert!(outcome.peak_um > 3000.0 && part <= most, "{part}");
         assert!(outcome.force_percent <= 0.5, "{}", outcome.force_percent);
@@ -409,7 +409,7 @@ fn biases_of_sensors_are_estimated_where_asked() {
         }
         let run = |machine: &Machine, real: &Machine| {
             let outcome = replayed_as(machine, real, paper(1.0, seed));
-            println!("raised in {} samples", outcome.doubted);
+            println!("raised in {} samples", outcome.mismatched);
             (outcome.settled_um, outcome.force_percent)
         };
         described.name = "as described".into();
