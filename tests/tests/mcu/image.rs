@@ -117,7 +117,7 @@ fn a_model_from_the_bus_runs_after_a_restart_and_a_refused_one_never() {
         assert_eq!(refused, Err(UploadError::Refused(refusal)));
     }
     let mut sensors = board.sensors();
-    // The refusal stands in the status, and the old model runs on.
+    // The status has the refusal, and the old model runs on.
     for sample in samples(200) {
         sensors.send(&Stimulus::Sample(sample));
     }
