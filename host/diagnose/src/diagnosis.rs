@@ -1,4 +1,4 @@
-//! A diagnosis: what it rests on, and what it found.
+//! A diagnosis: its recordings and its results.
 
 use std::path::PathBuf;
 
@@ -54,7 +54,7 @@ pub enum DiagnoseError {
     /// The sensors cannot be used together.
     #[error(transparent)]
     Sensors(#[from] BuildError),
-    /// A load that may do what any effect does.
+    /// A load that can imitate any effect.
     #[error(
         "rotor.load[{0}].kind: found \"walk\", allowed: \"unbalance\"; beside a load that may be anything no effect can be told"
     )]
@@ -79,13 +79,13 @@ pub struct Diagnosis<S: Diagnosable> {
     pub recordings: Vec<S>,
     /// Those that took no part in it.
     pub holdout: Vec<S>,
-    /// What explains them.
+    /// The effects that explain them.
     pub selection: Selection<S>,
     /// Excess of the residuals over those of the machine without effect.
     pub residual_excesses: Vec<ResidualExcess>,
-    /// What the residuals go with.
+    /// The correlations of the residuals.
     pub residual_tests: Vec<ResidualTests>,
-    /// What is said.
+    /// The result.
     pub verdict: Verdict,
     /// What may be subtracted where something is missing that no candidate explains.
     pub corrections: Vec<Correction>,
@@ -104,7 +104,7 @@ pub struct DiagnosisInput<S: Diagnosable> {
 }
 
 impl<S: Diagnosable> DiagnosisInput<S> {
-    /// What of `candidates` explains them.
+    /// The effects of `candidates` that explain them.
     pub fn diagnose(
         &self,
         candidates: &[&'static dyn Effect<S>],

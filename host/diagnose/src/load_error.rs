@@ -35,7 +35,7 @@ pub struct LoadErrors {
 }
 
 impl LoadErrors {
-    /// Of blocks without and with what was found, each by its sum and its count, where nothing
+    /// Of blocks without and with the effects found, each by its sum and its count, where nothing
     /// is calibrated anew.
     pub(crate) fn as_described(before: &[(f64, f64)], after: &[(f64, f64)]) -> Self {
         let pair = |before, after| BeforeAfter {

@@ -35,7 +35,7 @@ pub trait Diagnosable: ResidualModel {
         path: &Path,
     ) -> Result<Vec<&'static str>, DiagnoseError>;
 
-    /// Errors of `recordings` without and with what was found.
+    /// Errors of `recordings` without and with the effects found.
     fn errors(recordings: &[Self], found: &[FittedEffect<Self>]) -> LoadErrors;
 
     /// Keys of the JSON that only this kind of machine has.

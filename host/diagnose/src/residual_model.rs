@@ -137,7 +137,7 @@ pub trait ResidualModel: Clone + Send + Sync + 'static {
     /// Nuisance parameters of signal `k`, its offset first where it has one.
     fn nuisances(&self, k: usize) -> Vec<Nuisance>;
 
-    /// What `effect`, taken as linear about `parameters` (`[signal]`), predicts for each of
+    /// Prediction of `effect`, linearised about `parameters` (`[signal]`), for each of
     /// its linear parameters.
     fn columns(
         &self,

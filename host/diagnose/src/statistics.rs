@@ -1,6 +1,6 @@
 //! Means, mean squares, and what chance reaches.
 
-/// Mean of what is finite; NaN where nothing is.
+/// Mean of the finite values; NaN where there are none.
 pub(crate) fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, n) = values
         .filter(|v| v.is_finite())
@@ -8,7 +8,7 @@ pub(crate) fn mean(values: impl Iterator<Item = f64>) -> f64 {
     sum / n
 }
 
-/// Mean square of what is known; none where nothing is.
+/// Mean square of the known values; none where there are none.
 pub(crate) fn mean_square(x: &[f64]) -> Option<f64> {
     let known = x.iter().filter(|v| v.is_finite());
     let count = known.clone().count();

@@ -1,4 +1,4 @@
-//! The innovations of the filter of today's model: whether they are what it expects.
+//! Consistency of the filter's innovations with today's model.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use loadtwin_replay::ReplayError;
 /// Part of the samples for the bounds of the mean NIS.
 const PROBABILITY: f64 = 0.99;
 
-/// What the filter with one set of sensors says of one recording.
+/// Consistency of the filter with one set of sensors on one recording.
 ///
 /// Innovations alone mislead: what the estimated load can take up is not in them. A set that is
 /// consistent may lack an effect; one that is not lacks something, or is tuned wrongly.

@@ -11,7 +11,7 @@ use crate::regression::normal_equations::weighted_gram;
 use crate::residual_model::ResidualModel;
 
 /// Standard deviations of the linear parameters of `found` for each signal, with the others as
-/// they are: `sqrt(diag (sum X' X / s^2)^-1)`, `s^2` the mean square that is left of a signal in
+/// they are: `sqrt(diag (sum X' X / s^2)^-1)`, `s^2` the mean square of a signal's residual in
 /// `residuals_after` (`[recording][signal]`), over its independent samples.
 pub fn parameter_stds<S: ResidualModel>(
     recordings: &[S],

@@ -72,7 +72,7 @@ pub fn residual_excesses<S: ResidualModel>(
         .collect()
 }
 
-/// Variance of what is finite.
+/// Variance of the finite values.
 fn variance(x: &[f64]) -> f64 {
     let (n, sum) = x
         .iter()

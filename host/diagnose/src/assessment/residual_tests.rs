@@ -72,9 +72,9 @@ pub struct TestResult {
     pub test: Test,
     /// The quantity, order or other residual; empty where there is none.
     pub with: String,
-    /// What it says of the residual.
+    /// Its statistic for the residual.
     pub before: f64,
-    /// The same with what was found.
+    /// The same after the effects found.
     pub after: f64,
     /// Size that a machine without effect hardly exceeds; none where it reaches any size.
     pub by_chance: Option<f64>,
@@ -126,9 +126,9 @@ impl ResidualTests {
 /// Residuals, `[recording][signal]`.
 type ResidualSet = Vec<Vec<Vec<f64>>>;
 
-/// What each residual goes with, before and after what was found, in the order of the signals.
+/// The correlations of each residual before and after the effects found, in the order of the signals.
 ///
-/// What a fault-free machine leaves is no part of it.
+/// The residual of a fault-free machine is subtracted.
 pub fn residual_tests<S: ResidualModel>(
     recordings: &[S],
     selection: &Selection<S>,
@@ -163,7 +163,7 @@ pub fn residual_tests<S: ResidualModel>(
         .collect()
 }
 
-/// `residuals` less what a fault-free machine leaves, where they were measured.
+/// `residuals` less those of a fault-free machine, where they were measured.
 fn against_null<S: ResidualModel>(recordings: &[S], residuals: &ResidualSet) -> ResidualSet {
     let signal = |recording: &S, k: usize, values: &Vec<f64>| -> Vec<f64> {
         let fault_free = recording
@@ -191,7 +191,7 @@ fn against_null<S: ResidualModel>(recordings: &[S], residuals: &ResidualSet) -> 
         .collect()
 }
 
-/// What a test says of residuals, for each thing that they may go with.
+/// Statistic of a test on residuals, for each quantity that they may correlate with.
 type Values<'a> = dyn Fn(&ResidualSet) -> Vec<f64> + 'a;
 
 /// What a test measures, with each thing that a residual may go with.

@@ -1,4 +1,4 @@
-//! The verdict: what was found and what remains.
+//! The verdict: effects found and excess that remains.
 
 use crate::assessment::residual_excess::ResidualExcess;
 use crate::assessment::residual_tests::{ResidualTests, Test, TestResult};
@@ -12,7 +12,7 @@ use crate::selection::model_error::MEAN_SQUARE_TOLERANCE;
 use crate::selection::stepwise::Selection;
 use crate::statistics::{mean_and_std, mean_square};
 
-/// Part of the excess that what was found must explain, or something else is missing.
+/// Part of the excess that the effects found must explain, or something else is missing.
 const MIN_EXPLAINED: f64 = 0.7;
 
 /// Excess of the mean square that counts as something, over how much it
@@ -25,7 +25,7 @@ const MIN_STRUCTURE: f64 = 0.3;
 /// Evidence of faulty samples that counts.
 pub(crate) const MIN_FAULT_LOG_ODDS: f64 = 40.0;
 
-/// What is said.
+/// The result of a diagnosis.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
     /// Nothing is missing.
@@ -39,7 +39,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// evaluates what the search found and what it left.
+    /// Evaluates the effects found and their residuals.
     pub fn of<S: Diagnosable>(
         recordings: &[S],
         selection: &Selection<S>,

@@ -13,14 +13,14 @@ use loadtwin_design::bearing::{Calibration, DRIFT_TERMS, Prediction, Rig, predic
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{Bearing, Machine};
 
-/// What of a recording stays as it is.
+/// The part of a recording that no effect changes.
 pub(crate) struct BearingContext {
     pub machine: Machine,
     pub bearing: Bearing,
     pub sensors: Sensors,
     pub calibration: Calibration,
     pub recorded: BearingRecording,
-    /// What the calibration says of each block that was followed.
+    /// Prediction of the calibration for each block that was followed.
     pub predicted: Vec<Prediction>,
     /// Of each block of the recording, its place among those that were followed.
     place: Vec<Option<usize>>,
@@ -105,7 +105,7 @@ impl BearingContext {
             .collect()
     }
 
-    /// Readings of a gauge less what was predicted.
+    /// Readings of a gauge less their prediction.
     fn left(&self, at: usize, g: usize) -> Option<[f64; BASIS]> {
         let block = &self.recorded.known[at].block;
         let share = f64::from(block.count).sqrt().recip();

@@ -29,7 +29,7 @@ use loadtwin_replay::recorded;
 /// Length of the blocks that are left out [s].
 const BLOCK_S: f64 = 1.5;
 
-/// For how long what a calibration lacks stays the same: about as long as the loads do [s].
+/// Time for which the error of a calibration is constant: about as long as the loads are [s].
 const LASTS_S: f64 = 1.0;
 
 impl BearingResiduals {
@@ -267,7 +267,7 @@ impl ResidualModel for BearingResiduals {
     }
 }
 
-/// Root mean square of what is finite.
+/// Root mean square of the finite values.
 fn rms<'a>(values: impl Iterator<Item = &'a Vec<f64>>) -> f64 {
     let known = values.flatten().filter(|v| v.is_finite());
     let (sum, n) = known.fold((0.0, 0.0), |(sum, n), v| (sum + v * v, n + 1.0));

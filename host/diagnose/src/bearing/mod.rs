@@ -1,8 +1,8 @@
 //! Bearings: residuals of strain and of the cages' rates given the loads measured by references.
 //!
 //! Phases are followed as on the rig, with the loads given. Of each gauge there is then the
-//! mean strain less what the calibration says of it (bulk), and the strain that goes with the
-//! balls, along what the calibration says of it (local); of each row how much its cage lags. An
+//! mean strain less its prediction by the calibration (bulk), and the strain that goes with the
+//! balls, along its prediction (local); of each row the lag of its cage. An
 //! offset that warms up is projected out of the bulk strain and of the regressors alike.
 
 mod context;

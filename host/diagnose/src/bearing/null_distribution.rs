@@ -70,7 +70,7 @@ pub(crate) fn null_samples(
     Ok(null_samples)
 }
 
-/// Mean of what is finite; 0 where nothing is.
+/// Mean of the finite values; 0 where there are none.
 fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let known = values.filter(|v| v.is_finite());
     let (sum, n) = known.fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));

@@ -17,10 +17,10 @@ const SHORTEST_S: f64 = 15.0;
 const SLIP: f32 = 0.02;
 const UNSURE: f32 = 0.3;
 
-/// Half of the time over which the speed is taken from counts, in blocks.
+/// Half of the time over which the speed is computed from counts, in blocks.
 const SPAN: usize = 10;
 
-/// What was recorded.
+/// A recording of a bearing.
 pub struct BearingRecording {
     /// Blocks whose phases were followed.
     pub known: Vec<CalibrationBlock>,
@@ -83,7 +83,7 @@ fn course(rig: &Rig<'_>, samples: &[RigSample]) -> BearingCourse {
             let mean: [f64; LOADS] = std::array::from_fn(|j| {
                 block.iter().map(|(_, loads)| loads[j]).sum::<f64>() / block.len() as f64
             });
-            // What is missing stays as it was.
+            // A missing value repeats the last.
             last = std::array::from_fn(|j| {
                 if mean[j].is_finite() {
                     mean[j]

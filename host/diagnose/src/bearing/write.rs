@@ -1,4 +1,4 @@
-//! The description of a bearing with what was found.
+//! The description of a bearing with the effects found.
 
 use std::path::Path;
 

@@ -46,7 +46,7 @@ pub struct Encoders {
     pub noise_std: f64,
     /// The larger one of the two encoders' counts [rad].
     pub count: f64,
-    /// What it reads without twist [rad].
+    /// Reading without twist [rad].
     pub zero: f64,
 }
 
@@ -106,7 +106,7 @@ impl DrivenChain {
         (0..motion.rows.len()).flat_map(from).flatten().collect()
     }
 
-    /// The same chain with `play` [rad] in shaft `s`; `plain`: what it carries without.
+    /// The same chain with `play` [rad] in shaft `s`; `plain`: its response without.
     pub fn with_play(&self, s: usize, play: f64, plain: &ShaftResponse) -> Self {
         let mut driven = self.clone();
         driven.play = vec![0.0; plain.torque.len()];

@@ -75,7 +75,7 @@ pub(crate) fn weight(signal: &ResidualSignal) -> f64 {
     (signal.scale / signal.noise_std).powi(2)
 }
 
-/// Slow part of a residual about its mean, in parts of full scale; what is not known is as before.
+/// Slow part of a residual about its mean, in parts of full scale; an unknown value repeats the last.
 fn low_frequency_part(signal: &ResidualSignal, dt_s: f64) -> Vec<f64> {
     let mut slow = low_pass_dct(&forward_filled(&signal.residual), dt_s, HIGHEST_HZ);
     let mean = mean(slow.iter().copied());

@@ -20,7 +20,7 @@ impl Decimator {
             .collect()
     }
 
-    /// Means of what is known; NaN where nothing is.
+    /// Means of the known values; NaN where there are none.
     pub fn means(&self, x: &[f64]) -> Vec<f64> {
         x.chunks_exact(self.every)
             .map(|chunk| {

@@ -36,7 +36,7 @@ const INERTIA: f64 = 0.02;
 /// Part to which the twist between encoders is known.
 const TWIST: f64 = 0.1;
 
-/// Standard deviations from which a description that is off is said to be.
+/// Standard deviations from which an error of the description is reported.
 const OFF: f64 = 2.0;
 
 impl Diagnosable for DrivetrainResiduals {
@@ -186,8 +186,8 @@ impl ResidualModel for DrivetrainResiduals {
 
     /// A zero for each strain and angle, a count by which the carrier's zero may be off, the
     /// reference's zero, an error of the inertia and one of the time in the balance, an error of the
-    /// stiffness in an angle; what is only known roughly; what vibrates at first; and what a fault-free machine leaves
-    /// when it does the same. Zeros, counts and first vibrations differ from recording to recording.
+    /// stiffness in an angle; the uncertain parameters; the initial vibration; and the residual of a
+    /// fault-free machine under the same profile. Zeros, counts and first vibrations differ from recording to recording.
     ///
     /// The zero comes first, and at `DESCRIBED` the inertia of a balance or the twist of an angle.
     fn nuisances(&self, k: usize) -> Vec<Nuisance> {

@@ -174,7 +174,7 @@ pub(crate) fn torques(
                         .iter()
                         .map(|b| source[*b].as_ref().map_or(0.0, |o| o[i]) - absorbed(*b, i))
                         .sum();
-                    // What is lost of the torque carried is a part of the torque itself.
+                    // The loss of the torque carried is a part of the torque itself.
                     let losses: f64 = side.iter().map(|b| lost(*b, i)).sum();
                     let torque = sign * sum;
                     torque / (1.0 + sign * losses * torque.signum())

@@ -9,7 +9,7 @@ use crate::regression::joint_fit::residuals_after;
 /// Blocks that errors are summed over [s].
 const BLOCK_S: f64 = 2.0;
 
-/// Errors of `recordings` without and with what was found.
+/// Errors of `recordings` without and with the effects found.
 ///
 /// Sample by sample the torque is that which explains the gauges best:
 /// `sum(m r / s^2) / sum(m^2 / s^2)`.

@@ -41,10 +41,10 @@ struct NominalResiduals {
 /// The residuals of a simulation of `machine` itself without noise are stored in the signals of
 /// `recordings`. That misses a part of a fault-free recording, because the operating profile is
 /// only estimated from it; the null samples contain this part as well: each simulation with noise is
-/// simulated again from what is read off it, and the difference drawn.
+/// simulated again from the profile estimated from it, and the difference is the sample.
 ///
 /// Where that cannot be simulated, the blocks of the residual itself with
-/// signs at random: its size and colour stay, what it has to do with any
+/// signs at random: its power and colour stay, its correlation with any
 /// signal is lost.
 pub fn null_samples(
     machine: &Machine,

@@ -58,7 +58,7 @@ fn torque_imbalance(recording: &DrivetrainResiduals) -> Option<String> {
     })
 }
 
-/// More than half of the gauges read the opposite of what the torque says.
+/// More than half of the gauges read with the sign opposite to the torque.
 fn sign_error(recording: &DrivetrainResiduals) -> Option<String> {
     let gauges: Vec<&ResidualSignal> = recording
         .residuals

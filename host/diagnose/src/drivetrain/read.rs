@@ -212,9 +212,9 @@ fn isolated_spikes(spikes: &[Vec<usize>]) -> Vec<u64> {
         .collect()
 }
 
-/// Takes off the error that the counts of the index's encoder leave in the
+/// Subtracts the error that the counts of the index's encoder cause in the
 /// carrier angle: the shift on which most maps agree, up to two counts, beyond
-/// what a fault-free machine leaves.
+/// the residuals of a fault-free machine.
 pub(crate) fn remove_carrier_offset(residuals: &mut [ResidualSignal], count: f64) {
     let mut torque_source: Vec<(f64, f64)> = (residuals.iter())
         .filter(|s| s.over_angle())
@@ -245,7 +245,7 @@ fn shift_of_map(signal: &ResidualSignal) -> Option<(f64, f64)> {
     (square > 0.0).then(|| (product / square, square * signal.noise_std.powi(-2)))
 }
 
-/// How each residual changes with what of the chain is known only roughly: the stiffness and the
+/// Change of each residual with the uncertain parameters of the chain: the stiffness and the
 /// damping of the shafts, which decide for how long a vibration stays in step with the simulated
 /// one, gears whose inertia the description has in their neighbours, and the inertias; and what
 /// vibrates at the start.

@@ -1,4 +1,4 @@
-//! Residuals: what was measured less what today's model says, a signal for
+//! Residuals: measurement minus output of today's model, a signal for
 //! each thing that is measured.
 
 use crate::drivetrain::chain_response::ShaftResponse;
@@ -63,7 +63,7 @@ pub struct ResidualSignal {
     pub table: Vec<f64>,
     /// The torque or speed that it answers to.
     pub sensed: Vec<f64>,
-    /// Changes with what of the machine is only known roughly, each by a standard deviation.
+    /// Changes with the uncertain parameters of the machine, each by a standard deviation.
     pub parameter_sensitivities: Vec<Vec<f64>>,
     /// What may vibrate since before the recording, each by a standard deviation.
     pub initial_vibrations: Vec<Vec<f64>>,
@@ -97,7 +97,7 @@ pub enum Regressor {
         body: usize,
         /// Torque, part of nominal.
         u: Vec<f64>,
-        /// Whether what it sets off hangs on how it sticks, and is not predicted.
+        /// Whether the vibration it excites depends on how it sticks, and is not predicted.
         sticks: bool,
     },
     /// An error `u` (rad) of the angle that the encoder on inertia `body` counts.
@@ -106,7 +106,7 @@ pub enum Regressor {
         body: usize,
         /// Error, referred (rad).
         u: Vec<f64>,
-        /// The error about which the maps are taken as straight (rad).
+        /// The error about which the maps are linearised (rad).
         about: Vec<f64>,
     },
     /// Lost motion `u` in parts of the nominal twist of shaft `shaft`.
@@ -291,7 +291,7 @@ fn scaled(u: &[f64], factor: f64) -> Vec<f64> {
     u.iter().map(|u| u * factor).collect()
 }
 
-/// Second derivative as the balance takes it: of moving means, over their width.
+/// Second derivative as in the balance: of moving means, over their width.
 fn second_difference(u: &[f64], width: usize, dt_s: f64) -> Vec<f64> {
     let mean = crate::smoothing::moving_mean(u, width);
     let last = u.len().saturating_sub(1);

@@ -11,7 +11,7 @@ const APART: f64 = 0.5;
 /// How one torsional chain answers to a torque that its model lacks.
 #[derive(Clone, Debug)]
 pub struct Response {
-    /// The chain and what is known to act on it.
+    /// The chain and the torques known to act on it.
     pub driven: DrivenChain,
     /// What its shafts do then, as described.
     pub carried: ShaftResponse,
@@ -180,7 +180,7 @@ impl Signals {
             .collect()
     }
 
-    /// `carried` with what is fast of its torques alone.
+    /// `carried` with the fast part of its torques alone.
     pub fn high_passed(&self, mut carried: ShaftResponse) -> ShaftResponse {
         for torque in &mut carried.torque {
             *torque = self.fast(torque);
@@ -242,7 +242,7 @@ impl Signals {
                 }
                 *slot = sum;
             }
-            // Rigid motion is measured and not predicted: it is taken off.
+            // Rigid motion is measured and not predicted: it is subtracted.
             let first = states - bodies;
             let mean: f64 = (0..bodies)
                 .map(|i| r.bodies[i].0 / total * next[first + i])

@@ -1,4 +1,4 @@
-//! The machine description with what was found, as far as the estimator has a
+//! The machine description with the effects found, as far as the estimator has a
 //! place for it: zeros, maps, response, creep, temperature rise, friction, gears, encoders.
 
 use std::path::Path;

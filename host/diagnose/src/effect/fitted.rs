@@ -28,7 +28,7 @@ pub struct FittedEffect<S: ResidualModel> {
 }
 
 impl<S: ResidualModel> FittedEffect<S> {
-    /// Whether the data leave open what it is, or where.
+    /// Whether the data do not determine the effect or its location.
     pub fn is_ambiguous(&self) -> bool {
         !(self.equivalent_locations.is_empty() && self.indistinguishable_from.is_empty())
     }

@@ -32,7 +32,7 @@ pub struct NonlinearParameter {
     pub unit: &'static str,
     /// Smallest and largest value.
     pub bounds: (f64, f64),
-    /// First step of its refinement; 0 for one that only takes the values of
+    /// First step of its refinement; 0 for one that only has the values of
     /// the grid.
     pub step: f64,
     /// Whether the step is a factor (of e).
@@ -156,13 +156,13 @@ pub trait Effect<S: ResidualModel>: Sync {
         0.0
     }
 
-    /// Takes its parameters into the description, so that the estimator runs it; false where that
+    /// Writes its parameters into the description, so that the estimator runs it; false where that
     /// has no place for it.
     fn apply_to(&self, _shape: &[f64], _parameters: &[f64], _place: &mut S::Target) -> bool {
         false
     }
 
-    /// The same, into what is not one channel's.
+    /// The same, for parts of the description that belong to no single channel.
     fn apply_to_machine(
         &self,
         _: &S,

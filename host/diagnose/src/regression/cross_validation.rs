@@ -45,7 +45,7 @@ pub(crate) struct SignalData {
     variance: f64,
 }
 
-/// What is in the model already: nuisances and accepted effects.
+/// The terms already in the model: nuisances and accepted effects.
 #[derive(Clone)]
 pub struct BaseModel {
     pub(crate) columns: Vec<Vec<PriorColumn>>,
@@ -122,7 +122,7 @@ impl RegressionData {
         self.signals[k].count / self.signals[k].samples_per_independent
     }
 
-    /// Squares that evidence `gain` in signal `k` explains, over the mean square that it leaves.
+    /// Squares that evidence `gain` in signal `k` explains, over the mean square of its residual.
     pub fn explained_sum_of_squares(&self, k: usize, gain: f64) -> f64 {
         let n = self.effective_samples(k);
         n * (2.0 * gain / n).exp_m1()
@@ -147,7 +147,7 @@ impl RegressionData {
         }
     }
 
-    /// Mean square of what `base` leaves of each null sample, on blocks that were left out:
+    /// Mean square of the residual of `base` on each null sample, in hold-out blocks:
     /// `[signal][null_sample]`.
     pub(crate) fn null_mean_squares(&self, base: &BaseModel) -> Vec<Vec<f64>> {
         let per_sample = |(fitted, signal): (&CrossValidated, &SignalData)| {

@@ -1,4 +1,4 @@
-//! What is in the model, and what an effect would add, as columns.
+//! Columns of the model, and those that an effect would add.
 
 use std::mem::take;
 
@@ -8,7 +8,7 @@ use crate::regression::cross_validation::PriorColumn;
 use crate::residual_model::Columns;
 use crate::residual_model::{Nuisance, ResidualModel};
 
-/// Times that an effect which is not linear is taken about what its fit says.
+/// Linearisations of a nonlinear effect about its fitted parameters.
 pub(crate) const GAUSS_NEWTON_STEPS: usize = 4;
 
 pub(crate) fn concatenate<S>(recordings: &[S], of: impl Fn(&S) -> Vec<f64>) -> Vec<f64> {
@@ -225,7 +225,7 @@ pub(crate) fn with_residuals<S: ResidualModel>(
     left
 }
 
-/// Columns of an effect over all recordings, taken as linear about `parameters`
+/// Columns of an effect over all recordings, linearised about `parameters`
 /// (`[signal]`): `[parameter][signal]`.
 pub(crate) fn columns<S: ResidualModel>(
     recordings: &[S],

@@ -116,7 +116,7 @@ struct Normal {
     eliminated: SchurComplement,
     /// Place of each shared column among all shared parameters.
     places: Vec<usize>,
-    /// Weight of what it says of them.
+    /// Weight of its normal equations.
     weight: f64,
 }
 

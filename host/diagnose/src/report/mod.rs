@@ -1,4 +1,4 @@
-//! What is shown of a diagnosis: JSON and page.
+//! The report of a diagnosis: JSON and page.
 
 pub mod json;
 pub mod page;

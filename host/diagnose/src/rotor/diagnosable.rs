@@ -164,7 +164,7 @@ impl ResidualModel for RotorResiduals {
         1.0
     }
 
-    /// What a fault-free machine leaves when it does the same.
+    /// Residuals of a fault-free machine under the same profile.
     fn nuisances(&self, k: usize) -> Vec<Nuisance> {
         let mut column = self.residuals[k].fault_free.clone();
         column.resize(self.t.len(), 0.0);

@@ -15,7 +15,7 @@ use loadtwin_replay::Samples;
 /// Samples that are tested, from the start of a recording.
 const MOST: usize = 60_000;
 
-/// Half of the time over which angle and speed are taken from counts [s].
+/// Half of the time over which angle and speed are computed from counts [s].
 const SPAN_S: f64 = 0.1;
 
 /// Shortest recording that is tested, in turns.

@@ -1,4 +1,4 @@
-//! What is known only roughly of a rotor.
+//! Parameters of a rotor that are known only within a tolerance.
 
 use loadtwin_machine::Rotor;
 

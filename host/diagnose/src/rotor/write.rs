@@ -1,4 +1,4 @@
-//! The description of a rotor with what was found.
+//! The description of a rotor with the effects found.
 
 use std::path::Path;
 

@@ -95,7 +95,7 @@ fn explains_more<S: ResidualModel>(
     beyond > 2.0 * best.effect.model_error(recording).powi(2) * explained
 }
 
-/// Whether `other` explains nothing of a residual of which `best` explains more than it leaves.
+/// Whether `other` explains nothing of a residual of which `best` explains more than half.
 fn ignores_residual<S: ResidualModel>(
     data: &RegressionData,
     best: &RankedCandidate<S>,

@@ -104,7 +104,7 @@ fn left_by<S: ResidualModel>(
 ) -> (Vec<f64>, Vec<Vec<f64>>) {
     let none = vec![Vec::new(); recording.residuals().len()];
     let one = subtract_effects(std::slice::from_ref(recording), found, &none);
-    // Taken off already: of these only what goes with them.
+    // Subtracted already: only their own nuisances remain.
     let mut subtracted = found.to_vec();
     for f in &mut subtracted {
         f.parameters.clone_from(&none);
@@ -117,7 +117,7 @@ fn left_by<S: ResidualModel>(
     )
 }
 
-/// Mean square, about the mean, of what is known.
+/// Mean square about the mean of the known values.
 fn square(values: &[f64]) -> f64 {
     let known = values.iter().filter(|v| v.is_finite());
     let n = known.clone().count().max(1) as f64;

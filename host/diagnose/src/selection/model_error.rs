@@ -119,8 +119,8 @@ impl<'a, S: ResidualModel> ModelErrors<'a, S> {
     /// Squared relative model error of each effect found, where
     /// they explain `explained[signal][effect]` beside `candidate`.
     ///
-    /// An effect with per-signal parameters has one model in all gauges, so that it leaves no more than
-    /// what there is beside it: the gauge with the least relative residual bounds the others.
+    /// An effect with per-signal parameters has one model in all gauges, so that its relative
+    /// residual is similar in all: the gauge with the least relative residual bounds the others.
     /// A free signal is exempt: it follows the gauge that shows it best. So is a
     /// free candidate, which may absorb the model error of one gauge only.
     fn model_errors(
@@ -201,7 +201,7 @@ fn clears_excess(excess: f64, explained: f64) -> bool {
         && remaining_excess(excess, explained) < CLEARED_RATIO * excess + MEAN_SQUARE_TOLERANCE
 }
 
-/// In which octaves what an effect predicts of each signal lies; empty where it does not act.
+/// Octaves of the prediction of an effect for each signal; empty where it does not act.
 fn spectra<S: ResidualModel>(
     recordings: &[S],
     effect: &dyn Effect<S>,

@@ -1,4 +1,4 @@
-//! The shape of an effect: what it does not enter the residuals linearly with.
+//! Search of the nonlinear parameters of an effect.
 
 use crate::effect::Effect;
 use crate::regression::cross_validation::{BaseModel, RegressionData};

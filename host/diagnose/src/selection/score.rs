@@ -1,4 +1,4 @@
-//! A candidate beside what is in the model already: its evidence, and its parameters.
+//! A candidate beside the terms already in the model: its evidence, and its parameters.
 
 use crate::effect::{Effect, Scope};
 use crate::regression::cross_validation::{BaseModel, RegressionData};
@@ -31,7 +31,7 @@ pub struct CandidateScore {
     pub overdispersion: Vec<f64>,
 }
 
-/// A candidate with what it is tried beside.
+/// A candidate with the terms that it is tried beside.
 pub(crate) struct Candidate<'a, S: ResidualModel> {
     pub base: &'a BaseModel,
     pub effect: &'a dyn Effect<S>,
@@ -93,7 +93,7 @@ impl RegressionData {
         }
     }
 
-    /// What the `sums` of each signal say of what was tried.
+    /// The fit of the trial to the `sums` of each signal.
     fn score_candidate<S: ResidualModel>(
         &self,
         &Candidate {

@@ -243,7 +243,7 @@ fn drop_absorbers<S: ResidualModel>(
     }
 }
 
-/// What is in the model with all of `found` but that at `i`, and how well that does beside it.
+/// The model with all of `found` but that at `i`, and the score of that one beside it.
 fn score_given_others<S: ResidualModel>(
     data: &RegressionData,
     recordings: &[S],

@@ -66,7 +66,7 @@ const ONE: loadtwin_machine::Friction = loadtwin_machine::Friction {
     ..NONE
 };
 
-/// All of what is carried.
+/// All of the torque carried.
 const ALL: loadtwin_machine::Friction = loadtwin_machine::Friction {
     load_part: 1.0,
     ..NONE
@@ -138,7 +138,7 @@ pub const VISCOUS: Friction = Friction {
     law: Law::Drag,
 };
 
-/// `a |level| sign(w)`: what a mesh loses of what it carries.
+/// `a |level| sign(w)`: loss of a mesh in proportion to the torque carried.
 pub const LOAD_DEPENDENT: Friction = Friction {
     info: EffectInfo {
         name: "load-friction",

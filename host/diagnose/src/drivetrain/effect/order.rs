@@ -18,7 +18,7 @@ pub(crate) const AMPLITUDES: &[LinearParameter] = &[
 ];
 
 /// Cosine and sine of an order of the carrier angle, as the mean of the raw samples in one has them:
-/// of `n` samples `2 x` apart `sin(n x) / (n sin(x))` is left of a wave.
+/// of `n` samples `2 x` apart `sin(n x) / (n sin(x))` remains of a wave.
 pub fn fourier_pair(recording: &DrivetrainResiduals, order: f64) -> [Vec<f64>; 2] {
     let signals = &recording.signals;
     let n = signals.means_of as f64;

@@ -10,7 +10,7 @@ use loadtwin_machine::{MOST_INERTIAS, Machine};
 /// mesh is behind the gear; nothing changes in the balance.
 pub struct Resonance;
 
-/// Part of what a gear of the inertia found does that must be there for it to become part of the chain.
+/// Least part of the response of a gear with the inertia found, for it to become part of the chain.
 const LEAST: f64 = 0.5;
 
 const INFO: EffectInfo = EffectInfo {

@@ -29,7 +29,7 @@ impl Effect<RotorResiduals> for SensorBias {
     fn regressors(&self, recording: &RotorResiduals, _: &[f64]) -> Vec<SignalSet> {
         vec![recording.each(|_, _| 1.0)]
     }
-    /// A constant; but it may settle: a tenth of it, over half a recording, leaves so much.
+    /// A constant; but it may settle: a tenth of it, over half a recording, has this residual.
     fn model_error(&self, _: &RotorResiduals) -> f64 {
         0.03
     }

@@ -26,7 +26,7 @@ pub const RUNOUT: SurfaceHarmonics = SurfaceHarmonics {
     first: 1,
 };
 
-/// Two and three times a turn: what a surface has beside it, and no unbalance does.
+/// Two and three times a revolution: further waves of a surface, which no unbalance makes.
 pub const SURFACE_LOBES: SurfaceHarmonics = SurfaceHarmonics {
     info: EffectInfo {
         name: "surface-lobes",
