@@ -48,7 +48,7 @@ pub trait Bus {
     /// Puts a frame into the queue to the bus.
     ///
     /// # Errors
-    /// Why it was not taken.
+    /// Reason of the rejection.
     fn send(&mut self, frame: &CanAnyFrame) -> Result<(), BusError>;
 
     /// Asks a controller that is bus-off to come back.
@@ -141,7 +141,7 @@ impl<B: Bus> Link<B> {
         }
     }
 
-    /// What was met so far.
+    /// Faults so far.
     pub fn counts(&self) -> LinkCounts {
         self.counts
     }

@@ -123,7 +123,7 @@ struct Expected {
     frame: Frame,
 }
 
-/// What is known of one identifier.
+/// State of one identifier.
 #[derive(Default)]
 struct Channel {
     expected: VecDeque<Expected>,

@@ -118,7 +118,7 @@ const LINES: usize = 8 << 10;
 /// Longest time for which a frame stays in memory.
 const LONGEST_US: u64 = 1_000_000;
 
-/// What is written as the log of a bus.
+/// Content type of the log of a bus.
 pub const LOG: Content = Content {
     noun: "log of a bus",
     suffixes: &["log", "candump", "txt"],
@@ -139,7 +139,7 @@ impl LogWriter {
     /// Creates the log of `interface`.
     ///
     /// # Errors
-    /// When the file cannot be created, or is there: a log cannot be taken again.
+    /// When the file cannot be created, or is there: a log cannot be recorded again.
     pub fn create(path: &Path, interface: &str) -> Result<Self, CanError> {
         let file = File::create_new(path).map_err(|source| CanError::File {
             path: path.into(),

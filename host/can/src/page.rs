@@ -139,7 +139,7 @@ impl Page {
         self.status = status;
     }
 
-    /// Shows what the comparison says.
+    /// Shows the verdict of the comparison.
     pub fn verdict(&mut self, verdict: Verdict) {
         self.verdict = Some(verdict);
     }

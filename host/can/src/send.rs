@@ -33,7 +33,7 @@ pub struct SendArgs {
     pub lockstep: Option<u32>,
 }
 
-/// What was sent.
+/// Summary of the samples sent.
 #[derive(Clone, Debug, Serialize)]
 pub struct SendSummary {
     /// Samples whose frames all went out.

@@ -45,7 +45,7 @@ pub struct ProveArgs {
 /// What a twin found.
 #[derive(Clone, Debug, Serialize)]
 pub struct TwinSummary {
-    /// What it amounts to.
+    /// The verdict.
     pub verdict: Verdict,
     /// Name of the model used here.
     pub model: u32,
@@ -100,7 +100,7 @@ pub fn run<B: Bus>(
     Ok(summary)
 }
 
-/// Compares a log taken earlier.
+/// Compares a log recorded earlier.
 ///
 /// # Errors
 /// When the model is refused, or the log cannot be read or has no frame.

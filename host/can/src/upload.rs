@@ -14,7 +14,7 @@ use crate::image::upload::{Next, Uploader};
 /// Longest wait for an answer before the state machine is asked again.
 const PATIENCE: Duration = Duration::from_millis(20);
 
-/// What was uploaded.
+/// Summary of an upload.
 #[derive(Clone, Debug, Serialize)]
 pub struct UploadSummary {
     /// Bytes of the image.

@@ -70,7 +70,7 @@ pub enum BuildError {
          another rate, or fewer rotor.reduction.modes"
     )]
     Sampled,
-    /// The sensors do not see what is to be estimated.
+    /// The sensors do not observe a state that is to be estimated.
     #[error("no steady filter exists with these sensors: a load or a mode is not observed")]
     NotObserved,
     /// There are more sensors than one sample can carry.

@@ -1,4 +1,4 @@
-//! What the benchmark draws: machines, effects, profiles, seeds.
+//! Random cases of the benchmark: machines, effects, profiles, seeds.
 
 use std::error::Error;
 use std::path::Path;
@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::outside::{Change, OUTSIDE};
 
-/// Effects of the simulated plant that the library has a form for; the two
+/// Effects of the simulated plant that the library has a candidate for; the two
 /// share no code.
 const EFFECTS: [&str; 24] = [
     "backlash",

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::cases::DURATION_S;
 
-/// Names of what is outside the library; the first one is the simulation's own.
+/// Names of the effects outside the library; the first one is the simulation's own.
 pub const OUTSIDE: [&str; 4] = [
     "bursts",
     "slipping-coupling",
@@ -15,7 +15,7 @@ pub const OUTSIDE: [&str; 4] = [
     "interference",
 ];
 
-/// What is done to a recording.
+/// Change of a recording.
 #[derive(Clone, Copy)]
 enum Act {
     /// The encoder loses counts at each of the moments.

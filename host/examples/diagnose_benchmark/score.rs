@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::cases::{Kind, STRONG};
 use crate::rate::Rate;
 
-/// One recording, what it held and what was said of it.
+/// One recording, its true effects and its diagnosis.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
     pub number: usize,
@@ -28,7 +28,7 @@ pub struct Row {
     pub open: String,
     /// Error on the unseen recording as described [% of nominal].
     pub before: Option<f64>,
-    /// The same with what was said.
+    /// The same with the effects reported.
     pub after: Option<f64>,
     /// The same with the true effect, where it is one of the library.
     pub given: Option<f64>,
@@ -62,7 +62,7 @@ impl Row {
         every && left.is_empty()
     }
 
-    /// What was said first: an effect, or the verdict itself.
+    /// The first result: an effect, or the verdict itself.
     fn first(&self) -> &str {
         self.names().first().copied().unwrap_or(&self.verdict)
     }
@@ -75,7 +75,7 @@ impl Row {
     }
 }
 
-/// How often what was there was named.
+/// Counts of true effects that were named.
 #[derive(Default)]
 pub struct Named {
     /// Of all.

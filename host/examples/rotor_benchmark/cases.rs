@@ -1,4 +1,4 @@
-//! Rotors and recordings that are drawn, and what `diagnose` says of them.
+//! Random rotors and recordings, and their diagnoses.
 
 use std::error::Error;
 use std::path::Path;
@@ -29,7 +29,7 @@ const DURATION_S: f64 = 8.0;
 /// Samples a second.
 const RATE_HZ: f64 = 1000.0;
 
-/// What is asked of a case.
+/// Expected result of a case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Asked {
     /// The effect is named, and no other.

@@ -1,4 +1,4 @@
-//! What is fitted to recordings: gauge sensitivities ([`calibrate`]) and noise ([`tune`],
+//! Fits to recordings: gauge sensitivities ([`calibrate`]) and noise ([`tune`],
 //! [`rotor_tune`]).
 #![forbid(unsafe_code)]
 #![cfg_attr(

@@ -1,4 +1,4 @@
-//! What is wrong with a machine description, and where.
+//! Errors of a machine description, with their places.
 
 use std::path::{Path, PathBuf};
 

@@ -63,7 +63,7 @@ impl Friction {
             .collect()
     }
 
-    /// What of a torque carried is lost at each of `speeds`, signed: the rest is
+    /// Part of a torque carried that is lost at each of `speeds`, signed: the remainder is
     /// [`Friction::course`] under no torque.
     pub fn losses(
         &self,

@@ -1,5 +1,5 @@
 //! The rotor that recordings are made of: finer elements, many modes, and the
-//! stiffness that the rest of them adds.
+//! stiffness that the others add.
 
 use std::f64::consts::TAU;
 

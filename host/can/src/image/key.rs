@@ -20,7 +20,7 @@ use thiserror::Error;
 /// Largest file of a key [bytes]; one has 120.
 const LARGEST_KEY: u64 = 1 << 20;
 
-/// What is written as a key.
+/// Content type of a key file.
 pub const KEY: Content = Content {
     noun: "key",
     suffixes: &["pem", "key", "pub", "page"],

@@ -16,7 +16,7 @@ use loadtwin_machine::MachineError;
 /// Coefficients of a gauge's local strain by row, harmonic and feature: real and imaginary part.
 pub type Local = [[[[f64; 2]; FEATURES]; HARMONICS]; ROWS];
 
-/// What was fitted to recordings with known loads.
+/// Coefficients fitted to recordings with known loads.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
@@ -92,7 +92,7 @@ pub const CALIBRATION: Content = Content {
 };
 
 impl Calibration {
-    /// What is assumed before a bearing was calibrated: local strain in phase
+    /// Initial values before a bearing was calibrated: local strain in phase
     /// with the balls, no bulk strain.
     pub fn guess(gauges: usize) -> Self {
         let mut local = Local::default();

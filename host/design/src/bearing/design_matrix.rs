@@ -135,7 +135,7 @@ pub fn rows(
     }
 }
 
-/// Weight of row `k`: the mean strain is modelled less well than the rest.
+/// Weight of row `k`: the mean strain is modelled less well than the others.
 pub fn weight(known: &CalibrationBlock, noise: f64, k: usize) -> f64 {
     if k == 0 {
         let n = f64::from(known.block.count);

@@ -18,10 +18,10 @@ use crate::error::BuildError;
 const SEGMENTS: usize = 40;
 /// As [`ERROR_CORRELATION_FACTOR`], of the errors that stay where there is no strain.
 const ERROR_CORRELATION_FACTOR_AT_REST: f64 = 2.0;
-/// Smallest noise of a gauge that is believed [um/m].
+/// Lower bound of a gauge's noise [um/m].
 const LEAST_NOISE: f64 = 0.5;
 
-/// Fits the answers of all gauges to what was followed.
+/// Fits the responses of all gauges to the blocks that were followed.
 pub fn fit_gauges(
     rig: &Rig<'_>,
     known: &[CalibrationBlock],
@@ -61,7 +61,7 @@ fn described_noise(rig: &Rig<'_>, g: usize) -> f64 {
     1e6 * (channel.to_si(channel.noise_std).powi(2) + step * step / 12.0).sqrt()
 }
 
-/// What a fit leaves of a gauge's strain.
+/// Residuals of a fit to a gauge's strain.
 struct Left {
     /// Standard deviation of the bulk strain [um/m].
     bulk: f64,

@@ -23,11 +23,11 @@ const DIFFERENCE: f64 = 0.2;
 
 type Parameters = [f64; PARAMETERS];
 
-/// Fits what the bearing differs in from its description.
+/// Fits the deviations of the bearing from its description.
 ///
-/// Minimises `sum_g rows_g ln(left_g / rows_g) / ERROR_CORRELATION_FACTOR^2 + |p|^2`, `left_g` the sum of
-/// squares that the linear fit of gauge g leaves, `p` the parameters in units of what is
-/// expected of them, by Gauss and Newton on all coefficients and parameters at once.
+/// Minimises `sum_g rows_g ln(left_g / rows_g) / ERROR_CORRELATION_FACTOR^2 + |p|^2`, `left_g` the residual
+/// sum of squares of the linear fit of gauge g, `p` the parameters in units of their prior standard
+/// deviations, by Gauss-Newton steps on all coefficients and parameters at once.
 pub fn refine(
     rig: &Rig<'_>,
     known: &[CalibrationBlock],

@@ -8,17 +8,17 @@ use crate::bearing::phase_tracking::CalibrationBlock;
 use crate::bearing::rig_fit::Rig;
 use crate::error::BuildError;
 
-/// What a calibration says of a block, given its loads and phases.
+/// Prediction of a calibration for a block, given its loads and phases.
 #[derive(Clone, Debug)]
 pub struct Prediction {
     /// Strain of each gauge as independent readings, the mean first, then what goes with the
-    /// balls [um/m]; 0 where a reading says nothing.
+    /// balls [um/m]; 0 where a reading is missing.
     pub strain: [[f64; BASIS]; GAUGES],
     /// Rate of ball passing of each row over that at the unloaded contact angle.
     pub pace: [f64; ROWS],
 }
 
-/// What `calibration` says of each block.
+/// Predictions of `calibration` for each block.
 ///
 /// # Errors
 /// When the description does not make a model.

@@ -2,10 +2,10 @@
 //!
 //! The filter itself follows the phases with the loads given; for given phases and
 //! contacts, the answer of a gauge is linear in its coefficients, so that their fit is
-//! one linear least-squares problem. What the bearing differs in from its description follows from
-//! what that leaves.
+//! one linear least-squares problem. The deviations of the bearing from its description follow from
+//! the residual of that fit.
 //!
-//! Source: Kerst et al. 2019, section VI-D, in another form.
+//! Source: Kerst et al. 2019, section VI-D, modified.
 
 use loadtwin_common::bearing::{GAUGES, LOADS};
 use loadtwin_common::io::raw::RawSample;
@@ -91,7 +91,7 @@ pub fn fit(
     Ok((calibration, known))
 }
 
-/// Mean and covariance of the loads: what is expected of them where readings say little.
+/// Prior mean and covariance of the loads, for times at which readings contain little information.
 fn expect(samples: &[RigSample], calibration: &mut Calibration) {
     let known = || {
         (samples.iter().map(|sample| &sample.1))

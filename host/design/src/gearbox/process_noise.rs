@@ -5,15 +5,15 @@ use faer::Mat;
 use crate::gearbox::torsion::Torsion;
 use loadtwin_machine::Drivetrain;
 
-/// Standard deviation of each state's step that is left when all parameters
-/// are known, relative to the state's nominal size: rounding and the like.
+/// Standard deviation of each state's step with all parameters known, relative
+/// to the state's nominal size: rounding and the like.
 const FLOOR: f64 = 1e-6;
 
 /// Q over one step of `dt_s`, for the mechanical states in SI units.
 ///
 /// `Q = 1/n sum_points sum_p w_p w_p'`, `w_p = (F(p + s_p) - F(p)) x`: each
 /// parameter is moved by one standard deviation `s_p = relative_std p`, and
-/// the change of one step is taken as the process error that it causes, to
+/// the change of one step is the process error that it causes, to
 /// first order, at operating points with the loads in balance and with each
 /// load alone.
 ///

@@ -1,4 +1,4 @@
-//! What sensors read of a rotor that forces of known form turn with, at a speed that varies.
+//! Readings of a rotor under synchronous forces with known regressors, at a varying speed.
 
 use std::ops::Range;
 
@@ -17,8 +17,8 @@ const MODES: usize = 8;
 /// Speeds at which a motion is discretised where the speed varies.
 const SPEEDS: usize = 33;
 
-/// Angular acceleration, as a part of the highest speed squared, whose stiffness is nothing beside
-/// what inertia does.
+/// Angular acceleration, as a part of the highest speed squared, whose stiffness is negligible
+/// beside inertia.
 const STEADY: f64 = 1e-4;
 
 /// `A` and `B` over a sample.

@@ -37,8 +37,8 @@ pub(crate) struct Coordinates {
 ///
 /// `C` and `K` have the eigenvalues of the whole rotor, `B` its steady motion. Displacements of all degrees of
 /// freedom are `q = Y (z, z') + N f`: exact under forces that stay or turn with the shaft, and
-/// in free motion of the eigenpairs kept. What other modes do is taken as what the forces make
-/// of them in the long run (residual flexibility).
+/// in free motion of the eigenpairs kept. Other modes are replaced by their stationary response to
+/// the forces (residual flexibility).
 ///
 /// Source: Craig, Kurdila, Fundamentals of Structural Dynamics (2006), section 11.4,
 /// mode acceleration; Rezende et al. 2023, eq. (1), (16).
@@ -50,7 +50,7 @@ pub(crate) struct ModalModel {
     pub least_damped: c64,
     /// `K`.
     pub stiffness: Mat<f64>,
-    /// `C`, with what gyroscopic terms do.
+    /// `C`, with gyroscopic terms.
     pub damping: Mat<f64>,
     /// `B`, kept x forces.
     pub input: Mat<f64>,
@@ -121,8 +121,8 @@ pub(crate) struct Ports<'a> {
 
 /// The rotor at each of `speeds` [rad/s], and then at `speed_rad_s`, in `count` eigenpairs.
 ///
-/// At `speed_rad_s` they are those that a start under the forces leaves most of; from speed to
-/// speed those that have most of the last one's.
+/// At `speed_rad_s` they are those that a start under the forces excites most; from speed to
+/// speed those closest to the last ones.
 ///
 /// # Errors
 /// [`RotorError`] where the rotor is not held, or is undamped at its critical speed.

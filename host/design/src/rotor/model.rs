@@ -130,7 +130,7 @@ impl RotorModel {
     /// change has `speed G q'` and `speed' G q` across the shaft. Torque in the shaft, `T t`,
     /// balances the second but for `T dt/ds`; where both planes bend by a shape `f` that is
     /// `integral T f f' ds = [T f^2] / 2 - integral T' f^2 / 2` with `T' = I_p speed'`: half of
-    /// `speed' G` is left. `[T f^2] / 2` at the end that is driven comes to it where the torque
+    /// `speed' G` remains. `[T f^2] / 2` at the end that is driven comes to it where the torque
     /// stays along the axis of the bearings, is taken from it where it turns with the shaft, and
     /// is not there where a joint shares its bend between both (a semitangential torque, the
     /// Lagrangian `speed (q' . G q) / 2`).

@@ -106,7 +106,7 @@ pub fn swapped(gauges: &[(&Moments, &[f64])]) -> Vec<(usize, usize)> {
         .collect()
 }
 
-/// Part of the variance of the readings that `map` leaves, whatever the offset.
+/// Part of the variance of the readings that `map` does not explain, for the best offset.
 fn unexplained(bins: &[Sums], map: &[f64]) -> f64 {
     let (mut n, mut error, mut square, mut y, mut yy) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for (bin, m) in bins.iter().zip(map) {

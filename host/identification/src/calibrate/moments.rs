@@ -58,7 +58,7 @@ pub struct Moments {
     run: u32,
     last: f64,
     missing: u64,
-    /// Taken off every reading, so that squares do not cancel.
+    /// Subtracted from every reading, so that squares do not cancel.
     origin: f64,
 }
 
@@ -117,7 +117,7 @@ impl Moments {
         self.missing
     }
 
-    /// What was taken off every reading; offsets of fits are relative to it.
+    /// Constant subtracted from every reading; offsets of fits are relative to it.
     pub fn origin(&self) -> f64 {
         if self.origin.is_nan() {
             0.0

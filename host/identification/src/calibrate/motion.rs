@@ -179,7 +179,7 @@ impl Motion {
         }
     }
 
-    /// Takes off the twist between carrier and encoder, as the estimator does.
+    /// Subtracts the twist between carrier and encoder, as the estimator does.
     fn refer_to_carrier(&mut self, machine: &Machine, drivetrain: &Drivetrain, inertia: &str) {
         let torsion = Torsion::new(drivetrain);
         let row = torsion.angle_row(inertia);
@@ -243,7 +243,7 @@ impl Motion {
     /// what no reference of the recording measures.
     ///
     /// The torque of a shaft follows from the loads on one side of it, less
-    /// what accelerates the inertias there and what their friction takes:
+    /// the inertial torque there and the friction torque:
     /// `tau_i = sum_(m <= i) (loads_m - J_m dw/dt - c_m w - friction_m)`, or from the other side. The
     /// train counts as rigid: this holds while the loads change slowly against
     /// its lowest torsional mode.
@@ -295,7 +295,7 @@ impl Motion {
         let lost =
             side.moment * self.acceleration[i] + side.drag * self.speed[i] + side.dry_friction[i];
         let torque = side.sign * (driven - lost);
-        // What is lost of the torque carried is a part of the torque itself.
+        // The loss of the torque carried is a part of the torque itself.
         torque / (1.0 + side.sign * side.losses[i] * torque.signum())
     }
 }

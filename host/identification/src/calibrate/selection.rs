@@ -14,7 +14,7 @@ pub struct Candidate {
 }
 
 /// The number of the front on which each candidate lies, 0 for the Pareto front
-/// of high response and low error, 1 for that of the rest, and so on.
+/// of high response and low error, 1 for that of the others, and so on.
 ///
 /// Source: Bosmans et al. 2023, section 6.1.
 pub fn fronts(candidates: &[Candidate]) -> Vec<usize> {

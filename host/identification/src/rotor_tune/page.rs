@@ -4,7 +4,7 @@ use crate::rotor_tune::{Choice, Evaluation};
 use loadtwin_machine::Machine;
 use loadtwin_report::{Report, Table};
 
-/// The report on what each method chose, and on what it comes to on `recording`.
+/// The report on the noise chosen by each method, and its evaluation on `recording`.
 pub fn page(machine: &Machine, choices: &[(Choice, Evaluation)], recording: &str) -> Report {
     Report {
         title: format!("Tuning of {}", machine.name),

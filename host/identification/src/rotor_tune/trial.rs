@@ -31,7 +31,7 @@ pub struct Trial<'a> {
     recordings: Vec<Vec<RawSample>>,
 }
 
-/// What a trial said of a noise.
+/// Objectives of a trial with one noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {
     /// `1/2 (ln S + nu^2 / S)`, summed over the sensors, mean over samples: the negative

@@ -56,7 +56,7 @@ pub struct Trial<'a> {
     skip: usize,
 }
 
-/// What a trial said of a load noise; each is a mean over samples.
+/// Objectives of a trial with one load noise; each is a mean over samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Outcome {
     /// `1/2 (ln S + nu^2 / S)`, summed over the sensors: the negative logarithm of

@@ -1,4 +1,4 @@
-//! What an error that was measured says of the error on other recordings.
+//! Prediction of the error on other recordings from a measured error.
 
 use special::Beta;
 
@@ -8,17 +8,17 @@ pub(super) const APART: usize = 3;
 /// Probability of a value outside the interval.
 const OUTSIDE: f64 = 0.05;
 
-/// What a normal variable is beyond, on either side, in 5 of 100 cases.
+/// Two-sided 5 % quantile of the normal distribution.
 const NORMAL: f64 = 1.959_964;
 
-/// What a stretch of a recording adds to an error.
+/// Contribution of a stretch of a recording to an error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stretch {
     /// In which recording it is; those of one recording follow each other.
     pub recording: usize,
     /// Sum of errors, or of their squares, >= 0.
     pub error: f64,
-    /// What the sum is in parts of, such as a number of values, > 0.
+    /// Denominator of the sum, such as a number of values, > 0.
     pub size: f64,
 }
 

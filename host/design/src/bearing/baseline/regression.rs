@@ -48,7 +48,7 @@ impl Regression {
     /// Fits `beta` to known loads by least squares.
     ///
     /// Without an intercept the offset has to supply it, so that it is fitted along: `beta` is
-    /// linear for each offset, which descends by Gauss and Newton on what that leaves.
+    /// linear for each offset, which is found by Gauss-Newton steps on the residual.
     pub(crate) fn fit(rig: &Rig<'_>, samples: &[RigSample]) -> Result<Self, BuildError> {
         Ok(Self::descend(&rows(rig, samples)?))
     }
