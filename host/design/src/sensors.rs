@@ -13,7 +13,7 @@ use loadtwin_machine::{Auxiliary, Channel, Encoder, Machine, SensorSet};
 pub struct Sensors {
     /// Name of the set.
     pub name: String,
-    /// Analogue channels; last the thermometer, where a gauge answers to warmth.
+    /// Analogue channels; last the thermometer, where a gauge responds to temperature.
     pub channels: Vec<Channel>,
     /// Counting encoders.
     pub encoders: Vec<Encoder>,

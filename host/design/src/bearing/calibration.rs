@@ -35,7 +35,7 @@ pub struct Calibration {
     pub baseline: Option<Baseline>,
 }
 
-/// How one gauge answers [um/m / kN], moments over the groove's radius.
+/// Response of one gauge [um/m / kN], moments over the groove's radius.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GaugeResponse {

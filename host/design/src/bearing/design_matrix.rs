@@ -1,4 +1,4 @@
-//! The answer of a gauge as a linear least-squares problem: given phases and contacts, its
+//! The response of a gauge as a linear least-squares problem: given phases and contacts, its
 //! strain is linear in its coefficients.
 
 use faer::linalg::solvers::Solve;

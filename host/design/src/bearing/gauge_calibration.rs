@@ -1,4 +1,4 @@
-//! How the gauges answer, and how sure that is.
+//! Responses of the gauges, with their uncertainty.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -122,7 +122,7 @@ impl Left {
     }
 }
 
-/// Spreads the coefficients over the fields of an answer.
+/// Spreads the coefficients over the fields of a response.
 fn place(
     at: &mut dyn FnMut(usize) -> f64,
     bulk_load: &mut [f64; LOADS],

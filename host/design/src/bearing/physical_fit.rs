@@ -1,4 +1,4 @@
-//! What a bearing differs in from its description, by what the gauges' answers leave.
+//! Deviations of a bearing from its description, by the residual of the gauges' responses.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};

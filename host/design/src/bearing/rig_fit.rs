@@ -1,7 +1,7 @@
 //! Calibration of a bearing on a rig whose loads are known.
 //!
 //! The filter itself follows the phases with the loads given; for given phases and
-//! contacts, the answer of a gauge is linear in its coefficients, so that their fit is
+//! contacts, the response of a gauge is linear in its coefficients, so that their fit is
 //! one linear least-squares problem. The deviations of the bearing from its description follow from
 //! the residual of that fit.
 //!
@@ -24,7 +24,7 @@ const ITERATIONS: usize = 4;
 /// Least part of the blocks that must have been followed in the end, and before.
 const LEAST_FOLLOWED: f64 = 0.5;
 const LEAST_AT_FIRST: f64 = 0.1;
-/// Error of answers that are only guessed, as part of the strain.
+/// Error of responses before their first fit, as part of the strain.
 const INITIAL_MODEL_ERROR: f32 = 0.7;
 /// Errors of the model stay for many blocks, where the filter takes them for new ones
 /// in each: factor by which its error variances are enlarged.
@@ -51,7 +51,7 @@ impl Rig<'_> {
     }
 }
 
-/// Fits the answers of the gauges and the bearing's own parameters to `samples`, with their
+/// Fits the responses of the gauges and the bearing's own parameters to `samples`, with their
 /// uncertainty, and the paper's algorithms.
 ///
 /// # Errors

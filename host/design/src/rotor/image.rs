@@ -165,7 +165,7 @@ impl RotorFilterDesign {
         Ok(tables)
     }
 
-    /// What the filter comes to at one speed, with process noise `q`.
+    /// Steady state of the filter at one speed, with process noise `q`.
     pub(super) fn steady_at(
         &self,
         rotor: &Rotor,
@@ -254,7 +254,7 @@ impl RotorFilterDesign {
     }
 }
 
-/// What the filter comes to with a process noise, as it lies in an image.
+/// Steady states of the filter with one process noise, as stored in an image.
 struct PackedNoise {
     process: Vec<u8>,
     steady: Vec<u8>,
@@ -263,7 +263,7 @@ struct PackedNoise {
     tolerance: f32,
 }
 
-/// What a filter comes to at one speed.
+/// Steady state of a filter at one speed.
 pub(super) struct SteadyState {
     /// Gain of the last sample, then of those before it.
     pub gains: Vec<Mat<f64>>,

@@ -32,7 +32,7 @@ type Loads = SVector<f64, OUT>;
 pub struct Baseline {
     /// The reference algorithm.
     pub regression: Regression,
-    /// How each gauge answers to its contacts in the cascade.
+    /// Response of each gauge to its contacts in the cascade.
     pub strain: Vec<StrainModel>,
 }
 

@@ -9,7 +9,7 @@ use crate::bearing::baseline::{ESTIMATED, Loads, OUT};
 use crate::bearing::rig_fit::{Rig, RigSample};
 use crate::error::BuildError;
 
-/// Cut-off of the low-pass that leaves the bulk strain [Hz].
+/// Cut-off of the low-pass that extracts the bulk strain [Hz].
 const CUTOFF_HZ: f32 = 10.0;
 /// Entries of the deformation vector, eq. (21).
 const ENTRIES: usize = 2 * GAUGES;

@@ -23,10 +23,10 @@ const TURNS: usize = 12;
 /// `c_bp` of eq. (11): cut-off of the high-pass over the frequency of ball passing.
 pub const CUTOFF: f64 = 0.35;
 
-/// How one gauge answers to a contact of either row.
+/// Response of one gauge to a contact of either row.
 ///
 /// `eps = Q eta(alpha) G(phi)`, `eta = sum c_n alpha^n`,
-/// `G = cos phi + Re(a_2 e^(2 i phi))`, as the high-pass of eq. (11) leaves it.
+/// `G = cos phi + Re(a_2 e^(2 i phi))`, after the high-pass of eq. (11).
 ///
 /// Source: Kerst et al. 2019, eq. (1)-(3); `N_h = 2`, `N_p = 3`.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
@@ -59,7 +59,7 @@ impl StrainModel {
 /// Fits each gauge's strain model to blocks with known phases and loads: least squares in
 /// sensitivity and harmonics by turns, each of them linear.
 ///
-/// The bearing is taken as described, as the paper takes it; its gauges have 6 parameters each,
+/// The bearing is as described, as in the paper; its gauges have 6 parameters each,
 /// where the paper lets front and rear share theirs.
 pub fn fit(rig: &Rig<'_>, known: &[CalibrationBlock]) -> Result<Vec<StrainModel>, BuildError> {
     let features = features(rig, known.iter(), &PhysicalParameters::default())?;
