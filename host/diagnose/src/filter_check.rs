@@ -41,7 +41,7 @@ impl Evaluated {
     }
 }
 
-/// What the estimator makes of an improved description.
+/// Check of the estimator with an improved description.
 #[derive(Clone, Debug, Serialize)]
 pub struct FilterCheck {
     /// On which data.

@@ -1,4 +1,4 @@
-//! What the filter of today's model makes of a recording.
+//! Run of the filter of today's model on a recording.
 
 use std::path::Path;
 

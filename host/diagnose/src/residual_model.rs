@@ -96,7 +96,7 @@ pub trait ResidualModel: Clone + Send + Sync + 'static {
     /// Speed of the main shaft, sample by sample [rad/s].
     fn speed(&self) -> &[f64];
 
-    /// Samples of the blocks that are left out: long against the correlation of the noise.
+    /// Samples of the hold-out blocks: long against the correlation of the noise.
     fn block(&self) -> usize;
 
     /// The signals.
@@ -151,7 +151,7 @@ pub trait ResidualModel: Clone + Send + Sync + 'static {
         Vec::new()
     }
 
-    /// What residuals are drawn over, time first.
+    /// Quantities that residuals are plotted over, time first.
     fn covariates(&self) -> Vec<Covariate<'_>>;
 
     /// The shafts whose orders residuals are looked at for, each speed once.

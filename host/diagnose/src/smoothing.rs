@@ -20,7 +20,7 @@ pub fn low_pass_dct(x: &[f64], dt_s: f64, highest_hz: f64) -> Vec<f64> {
     })
 }
 
-/// `x`, sampled every `dt_s`, without the white noise of `noise_std` in it, as far as the signal is above that:
+/// `x`, sampled every `dt_s`, without its white noise of `noise_std`, as far as the signal is above that:
 ///
 /// `1 - n s^2 / S` of each cosine, `S` the mean of its neighbours' squares (Wiener).
 ///

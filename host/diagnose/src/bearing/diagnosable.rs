@@ -26,7 +26,7 @@ use loadtwin_design::build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_replay::recorded;
 
-/// Length of the blocks that are left out [s].
+/// Length of the hold-out blocks [s].
 const BLOCK_S: f64 = 1.5;
 
 /// Time for which the error of a calibration is constant: about as long as the loads are [s].

@@ -136,7 +136,7 @@ impl RecordingContext<'_> {
     }
 
     /// The residual of channel `k`, and which of its samples stand out alone;
-    /// none where what it answers to is not known.
+    /// none where the quantity it responds to is not known.
     pub fn strain(&self, k: usize) -> Result<Option<(ResidualSignal, Vec<usize>)>, MachineError> {
         let (machine, drivetrain) = (self.machine, self.drivetrain);
         let (recorded, thin) = (&self.recorded, &self.thin);
@@ -217,7 +217,7 @@ impl RecordingContext<'_> {
         Ok(Some((signal, spikes)))
     }
 
-    /// What a channel answers to, its shaft, and by how much the speed there differs.
+    /// The quantity that a channel responds to, its shaft, and by how much the speed there differs.
     fn sensed(&self, senses: &Senses) -> Option<(&[f64], Option<usize>, f64)> {
         let drivetrain = self.drivetrain;
         match senses {
@@ -329,7 +329,7 @@ impl RecordingContext<'_> {
         .collect()
     }
 
-    /// A signal that answers to no torque.
+    /// A signal that responds to no torque.
     fn empty_residual(&self, name: String, kind: Kind) -> ResidualSignal {
         let nominal_torque = self.nominal_torque();
         ResidualSignal {

@@ -187,7 +187,8 @@ impl ResidualModel for DrivetrainResiduals {
     /// A zero for each strain and angle, a count by which the carrier's zero may be off, the
     /// reference's zero, an error of the inertia and one of the time in the balance, an error of the
     /// stiffness in an angle; the uncertain parameters; the initial vibration; and the residual of a
-    /// fault-free machine under the same profile. Zeros, counts and first vibrations differ from recording to recording.
+    /// fault-free machine under the same profile. Zeros, counts and initial vibrations differ from
+    /// recording to recording.
     ///
     /// The zero comes first, and at `DESCRIBED` the inertia of a balance or the twist of an angle.
     fn nuisances(&self, k: usize) -> Vec<Nuisance> {

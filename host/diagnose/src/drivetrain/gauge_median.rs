@@ -10,7 +10,7 @@ use loadtwin_machine::{Channel, Drivetrain, Machine, MachineError, Senses, earli
 /// Gauges from which on one that is wrong is outvoted.
 pub(crate) const MIN_GAUGES: usize = 3;
 
-/// A gauge that answers to the torque of a shaft.
+/// A gauge that responds to the torque of a shaft.
 struct GaugeTorque<'a> {
     /// What it read, at the samples where it was so [SI].
     reading: Cow<'a, [f64]>,
@@ -84,7 +84,7 @@ impl<'a> GaugeTorque<'a> {
         })
     }
 
-    /// The torque that a gauge answers to as if it were `bent`: `s (1 + n s) = bent`.
+    /// The torque whose nonlinear response is `bent`: `s (1 + n s) = bent`.
     fn linearise(&self, bent: f64) -> f64 {
         2.0 * bent / (1.0 + (1.0 + 4.0 * self.per_torque * bent).max(0.0).sqrt())
     }

@@ -17,7 +17,8 @@ const TRACKED_S: f64 = 0.02;
 /// Noise of a reference, part of nominal, from which its readings are no torque sample by sample.
 const NOISY: f64 = 2e-4;
 
-/// Each load as its reference measures it, denoised where that is noisy, or by a channel that senses the load itself.
+/// Each load as its reference measures it, denoised where that is noisy, or by a channel that
+/// senses the load itself.
 pub(crate) fn loads(
     machine: &Machine,
     drivetrain: &Drivetrain,

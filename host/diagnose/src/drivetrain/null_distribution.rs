@@ -203,7 +203,7 @@ fn noise_free(
     Ok(fault_free)
 }
 
-/// What `described` makes of a fault-free simulation of `machine` on what `recording` did, by `sensors`.
+/// Residuals by `described` of a fault-free simulation of `machine` under the profile of `recording`.
 fn simulated(
     described: &Machine,
     machine: &Machine,

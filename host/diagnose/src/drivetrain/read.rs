@@ -46,7 +46,8 @@ pub fn read_residuals(
     read_residuals_given(machine, path, TorqueSource::References)
 }
 
-/// As [`read_residuals`], given the torque from `torque_source`, or where that lacks from the gauges or the filter.
+/// As [`read_residuals`], given the torque from `torque_source` or, where that is missing, from the
+/// gauges or the filter.
 pub(crate) fn read_residuals_given(
     machine: &Machine,
     path: &Path,

@@ -20,7 +20,7 @@ pub(crate) struct DrivetrainRecording {
     pub channels: Vec<Vec<f64>>,
     /// Angle of each encoder, referred, from an arbitrary zero.
     pub encoders: Vec<Vec<f64>>,
-    /// How much warmer it is than where zeros hold [K].
+    /// Temperature rise above the reference temperature [K].
     pub warming: Option<Vec<f64>>,
 }
 
@@ -213,7 +213,7 @@ fn remove_eccentricity(read: &mut [f64], angle: &[f64], machine: &Machine) {
 
 /// Masks readings that repeat for longer than noise allows; returns their number.
 ///
-/// A channel that rests by nature (of coarse counts) is left alone.
+/// A channel that repeats by nature (of coarse counts) is not changed.
 pub(crate) fn mask_stuck(y: &mut [f64]) -> u64 {
     let repeats = y.windows(2).filter(|w| w[0] == w[1]).count();
     // Where every third sample repeats by rounding, eight in a row are chance.

@@ -11,7 +11,7 @@ use loadtwin_simulate::Course;
 /// What kind of residual a signal is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// A channel that answers to a torque, given that torque.
+    /// A channel that responds to a torque, given that torque.
     Strain,
     /// Torque that the loads bring in and neither inertias nor drag take
     /// [N m referred]: `sum loads - sum J dw/dt - sum c w`, smoothed.
@@ -61,13 +61,13 @@ pub struct ResidualSignal {
     /// Reading for one newton metre, referred, over the carrier angle; empty
     /// where it is the same everywhere.
     pub table: Vec<f64>,
-    /// The torque or speed that it answers to.
+    /// The torque or speed that it responds to.
     pub sensed: Vec<f64>,
     /// Changes with the uncertain parameters of the machine, each by a standard deviation.
     pub parameter_sensitivities: Vec<Vec<f64>>,
     /// What may vibrate since before the recording, each by a standard deviation.
     pub initial_vibrations: Vec<Vec<f64>>,
-    /// Number of the shaft whose torque it answers to.
+    /// Number of the shaft whose torque it responds to.
     pub shaft: Option<usize>,
     /// For an angle: signs with which the twists of the shafts enter.
     pub twists: Vec<f64>,

@@ -8,7 +8,7 @@ use crate::smoothing::smooth;
 /// Samples by which torques and angles of one row may be apart: read at once, or as means.
 const APART: f64 = 0.5;
 
-/// How one torsional chain answers to a torque that its model lacks.
+/// Response of one torsional chain to a torque that its model lacks.
 #[derive(Clone, Debug)]
 pub struct Response {
     /// The chain and the torques known to act on it.
@@ -49,9 +49,9 @@ pub struct Signals {
     pub acceleration: Vec<f64>,
     /// Torque of the first shaft, referred, as part of nominal.
     pub level: Vec<f64>,
-    /// How much warmer it is than where zeros hold (K).
+    /// Temperature rise above the reference temperature (K).
     pub warming: Option<Vec<f64>>,
-    /// Noise of the temperature where zeros hold, where that is the first one read (K).
+    /// Noise of the reference temperature, where that is the first reading (K).
     pub zero_noise_k: f64,
     /// Lag of the gauges behind the thermometer that is described, and in it (s).
     pub lag_s: f64,

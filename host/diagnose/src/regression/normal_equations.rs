@@ -137,9 +137,9 @@ pub(crate) fn weighted_gram(columns: &[&[f64]], y: &[f64], weight: f64) -> (Mat<
 
 /// Normal equations with the first columns, the base, eliminated from the others, the candidate.
 pub(crate) struct SchurComplement {
-    /// What the base makes of the candidate's columns.
+    /// Regression coefficients of the candidate's columns on the base.
     pub by: Mat<f64>,
-    /// What the base makes of the right-hand sides.
+    /// Regression coefficients of the right-hand sides on the base.
     pub free: Mat<f64>,
     /// Products of the candidate's columns.
     pub own: Mat<f64>,

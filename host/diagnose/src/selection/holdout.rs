@@ -56,7 +56,7 @@ impl<S: ResidualModel> MachineEffects<S> {
         Self(found)
     }
 
-    /// For each signal the sum of the logarithms of the mean squares that are left of `holdout`.
+    /// For each signal the sum of the logarithms of the residual mean squares of `holdout`.
     fn log_mean_squares(&self, holdout: &[S]) -> Vec<f64> {
         let mut log_mean_squares = vec![0.0; holdout[0].residuals().len()];
         for recording in holdout {

@@ -9,7 +9,7 @@ use crate::residual_model::SignalSet;
 /// Moments that are tried first.
 const MOMENTS: usize = 16;
 
-/// From a moment on a gauge answers less by a part, all of it where it is dead, and its zero jumps.
+/// From a moment on the response of a gauge is less by a part, all of it where it is dead, and its zero jumps.
 pub struct LooseGauge;
 
 const INFO: EffectInfo = EffectInfo {

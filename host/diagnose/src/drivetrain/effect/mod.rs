@@ -40,7 +40,7 @@ pub struct GaugeModel {
     pub nonlinearity: f64,
     /// Creep of the zero.
     pub creep: Option<Creep>,
-    /// What it remembers of the way on which the load came.
+    /// Its hysteresis: memory of the load's history.
     pub hysteresis: Option<Hysteresis>,
     /// Reading of a load that all gauges read and that is not torque, of which one unit is a
     /// mean reading of full scale; 0 where none is described.

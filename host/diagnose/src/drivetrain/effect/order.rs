@@ -44,7 +44,7 @@ mod tests {
     use crate::drivetrain::residuals::TorqueSource;
     use crate::drivetrain::signals::Signals;
 
-    /// Order 3 at 50 rad/s, 4 samples of 2 ms in a mean: sin(0.6) / (4 sin(0.15)) = 0.945 of it is left.
+    /// Order 3 at 50 rad/s, 4 samples of 2 ms in a mean: sin(0.6) / (4 sin(0.15)) = 0.945 of it remains.
     #[test]
     fn a_wave_is_the_mean_of_the_samples_in_it() {
         const EVERY: usize = 4;

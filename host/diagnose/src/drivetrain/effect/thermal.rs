@@ -79,7 +79,7 @@ impl Effect<DrivetrainResiduals> for ThermalEffect {
         let measured = signals.warming.iter().flatten().copied();
         vec![(self.term)(followed(measured, signals.dt_s, shape[0]))]
     }
-    /// The temperature where zeros hold may be off by the noise of one reading.
+    /// The reference temperature may be off by the noise of one reading.
     fn own_nuisances(&self, recording: &DrivetrainResiduals, _: &[f64]) -> Vec<Regressor> {
         let signals = &recording.signals;
         let off = self.info.linear[0].prior_std * signals.zero_noise_k;
