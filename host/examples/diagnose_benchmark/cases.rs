@@ -267,7 +267,7 @@ impl Case {
     }
 }
 
-/// Whether two samples differ by more than what arithmetic makes of the same.
+/// Whether two samples differ by more than rounding errors.
 fn differ(x: f64, y: f64) -> bool {
     x.is_nan() != y.is_nan() || (x - y).abs() > 1e-9 * x.abs().max(y.abs())
 }

@@ -1,4 +1,4 @@
-//! What the benchmark comes to.
+//! Score of the benchmark.
 
 use std::collections::BTreeMap;
 use std::fmt;

@@ -91,7 +91,7 @@ impl Friction {
         }
     }
 
-    /// Both together; none where that is no friction of this form.
+    /// Both together; none where that is no friction of this kind.
     pub fn joined(&self, other: &Self) -> Option<Self> {
         let alike = |a: f64, b: f64| a == b || a == 0.0 || b == 0.0;
         let builds_up = [self, other].map(|f| f.coulomb_nm + f.load_part + f.stribeck_nm > 0.0);

@@ -223,7 +223,7 @@ fn other_file(path: &Path, found: &str) -> MachineError {
 }
 
 impl Machine {
-    /// The temperature that the gauges answer to: the first that a recording may carry.
+    /// The temperature that the gauges respond to: the first that a recording may carry.
     pub fn thermometer(&self) -> Option<&Auxiliary> {
         self.auxiliaries.iter().find(|a| a.is_temperature())
     }

@@ -26,7 +26,7 @@ pub enum RecordedError {
     Replay(#[from] ReplayError),
 }
 
-/// Longest time between two readings of a reference that is taken for its rate [s]: longer, loads between are not known.
+/// Longest time between two readings of a reference that counts as its rate [s]: beyond it, loads between are not known.
 const SLOWEST_REFERENCE_S: f64 = 0.25;
 
 /// The samples of `path` with their loads; those of a reference with a lower rate than the gauges are interpolated.

@@ -133,7 +133,7 @@ pub struct Change {
     pub interval: Option<[f64; 2]>,
 }
 
-/// What one set of sensors makes of the same samples with two descriptions.
+/// Figures of one set of sensors on the same samples with two descriptions.
 #[derive(Clone, Debug, Serialize)]
 pub struct Comparison {
     /// The set of sensors.

@@ -1,5 +1,5 @@
 //! The parameters of the plant: the chain of the machine description, and
-//! what it leaves out.
+//! the parts that it lacks.
 
 use loadtwin_machine::{Drivetrain, Inertia};
 

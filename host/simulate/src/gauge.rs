@@ -55,7 +55,7 @@ impl Disturbance for Creep {
     }
 }
 
-/// What the way remembers on which the load came, as described.
+/// Hysteresis: memory of the load's history, as described.
 struct Loop<F>(F);
 
 impl<F: FnMut(f64) -> f64 + Send> Disturbance for Loop<F> {
@@ -98,7 +98,7 @@ impl Disturbance for Delay {
     }
 }
 
-/// What warmth does, as described.
+/// Thermal model, as described.
 pub(crate) struct Thermal {
     pub described: loadtwin_machine::Thermal,
     /// Reading at zero load [unit].

@@ -233,7 +233,7 @@ impl Placed {
         }
     }
 
-    /// What channel `number` makes of `reading`, in the end [m].
+    /// Reading of channel `number` with the effect, given the `reading` without [m].
     pub fn read(&self, number: usize, channel: &Channel, t: f64, angle: f64, reading: f64) -> f64 {
         match *self {
             Self::Bias(of, offset) if of == number => {

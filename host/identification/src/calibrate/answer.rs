@@ -1,4 +1,4 @@
-//! What a channel answers to the machine's motion and loads.
+//! Response of a channel to the machine's motion and loads.
 
 use std::borrow::Cow;
 
@@ -10,7 +10,7 @@ pub(super) struct Answered<'a> {
     pub(super) angle: Cow<'a, [f64]>,
     /// As [`Channel::bent`], warmed.
     pub(super) bent: Vec<f64>,
-    /// Creep, hysteresis and warmth [SI].
+    /// Creep, hysteresis and temperature rise [SI].
     pub(super) zero: Vec<f64>,
 }
 

@@ -15,11 +15,11 @@ pub enum GaugeFault {
     Missing,
     /// This part of its readings repeated the word before for too long.
     Stuck(f64),
-    /// It does not answer to the load: this part of the described response is there.
+    /// It does not respond to the load: this part of the described response is there.
     Dead(f64),
-    /// It answers with the opposite sign, with this gain.
+    /// It responds with the opposite sign, with this gain.
     WrongSign(f64),
-    /// It answers with the wrong size: this gain.
+    /// It responds with the wrong size: this gain.
     Gain(f64),
     /// It reads what another gauge should, and the other way round.
     SwappedWith(String),

@@ -236,8 +236,8 @@ struct Reading<'a> {
     answered: Answered<'a>,
 }
 
-/// How much warmer each sample of `recording` is than where zeros hold [K]; none where no gauge
-/// answers to that, or no temperature was recorded.
+/// Temperature rise of each sample of `recording` above the reference temperature [K]; none where
+/// no gauge responds to it, or no temperature was recorded.
 fn warming(machine: &Machine, recording: &Path) -> Result<Option<Vec<f64>>, CalibrateError> {
     let Some(thermometer) = machine.thermometer() else {
         return Ok(None);

@@ -62,7 +62,7 @@ pub struct Choice {
 /// sensors of `rotor` on `training`: as described, and by each method.
 ///
 /// The evolution minimises `f_1 = sum_j 1 - R^2(y_j, h_j x)` over the sensors, with x the
-/// estimate, and `f_2`, the same with displacements that the model makes of the estimated
+/// estimate, and `f_2`, the same with displacements that the model computes from the estimated
 /// forces; then the distance from the best of both, `|(f_i - f_i,best) / (f_i,worst - f_i,best)|`,
 /// the worst being that at the best of the other. `R^2` and not `|R^2|`, which rewards -1.
 ///

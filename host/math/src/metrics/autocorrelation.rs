@@ -14,7 +14,7 @@ const Z_99: f64 = 2.575_829_303_548_901;
 /// in time but is part of no pair.
 #[derive(Clone, Debug)]
 pub struct Autocorrelation {
-    /// First finite value: taken off before summing, so that a large mean costs no digits.
+    /// First finite value: subtracted before summing, so that a large mean costs no digits.
     origin: Option<f64>,
     samples: f64,
     sum: f64,

@@ -40,7 +40,7 @@ pub(crate) struct Individual {
     pub(crate) gauges: Vec<Gauge>,
 }
 
-/// How one gauge answers.
+/// Response of one gauge.
 #[derive(Clone, Debug)]
 pub(crate) struct Gauge {
     azimuth: f64,
@@ -79,7 +79,7 @@ impl Individual {
             let order = (k.div_ceil(2) + 1) as f64;
             one[(k, k)] = one[(3, 3)] * (3.0 / order).powi(3);
         }
-        // What the knuckle couples that the description leaves out.
+        // Coupling by the knuckle, which the description does not have.
         for k in 1..SHAPES {
             for l in 1..k {
                 let cross = 0.06 * normal() * (one[(k, k)] * one[(l, l)]).sqrt();

@@ -292,7 +292,7 @@ fn select<'a>(
     dose: &mut Dose,
 ) -> Vec<&'a mut Gauge> {
     let weakest = weakest_group(gauges);
-    // Drives and tachometers are no gauges; without a target they are left alone.
+    // Drives and tachometers are no gauges; without a target they are not changed.
     let count = gauges.iter().filter(|g| g.is_load_sensor).count().max(1);
     let drawn = dose.draw.individual.random_range(0..count);
     let mut sensors = 0;
