@@ -17,7 +17,7 @@ use loadtwin_recording::{Block, Quantity, Reader, Role, Unit, Wanted, columns};
 pub struct Samples {
     reader: Reader,
     channels: Vec<Channel>,
-    forms: Vec<Form>,
+    encodings: Vec<Encoding>,
     encoders: Vec<Encoder>,
     motions: Vec<Motion>,
     period_s: f64,
@@ -36,7 +36,7 @@ pub struct Samples {
 
 /// What the column of an analogue channel holds.
 #[derive(Clone, Copy)]
-enum Form {
+enum Encoding {
     /// The converter's words themselves.
     Word,
     /// The output of the channel's bridge.
@@ -144,13 +144,13 @@ impl Samples {
                 .ok()
                 .map(Unit::quantity)
         };
-        let forms: Vec<Form> = sensors
+        let encodings: Vec<Encoding> = sensors
             .channels
             .iter()
             .map(|channel| match quantity(&channel.name) {
-                Some(Quantity::Counts) => Form::Word,
-                Some(Quantity::BridgeRatio) if channel.bridge.is_some() => Form::Ratio,
-                _ => Form::Reading,
+                Some(Quantity::Counts) => Encoding::Word,
+                Some(Quantity::BridgeRatio) if channel.bridge.is_some() => Encoding::Ratio,
+                _ => Encoding::Reading,
             })
             .collect();
         let turns_freely = matches!(machine.kind(), Some(Kind::Bearing(_) | Kind::Rotor(_)));
@@ -164,11 +164,11 @@ impl Samples {
             })
             .collect();
         let mut wanted = Vec::new();
-        for (channel, form) in sensors.channels.iter().zip(&forms) {
-            let unit = match form {
-                Form::Word => Unit::COUNTS,
-                Form::Ratio => Unit::VOLT_PER_VOLT,
-                Form::Reading => channel.unit.si(),
+        for (channel, encoding) in sensors.channels.iter().zip(&encodings) {
+            let unit = match encoding {
+                Encoding::Word => Unit::COUNTS,
+                Encoding::Ratio => Unit::VOLT_PER_VOLT,
+                Encoding::Reading => channel.unit.si(),
             };
             wanted.push(Wanted {
                 name: &channel.name,
@@ -214,7 +214,7 @@ impl Samples {
             segments_from_s: None,
             index,
             reader,
-            forms,
+            encodings,
             motions,
             period_s: 1.0 / machine.rate_hz,
             fractional: 0,
@@ -302,16 +302,16 @@ impl Samples {
         };
         let encoders = self.channels.len();
         let corrected = self.correction.channels.iter();
-        for (k, ((channel, form), read)) in
-            (self.channels.iter().zip(&self.forms).zip(corrected)).enumerate()
+        for (k, ((channel, encoding), read)) in
+            (self.channels.iter().zip(&self.encodings).zip(corrected)).enumerate()
         {
             let value = at(read.from);
             if !value.is_nan() {
                 let zero = f64::from(channel.adc.zero);
-                let word = match form {
-                    Form::Word => whole(zero + (value - zero) * read.factor) as i32,
-                    Form::Ratio => channel.word_of_ratio(value * read.factor),
-                    Form::Reading => channel.word(value * read.factor),
+                let word = match encoding {
+                    Encoding::Word => whole(zero + (value - zero) * read.factor) as i32,
+                    Encoding::Ratio => channel.word_of_ratio(value * read.factor),
+                    Encoding::Reading => channel.word(value * read.factor),
                 };
                 let shift = channel.word(read.offset).saturating_sub(channel.word(0.0));
                 raw.set_word(k, word.saturating_add(shift));
