@@ -8,7 +8,7 @@ use crate::rotor::modal_truncation::ModalModel;
 use loadtwin_math::exponential::exponential;
 
 /// Smallest part of a mode's speed that must appear in its next displacement.
-const SEEN: f64 = 1e-6;
+const LEAST_VISIBLE: f64 = 1e-6;
 
 /// `z+ = z + e`, `e+ = e + D (z, e, s)`, `s+ = R s`, and how to come there from
 /// `(z, z', s)`.
@@ -66,7 +66,7 @@ pub fn discrete(held: &Mat<f64>, moved: &Mat<f64>) -> Option<DiscreteModel> {
     );
     let (a21, a22, b2) = (part(r, 0, r, r), part(r, r, r, r), part(r, n, r, m));
     let largest = (0..r).map(|i| a12[(i, i)].abs()).fold(0.0, f64::max);
-    if !(0..r).all(|i| a12[(i, i)].abs() > SEEN * largest) {
+    if !(0..r).all(|i| a12[(i, i)].abs() > LEAST_VISIBLE * largest) {
         return None;
     }
     // A_12 A_22 A_12^-1, solved from the right.

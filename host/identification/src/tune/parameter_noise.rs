@@ -1,4 +1,4 @@
-//! Q from parameters drawn at random.
+//! Q from random samples of the parameters.
 
 use faer::Mat;
 use rand::SeedableRng;
@@ -12,7 +12,7 @@ use loadtwin_machine::Drivetrain;
 /// Q over one step of `dt_s` as the sample covariance of the process error,
 /// for the mechanical states in SI units.
 ///
-/// `Q = 1/n sum_points 1/draws sum w w'`, `w = (F(p) - F(p_nominal)) x`, every
+/// `Q = 1/n sum_points 1/samples sum w w'`, `w = (F(p) - F(p_nominal)) x`, every
 /// inertia, drag, stiffness and damping drawn from a normal distribution with
 /// standard deviation `relative_std` of its value, independently.
 ///
@@ -21,7 +21,7 @@ pub fn sampled_process_noise(
     drivetrain: &Drivetrain,
     dt_s: f64,
     relative_std: f64,
-    draws: usize,
+    samples: usize,
     seed: u64,
 ) -> Mat<f64> {
     let nominal = Torsion::new(drivetrain);
@@ -30,7 +30,7 @@ pub fn sampled_process_noise(
         operating_points(drivetrain, &nominal),
     );
     let states = nominal.states();
-    let sum = (0..draws)
+    let sum = (0..samples)
         .into_par_iter()
         .map(|draw| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -56,7 +56,7 @@ pub fn sampled_process_noise(
             q
         })
         .reduce(|| Mat::zeros(states, states), |a, b| a + b);
-    Mat::from_fn(states, states, |i, j| sum[(i, j)] / draws as f64)
+    Mat::from_fn(states, states, |i, j| sum[(i, j)] / samples as f64)
 }
 
 /// The drivetrain with every parameter drawn; none loses its sign.

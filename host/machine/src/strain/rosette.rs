@@ -110,7 +110,7 @@ mod tests {
         assert_principal(principal, [700.0, -300.0, 1000.0, 26.565_051], 1e-6);
     }
 
-    /// The same state seen by grids at -45/0/45: 200 - 400, 500, 200 + 400.
+    /// The same state measured by grids at -45/0/45: 200 - 400, 500, 200 + 400.
     #[test]
     fn rectangular_centred_worked_by_hand() {
         let plane = Rosette::RectangularCentred.plane_strain([-200.0, 500.0, 600.0]);

@@ -74,9 +74,9 @@ mod tests {
     fn the_true_mean_is_inside() {
         for (correlation, range) in [(0.0, 0.93..0.99), (0.7, 0.90..0.99)] {
             let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(11);
-            let draws = 2000;
+            let trials = 2000;
             let mut inside = 0;
-            for _ in 0..draws {
+            for _ in 0..trials {
                 let mut state = 0.0;
                 let blocks: Vec<(f64, f64)> = (0..64)
                     .map(|_| {
@@ -89,7 +89,7 @@ mod tests {
                 let [low, high] = PairedDifference::of(&blocks).unwrap().interval.unwrap();
                 inside += usize::from((low..=high).contains(&0.3));
             }
-            let part = inside as f64 / f64::from(draws);
+            let part = inside as f64 / f64::from(trials);
             assert!(range.contains(&part), "{correlation}: {part}");
         }
     }

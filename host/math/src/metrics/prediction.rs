@@ -139,15 +139,15 @@ mod tests {
     fn other_recordings_are_inside() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
         let mut inside = 0;
-        let draws = 2000;
-        for _ in 0..draws {
+        let trials = 2000;
+        for _ in 0..trials {
             let [first, other] = [(); 2].map(|()| recording(&mut rng));
             let mean = |s: &[Stretch]| s.iter().map(|s| s.error).sum::<f64>();
             let factor = prediction_factor(relative_variance(&first).unwrap()).unwrap();
             let ratio = mean(&other) / mean(&first);
             inside += usize::from((1.0 / factor..=factor).contains(&ratio));
         }
-        let part = inside as f64 / f64::from(draws);
+        let part = inside as f64 / f64::from(trials);
         assert!((0.92..0.96).contains(&part), "{part}");
     }
 

@@ -97,7 +97,7 @@ pub(crate) struct Course {
     duration: f64,
     waves: [Waves; 5],
     /// Levels of the steps, and phases.
-    draws: Vec<f64>,
+    random: Vec<f64>,
 }
 
 impl Course {
@@ -110,7 +110,7 @@ impl Course {
             scenario,
             duration,
             waves: std::array::from_fn(|_| Waves::new(lowest, highest, rng)),
-            draws: (0..64).map(|_| rng.random::<f64>()).collect(),
+            random: (0..64).map(|_| rng.random::<f64>()).collect(),
         }
     }
 }
@@ -142,9 +142,9 @@ impl Driven for Course {
                 // Four bends of growing sharpness, braked in each.
                 let period = self.duration / 4.0;
                 let (i, part) = ((t / period).floor(), (t / period).fract());
-                let sharp = 700.0 + 420.0 * i.min(3.0) * (0.8 + 0.4 * self.draws[0]);
+                let sharp = 700.0 + 420.0 * i.min(3.0) * (0.8 + 0.4 * self.random[0]);
                 let bend = sharp * (rise(part, 0.1, 0.3) - rise(part, 0.75, 0.92));
-                let brake = (2500.0 + 2400.0 * self.draws[2 + i as usize % 8])
+                let brake = (2500.0 + 2400.0 * self.random[2 + i as usize % 8])
                     * (rise(part, 0.4, 0.47) - rise(part, 0.62, 0.7));
                 let mut l = corner(150.0 + bend.min(1850.0), -150.0 - brake, 80.0 * rough(2));
                 l[0] += 30.0 * rough(0);
@@ -152,7 +152,7 @@ impl Driven for Course {
                 l
             }
             BearingScenario::Lc2 => {
-                let phase = TAU * (0.35 * t + self.draws[0]);
+                let phase = TAU * (0.35 * t + self.random[0]);
                 let swell = 0.8 + 0.2 * (TAU * t / 17.0).sin();
                 let mut l = corner(
                     650.0 + 1350.0 * swell * phase.sin(),
@@ -179,7 +179,7 @@ impl Driven for Course {
                 let level = |i: usize, hold: f64| {
                     let k = (t / hold).floor() as usize;
                     let part = rise((t / hold).fract(), 0.0, 0.25);
-                    let at = |k: usize| self.draws[(7 * i + k) % 64];
+                    let at = |k: usize| self.random[(7 * i + k) % 64];
                     at(k) * (1.0 - part) + at(k + 1) * part
                 };
                 let mix = |i: usize, hold: f64, from: f64, to: f64| {
@@ -196,7 +196,7 @@ impl Driven for Course {
                 ]
             }
             BearingScenario::StopAndGo => corner(
-                600.0 + 500.0 * (TAU * t / 9.0 + TAU * self.draws[0]).sin(),
+                600.0 + 500.0 * (TAU * t / 9.0 + TAU * self.random[0]).sin(),
                 -400.0,
                 60.0 * rough(2),
             ),
