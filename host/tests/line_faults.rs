@@ -35,7 +35,7 @@ fn steady(tick: u32) -> RawSample {
     // 100 micrometre a metre at nominal torque, 1e-9 a count, a little dither.
     let dither = [0, 300, -200, 100, -400, 200][tick as usize % 6];
     raw.set_word(0, 100_000 + dither);
-    // Its response varies by one half over the carrier angle, seen from the pulse at angle 1.
+    // Its response varies by one half over the carrier angle, counted from the pulse at angle 1.
     let map = 1.0 + 0.5 * (angle + 1.0).cos();
     raw.set_word(1, (100_000.0 * map) as i32 - dither);
     let count = |angle: f64| (angle * RATIO * COUNTS / std::f64::consts::TAU).floor() as i64 as u32;

@@ -105,8 +105,8 @@ fn likelihood_finds_the_noise_and_evolution_follows_it() {
     // What follows the noise comes nearer to the readings.
     let objective = |method: &Value, i: usize| number(&method["objectives"][i]);
     assert!(objective(evolution, 0) <= objective(described, 0));
-    let judged = |method: &Value, key: &str| number(&method["judged"][key]);
-    let nis = judged(likelihood, "nis_mean");
+    let evaluated = |method: &Value, key: &str| number(&method["judged"][key]);
+    let nis = evaluated(likelihood, "nis_mean");
     assert!((0.8..1.2).contains(&nis), "{nis}");
     let settled = |method: &Value| number(&method["judged"]["displacement_um"]["full"]);
     println!(

@@ -14,8 +14,8 @@ use crate::tune::{Check, LoadNoise, MeasurementNoise, reached_hz, rms, sampled_p
 /// First column of a response.
 pub(super) const FREQUENCY: &str = "f [Hz]";
 
-/// Draws of the Monte Carlo check of the process noise.
-const DRAWS: usize = 2000;
+/// Samples of the Monte Carlo check of the process noise.
+const SAMPLES: usize = 2000;
 
 /// What a set comes to on the hold-out data.
 pub(super) fn check_lines(check: &Check) -> Vec<String> {
@@ -80,14 +80,14 @@ pub(super) fn process_noise(machine: &Machine) -> Value {
         return Value::Null;
     };
     let (dt_s, std) = (1.0 / machine.rate_hz, machine.tuning.parameter_std);
-    let drawn = sampled_process_noise(drivetrain, dt_s, std, DRAWS, 1);
-    let zero = vec![0.0; drawn.nrows()];
+    let sampled = sampled_process_noise(drivetrain, dt_s, std, SAMPLES, 1);
+    let zero = vec![0.0; sampled.nrows()];
     let first = crate::gearbox::process_noise(drivetrain, dt_s, std, &zero);
-    let ratios: Vec<f64> = (0..drawn.nrows())
+    let ratios: Vec<f64> = (0..sampled.nrows())
         .filter(|i| first[(*i, *i)] > 0.0)
-        .map(|i| (drawn[(i, i)] / first[(i, i)]).sqrt())
+        .map(|i| (sampled[(i, i)] / first[(i, i)]).sqrt())
         .collect();
-    json!({ "parameter_std": std, "draws": DRAWS, "drawn_to_first_order_std": ratios })
+    json!({ "parameter_std": std, "draws": SAMPLES, "drawn_to_first_order_std": ratios })
 }
 
 /// Warnings where the walk estimated from a set differs from the one that is written for it.

@@ -1,4 +1,4 @@
-//! One recording in many forms: each gives the estimates of the plain one, or is
+//! One recording in many formats: each gives the estimates of the plain one, or is
 //! refused with a line that says why.
 mod clock;
 mod index;
