@@ -11,7 +11,7 @@ use crate::kalman::unroll::{UNROLLED, unroll};
 /// construction; [`crate::kalman::transition`] and [`crate::kalman`] keep it positive.
 ///
 /// ```
-/// use loadtwin_common::gaussian::Gaussian;
+/// use loadtwin_common::kalman::gaussian::Gaussian;
 /// use nalgebra::{Matrix2, Vector2};
 ///
 /// let p = Matrix2::new(4.0, 1.0, 1.0, 2.0);

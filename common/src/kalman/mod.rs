@@ -4,10 +4,10 @@
 //! [`update_all`].
 //!
 //! ```
-//! use loadtwin_common::gaussian::Gaussian;
-//! use loadtwin_common::innovation::Gate;
+//! use loadtwin_common::kalman::gaussian::Gaussian;
+//! use loadtwin_common::kalman::innovation::Gate;
 //! use loadtwin_common::kalman::{predict, update};
-//! use loadtwin_common::transition::{ProcessNoise, RandomWalk, Transition};
+//! use loadtwin_common::kalman::transition::{ProcessNoise, RandomWalk, Transition};
 //! use nalgebra::{Matrix2, RowVector2, Vector2};
 //!
 //! // A rotor of 0.5 kg m^2 sampled at 1 kHz: speed [rad/s], unknown torque [Nm].

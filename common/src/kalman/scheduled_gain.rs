@@ -20,7 +20,7 @@ pub struct GainBin<const NX: usize, const NY: usize, const ND: usize> {
 /// then `x+ = x + K(theta) nu` with all innovations taken at the prior.
 ///
 /// ```
-/// use loadtwin_common::scheduled_gain::{GainBin, GainSchedule};
+/// use loadtwin_common::kalman::scheduled_gain::{GainBin, GainSchedule};
 /// use nalgebra::{Matrix2x1, Vector1, Vector2};
 ///
 /// let bin = |k| GainBin { gain: Matrix2x1::new(k, 2.0 * k), load_variances: Vector1::new(k) };
