@@ -37,7 +37,8 @@ impl Adc {
     pub(crate) fn words_until_stuck(std: f64) -> u16 {
         let repeats = libm::erf(1.0 / (8.0_f64.sqrt() * OWN_NOISE * std));
         let words = (FALSE_STUCK.ln() / repeats.ln()).ceil();
-        if words <= f64::from(u16::MAX) {
+        // A quiet converter repeats its word for ever: the logarithm is 0.
+        if repeats < 1.0 && words <= f64::from(u16::MAX) {
             words.max(2.0) as u16
         } else {
             0
