@@ -174,7 +174,7 @@ impl Comparison<'_> {
 }
 
 /// The cause that explains the recording in `path` from sample `from` on, if one does; without `from`,
-/// over the recording as a whole. Those that the likelihood does not tell apart are named together.
+/// over the recording as a whole. Causes that the likelihood does not distinguish are named together.
 pub(super) fn cause(
     (machine, sensors): (&Machine, &Sensors),
     path: &Path,
@@ -193,7 +193,7 @@ pub(super) fn cause(
     let described = all.first()?.clone();
     let until = from.unwrap_or(0) + FIRST;
     let first = comparison.of(all, until).into_iter().map(|(h, _)| h);
-    let likely = (first.enumerate()).filter(|(rank, h)| *rank < BEST || h.fitted > 0);
+    let likely = (first.enumerate()).filter(|(rank, h)| *rank < BEST || h.fitted_channel.is_some());
     let mut best: Vec<Hypothesis> = likely.map(|(_, h)| h).collect();
     best.retain(|h| h.kind != described.kind);
     if let Some(place) = best.iter().position(|h| h.index_rad != 0.0) {
