@@ -13,7 +13,7 @@ use crate::build::Sensors;
 use crate::calibrate::Description;
 use crate::machine::{Machine, Rotor, RotorLoad, six_digits};
 use crate::replay::Comparison;
-use crate::rotor_tune::{Choice, Evaluation, Method, judge, page, tune};
+use crate::rotor_tune::{Choice, Evaluation, Method, evaluate, page, tune};
 
 impl Tune {
     /// Both methods on the recordings of a rotor, evaluated on a hold-out recording.
@@ -46,7 +46,7 @@ impl Tune {
         let recording = self.validate.as_ref().unwrap_or(&self.recordings[0]);
         let choices = (choices.into_iter())
             .map(|choice| {
-                let evaluation = judge(&choice.machine, self.sensors.as_deref(), recording)?;
+                let evaluation = evaluate(&choice.machine, self.sensors.as_deref(), recording)?;
                 Ok((choice, evaluation))
             })
             .collect::<anyhow::Result<Vec<_>>>()?;

@@ -25,7 +25,7 @@ pub struct Evaluation {
 ///
 /// # Errors
 /// When the machine or the recording cannot be used.
-pub fn judge(
+pub fn evaluate(
     machine: &Machine,
     set: Option<&str>,
     recording: &Path,

@@ -5,7 +5,7 @@ mod evaluation;
 mod page;
 mod trial;
 
-pub use crate::rotor_tune::evaluation::{Evaluation, judge};
+pub use crate::rotor_tune::evaluation::{Evaluation, evaluate};
 pub use crate::rotor_tune::page::page;
 pub use crate::rotor_tune::trial::{Outcome, Trial};
 
