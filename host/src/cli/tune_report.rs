@@ -99,8 +99,8 @@ pub(super) fn warnings(machine: &Machine, sets: &[Set], walks: &[Vec<f64>]) -> V
         for (load, (walk, chosen)) in load_names(machine).zip(estimated.iter().zip(chosen)) {
             if !(chosen / FACTOR..=chosen * FACTOR).contains(walk) {
                 warnings.push(format!(
-                    "{}: alone it tells a walk of {load} of {walk:.3e} N m/sqrt(s), most others {chosen:.3e}, \
-                     which is taken: its model or its noise may be wrong",
+                    "{}: alone it has a walk of {load} of {walk:.3e} N m/sqrt(s), most others {chosen:.3e}, \
+                     which is used: its model or its noise may be wrong",
                     set.name
                 ));
             }
