@@ -59,7 +59,8 @@ impl Folder {
 fn paths_that_are_no_unicode_are_printed_with_replacements() {
     let folder = Folder::new();
     let machine = "@machine.toml";
-    let simulate = ["simulate", machine, "--duration-s", "40", "-o", "@r.csv"];
+    let scenario = ["--scenario", "torque-ramps", "--duration-s", "60"];
+    let simulate = [&["simulate", machine][..], &scenario, &["-o", "@r.csv"]].concat();
     let simulated = folder.done(&simulate);
     let name = simulated["recording"].as_str().unwrap();
     assert!(name.ends_with("caf\u{fffd}/r.csv"), "{name}");
@@ -74,7 +75,7 @@ fn paths_that_are_no_unicode_are_printed_with_replacements() {
     folder.done(&["key", "--machine", "bench", "-o", "@bench.pem"]);
     for words in [
         &["calibrate", machine, "@r.csv", "-o", "@calibrated.toml"][..],
-        &["tune", machine, "@r.csv", "-o", "@tuned.toml"],
+        &["tune", machine, "@r.csv", "--keep-r", "-o", "@tuned.toml"],
         &["diagnose", machine, "@r.csv", "-o", "@better.toml"],
         &["zero", machine, "@r.csv", "-o", "@zeroed.toml"],
         &["reduce", machine, "@r.csv", "-o", "@maps.csv"],
@@ -88,5 +89,5 @@ fn paths_that_are_no_unicode_are_printed_with_replacements() {
             let _: Value = serde_json::from_slice(&output.stdout).unwrap();
         }
     }
-    assert!(folder.path("calibrated.toml").exists());
+    assert!(folder.path("calibrated.toml").exists() && folder.path("tuned.toml").exists());
 }
