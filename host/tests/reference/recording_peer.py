@@ -12,7 +12,6 @@ samples; the references have another rate), `pulse` (the index as 0 and 1) or
 import csv
 import gzip
 import json
-import struct
 import sys
 import zipfile
 from pathlib import Path
@@ -25,6 +24,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from asammdf import MDF, Signal
 from asammdf.blocks.conversion_utils import from_dict
+from unsorted_mdf import unsorted_mdf
 
 UNITS = {
     "t": "s",
@@ -418,7 +418,7 @@ class Writer:
                                      self.signals(["torque_main"], rows=slice(900, n))])
         again = self.signals(rows=slice(0, n // 2))
         self.mdf("restarted-at-zero.mf4", [again, again], expect="refused",
-                 says="is in the channel groups 1 and 2 over the same time")
+                 says="`index` is in the channel groups 1 and 2 over the same time")
         self.mdf("chosen.mf4", [again, self.signals()],
                  layout="[channels]\n" + "".join(f"{n} = {{ group = '2' }}\n" for n in NAMES[1:]))
 
@@ -485,54 +485,6 @@ class Writer:
             saved = mdf.save(path, overwrite=True)
             mdf.close()
             assert Path(saved) == path
-
-
-def block(name, links, data):
-    size = 24 + 8 * len(links) + len(data)
-    return struct.pack("<4s4xQQ", name, size, len(links)) + struct.pack(f"<{len(links)}Q", *links) + data
-
-
-def unsorted_mdf(groups):
-    """Records of all groups in the order of time, each behind the number of its group: MDF 4.10."""
-    out = bytearray(64 + 104)
-
-    def put(data):
-        out.extend(bytes(-len(out) % 8))
-        at = len(out)
-        out.extend(data)
-        return at
-
-    def text(words):
-        words = words.encode() + b"\0"
-        return put(block(b"##TX", [], words + bytes(-len(words) % 8)))
-
-    def channel(following, name, unit, at, master):
-        kind = struct.pack("<BBBBIIIIBxH6d", 2 if master else 0, int(master), 4, 0, at, 64, 0, 0, 0, 0, *[0.0] * 6)
-        return put(block(b"##CN", [following, 0, text(name), 0, 0, 0, text(unit), 0], kind))
-
-    first = 0
-    for number in range(len(groups), 0, -1):
-        t, columns = groups[number - 1]
-        following = 0
-        named = [("time", "s"), *((name, unit) for name, (_, unit) in columns.items())]
-        for k in range(len(named) - 1, -1, -1):
-            following = channel(following, *named[k], 8 * k, k == 0)
-        counts = struct.pack("<QQHH4xII", number, len(t), 0, 0, 8 * len(named), 0)
-        first = put(block(b"##CG", [first, following, 0, 0, 0, 0], counts))
-    records = []
-    for number, (t, columns) in enumerate(groups, 1):
-        table = np.column_stack([t, *(values for values, _ in columns.values())])
-        records += [(row[0], number, row) for row in table]
-    records.sort(key=lambda record: record[:2])
-    stream = b"".join(bytes([number]) + row.astype("<f8").tobytes() for _, number, row in records)
-    data = put(block(b"##DT", [], stream))
-    group = put(block(b"##DG", [0, first, data, 0], struct.pack("<B7x", 1)))
-    history = put(block(b"##FH", [0, put(block(b"##MD", [], b"<FHcomment><TX/></FHcomment>\0\0\0\0"))],
-                        struct.pack("<QhhB3x", 0, 0, 0, 0)))
-    out[:64] = struct.pack("<8s8s8s4xH30xHH", b"MDF     ", b"4.10    ", b"loadtwin", 410, 0, 0)
-    head = struct.pack("<QhhBBBxdd", 0, 0, 0, 0, 0, 0, 0.0, 0.0)
-    out[64:168] = block(b"##HD", [group, history, 0, 0, 0, 0], head)
-    return bytes(out)
 
 
 def main():
