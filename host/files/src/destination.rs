@@ -92,8 +92,12 @@ pub fn is_stream(path: &Path) -> bool {
     is_stdout(path) || there.is_ok_and(|there| !there.is_file() && !there.is_dir())
 }
 
-fn stdout_file() -> io::Result<File> {
+pub(crate) fn stdout_file() -> io::Result<File> {
     Ok(io::stdout().as_fd().try_clone_to_owned()?.into())
+}
+
+pub(crate) fn stdin_file() -> io::Result<File> {
+    Ok(io::stdin().as_fd().try_clone_to_owned()?.into())
 }
 
 /// Finds where `path` leads, through links, also one whose target is not there.

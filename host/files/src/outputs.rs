@@ -1,5 +1,6 @@
 //! What a command reads and writes, declared and checked before it works.
 
+use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -8,7 +9,9 @@ use thiserror::Error;
 
 use super::content::{Content, Existing};
 pub use super::destination::is_stream;
-use super::destination::{Destination, Identity, Place, destination, is_stdout};
+use super::destination::{
+    Destination, Identity, Place, destination, is_stdout, stdin_file, stdout_file,
+};
 
 /// Everything that a command reads and writes.
 ///
@@ -69,6 +72,12 @@ pub enum OutputError {
         option: &'static str,
         /// What it was given.
         path: PathBuf,
+        /// The input, under the name by which it is read.
+        input: PathBuf,
+    },
+    /// Standard output leads into what the command reads.
+    #[error("standard output: is the input {}, and no input is written to; redirect it to another file", input.display())]
+    StdoutIsInput {
         /// The input, under the name by which it is read.
         input: PathBuf,
     },
@@ -168,7 +177,12 @@ impl Outputs {
     /// Declares a file that is read, or a folder of such files; one that is not
     /// there is left to whoever reads it.
     pub fn reads(&mut self, path: &Path) {
-        let Ok(metadata) = path.metadata() else {
+        let metadata = if path == Path::new("-") {
+            stdin_file().and_then(|file| file.metadata())
+        } else {
+            path.metadata()
+        };
+        let Ok(metadata) = metadata else {
             return;
         };
         if metadata.is_file() || metadata.is_dir() {
@@ -211,6 +225,9 @@ impl Outputs {
     /// # Errors
     /// The first [`OutputError`].
     pub fn check(&self) -> Result<Checked, OutputError> {
+        if let Some(input) = self.input_of(&stdout_file()) {
+            return Err(OutputError::StdoutIsInput { input });
+        }
         let mut stdout: Option<&Output> = None;
         let mut places: Vec<(&Output, Identity)> = Vec::new();
         for output in &self.written {
@@ -224,7 +241,12 @@ impl Outputs {
                 continue;
             }
             let place = match destination(&output.path).map_err(|e| output.unwritable(e))? {
-                Destination::Stream(_) if output.way == Way::Streamed => continue,
+                Destination::Stream(file) if output.way == Way::Streamed => {
+                    if let Some(input) = self.input_of(&Ok(file)) {
+                        return Err(output.is_input(input));
+                    }
+                    continue;
+                }
                 Destination::Stream(_) => return Err(output.no_file()),
                 Destination::Plain(place) => place,
             };
@@ -247,6 +269,14 @@ impl Outputs {
         })
     }
 
+    /// The input that an open file is.
+    fn input_of(&self, file: &io::Result<File>) -> Option<PathBuf> {
+        let metadata = file.as_ref().ok()?.metadata().ok()?;
+        let identity = Identity::of(&metadata);
+        let input = self.read.iter().find(|input| input.identity == identity)?;
+        Some(input.path.clone())
+    }
+
     fn check_input(&self, output: &Output, place: &Place) -> Result<(), OutputError> {
         let Some(metadata) = &place.existing else {
             return Ok(());
@@ -260,11 +290,7 @@ impl Outputs {
         };
         match self.read.iter().find(is) {
             None => Ok(()),
-            Some(input) => Err(OutputError::IsInput {
-                option: output.option,
-                path: output.path.clone(),
-                input: input.path.clone(),
-            }),
+            Some(input) => Err(output.is_input(input.path.clone())),
         }
     }
 }
@@ -326,6 +352,14 @@ impl Output {
             found: existing.name(),
             noun: self.content.noun,
         })
+    }
+
+    fn is_input(&self, input: PathBuf) -> OutputError {
+        OutputError::IsInput {
+            option: self.option,
+            path: self.path.clone(),
+            input,
+        }
     }
 
     fn twice(&self, other: &Self) -> OutputError {

@@ -123,7 +123,7 @@ impl Eccentricity {
 pub struct Index {
     /// Column of the recording: counts of `encoder` latched by the pulse, or the
     /// pulse itself as a level (0 and 1, a Boolean, a voltage). A pulse comes with
-    /// a new count, or with a rising edge.
+    /// a new count, or with the edge that begins it.
     pub name: String,
     /// The encoder whose count the pulse latches; absent on a machine without
     /// counting encoders, whose column then holds a level.
@@ -146,6 +146,8 @@ pub enum IndexSignal {
     Latched,
     /// A level of any width and height: its rising edge is the pulse.
     Level,
+    /// A level that is low during the pulse: its falling edge is the pulse.
+    ActiveLow,
 }
 
 fn thirty_two() -> u32 {

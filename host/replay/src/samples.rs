@@ -11,7 +11,7 @@ use super::displacements::displacement_columns;
 use super::index::{Pulse, Pulses};
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{Channel, Encoder, Kind, Machine, Reference, Segment};
-use loadtwin_recording::{Block, Quantity, Reader, Role, Unit, Wanted, columns};
+use loadtwin_recording::{Block, Quantity, Reader, Role, Timing, Unit, Wanted, columns};
 
 /// A recording, sample by sample.
 pub struct Samples {
@@ -30,6 +30,8 @@ pub struct Samples {
     segments_from_s: Option<f64>,
     /// Words and counts that were no whole numbers.
     fractional: u64,
+    /// Whether counts lie between those of the file.
+    is_resampled: bool,
     correction: Correction,
     tick: u32,
 }
@@ -218,6 +220,7 @@ impl Samples {
             motions,
             period_s: 1.0 / machine.rate_hz,
             fractional: 0,
+            is_resampled: machine.recording.timing == Timing::Resample,
             tick: 0,
         })
     }
@@ -236,6 +239,8 @@ impl Samples {
     /// each.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = self.reader.notes().to_vec();
+        let index = self.index.as_ref().and_then(|index| index.pulses.note());
+        notes.extend(index.map(str::to_owned));
         if self.fractional > 0 {
             notes.push(format!(
                 "{} counts are no whole numbers (means of several conversions?) and are rounded",
@@ -293,7 +298,7 @@ impl Samples {
         self.tick = self.tick.wrapping_add(1);
         let mut fractional = 0;
         let mut whole = |value: f64| {
-            fractional += u64::from(value.fract() != 0.0);
+            fractional += u64::from(!self.is_resampled && value.fract() != 0.0);
             value.round()
         };
         let at = |column: usize| {

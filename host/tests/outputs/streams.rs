@@ -98,3 +98,34 @@ fn estimates_go_through_pipes_as_into_files() {
         assert!(found == expected, "{name}");
     }
 }
+
+#[test]
+fn standard_output_that_leads_into_an_input_is_refused() {
+    let bench = Bench::new();
+    let good = bench.read("good.csv");
+    let open = || {
+        let mut options = File::options();
+        options.append(true).read(true);
+        options.open(bench.path("good.csv")).unwrap()
+    };
+    for line in [
+        "replay machine.toml good.csv --estimates -",
+        "replay machine.toml good.csv --estimates /dev/stdout",
+        "replay machine.toml good.csv",
+        "replay machine.toml good.csv --json",
+    ] {
+        let output = bench.command(line).stdout(open()).output().unwrap();
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{line}: {message}");
+        assert!(message.contains("input good.csv"), "{line}: {message}");
+        assert!(bench.read("good.csv") == good, "{line}");
+    }
+    for name in ["/dev/stdin", "/dev/fd/0", "/proc/self/fd/0"] {
+        let line = format!("replay machine.toml - --estimates {name} --force");
+        let output = bench.command(&line).stdin(open()).output().unwrap();
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{line}: {message}");
+        assert!(message.contains("is the input"), "{line}: {message}");
+        assert!(bench.read("good.csv") == good, "{line}");
+    }
+}

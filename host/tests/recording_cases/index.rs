@@ -130,10 +130,66 @@ fn latched_counts_may_have_zeros_or_the_last_count_between_them() {
         };
     });
     same(&few, "zeros and empty cells");
+    same(&filled(|_| -1.0), "-1 between");
+    let mut lost = filled(|last| last);
+    let is_pulse: Vec<bool> = base().rows.iter().map(|r| !r[INDEX].is_nan()).collect();
+    let cells = lost.rows.iter_mut().zip(&is_pulse).enumerate();
+    for (i, (row, _)) in cells.filter(|(i, (_, is_pulse))| i % 11 == 0 && !**is_pulse) {
+        row[INDEX] = if i > 0 { f64::NAN } else { row[INDEX] };
+    }
+    same(&lost, "held, with lost cells");
     let mut described = machine("");
     described.index.as_mut().unwrap().signal = Some(IndexSignal::Latched);
     let found = filled(|_| 0.0).replay(&described).unwrap();
     assert!(found.loads == plain.loads);
+}
+
+#[test]
+fn latched_counts_that_come_late_home_later() {
+    let plain = plain();
+    for late in [3, 40] {
+        let mut table = base();
+        table.rows.iter_mut().for_each(|row| row[INDEX] = f64::NAN);
+        let source = base();
+        for i in pulses(&source) {
+            if let Some(row) = table.rows.get_mut(i + late) {
+                row[INDEX] = source.rows[i][INDEX];
+            }
+        }
+        close(&table, &plain, &format!("{late} rows late"));
+    }
+}
+
+#[test]
+fn a_level_that_is_low_during_the_pulse_counts_by_its_falling_edge() {
+    let plain = plain();
+    for (low, high, header) in [(1.0, 0.0, "index [1]"), (4.9, 0.1, "index [V]")] {
+        for width in [1, 20, 60] {
+            let table = level(width, low, high, header);
+            close(&table, &plain, &format!("{header}, {width} rows low"));
+        }
+    }
+    let mut described = machine("");
+    described.index.as_mut().unwrap().signal = Some(IndexSignal::ActiveLow);
+    let stated = level(300, 1.0, 0.0, "index [1]")
+        .replay(&described)
+        .unwrap();
+    assert!(
+        (stated.full() - plain.full()).abs() < 0.05,
+        "{:?}",
+        stated.nmae
+    );
+}
+
+#[test]
+fn counts_beside_those_of_the_encoder_are_refused() {
+    for off in [4096.0, -9000.0, 100_000.0] {
+        let mut table = base();
+        for row in &mut table.rows {
+            row[INDEX] += off;
+        }
+        refused(&table, "another zero, or another counter");
+    }
 }
 
 #[test]

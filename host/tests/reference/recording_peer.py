@@ -454,11 +454,14 @@ class Writer:
                                     [(t, {n: plain[n] for n in list(plain)[:3]}), (t, {n: plain[n] for n in list(plain)[3:]})],
                                     [(t, {n: plain[n] for n in list(plain)[:4]}), (slow, warm), (t, {n: plain[n] for n in list(plain)[4:]})],
                                     [(t, {n: v}) for n, v in plain.items()])):
-            path = self.add(f"unsorted-{k}.mf4", expect="pulse", layout=stated)
-            path.write_bytes(unsorted_mdf(groups))
-            with MDF(path) as mdf:
-                found = mdf.get("ta3")
-                assert np.array_equal(found.samples, self.data["ta3"])
+            # Whole, and in blocks within which records end anywhere.
+            for name, written in (("", {}), ("-blocks", dict(split=777)), ("-wide", dict(split=70001, id_size=8)),
+                                  ("-dz", dict(split=5001, columns=0)), ("-dzt", dict(split=4999, columns=33))):
+                path = self.add(f"unsorted-{k}{name}.mf4", expect="pulse", layout=stated)
+                path.write_bytes(unsorted_mdf(groups, **written))
+                with MDF(path) as mdf:
+                    found = mdf.get("ta3")
+                    assert np.array_equal(found.samples, self.data["ta3"])
 
     # --- Files of other formats ----------------------------------------------------
 

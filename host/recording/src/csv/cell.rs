@@ -15,8 +15,8 @@ pub(crate) enum Kind {
     Timestamp {
         /// As `strftime` has it; ISO 8601 where none.
         format: Option<String>,
-        /// The first row's [ns].
-        origin: Remembered<Option<i64>>,
+        /// The first row's.
+        origin: Remembered<Option<Stamp>>,
     },
     Duration,
 }
@@ -49,10 +49,13 @@ impl Kind {
             Self::Number => "a number, or nothing where the sample is missing",
             Self::Boolean => "true or false, or nothing where the sample is missing",
             Self::Timestamp { format: None, .. } => {
-                "a timestamp such as 2026-03-31T12:00:00.002 (`format` of the channel under \
-                 [recording.channels] reads others)"
+                "a timestamp such as 2026-03-31T12:00:00.002, with a zone in each row or in none (`format` \
+                 of the channel under [recording.channels] reads others)"
             }
-            Self::Timestamp { .. } => "a timestamp as `format` under [recording.channels] has it",
+            Self::Timestamp { .. } => {
+                "a timestamp as `format` under [recording.channels] has it, with a zone in each row \
+                 or in none"
+            }
             Self::Duration => "hours:minutes:seconds",
         }
     }
@@ -71,7 +74,9 @@ impl Kind {
                 let stamp = timestamp(text, format.as_deref())?;
                 let first = origin.get().unwrap_or(stamp);
                 origin.set(Some(first));
-                Some(stamp.checked_sub(first)? as f64 / 1e9)
+                // Without a zone the clock is unknown, and so is its distance to one with.
+                let elapsed_ns = stamp.ns.checked_sub(first.ns)?;
+                (stamp.has_zone == first.has_zone).then(|| elapsed_ns as f64 / 1e9)
             }
         }
     }
@@ -91,6 +96,9 @@ pub(super) fn recognise(cells: &[&[u8]]) -> ColumnType {
         ColumnType::Timestamp
     } else if all(&|text| duration(text).is_some()) {
         ColumnType::Duration
+    } else if all(&is_date_and_time) {
+        // In an order that only `format` can say.
+        ColumnType::Timestamp
     } else {
         ColumnType::Number
     }
@@ -107,36 +115,65 @@ fn boolean(text: &str) -> Option<f64> {
     }
 }
 
-/// Nanoseconds since 1970, where the text has no zone those of its clock.
-fn timestamp(text: &str, format: Option<&str>) -> Option<i64> {
-    let plain = text.replace(',', ".");
+/// A point in time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Stamp {
+    /// Nanoseconds since 1970, where the text has no zone those of its clock.
+    ns: i64,
+    has_zone: bool,
+}
+
+fn timestamp(text: &str, format: Option<&str>) -> Option<Stamp> {
+    let text = text.replace(',', ".");
+    // Chrono reads no names of zones.
+    let text = (text.strip_suffix("UTC").or(text.strip_suffix("GMT")))
+        .map_or_else(|| text.clone(), |clock| format!("{}Z", clock.trim_end()));
+    let stamp = |format: &str| {
+        let zoned = DateTime::parse_from_str(&text, format).map(|stamp| stamp.to_utc());
+        let has_zone = zoned.is_ok();
+        let plain = || NaiveDateTime::parse_from_str(&text, format).map(|stamp| stamp.and_utc());
+        let ns = zoned.or_else(|_| plain()).ok()?.timestamp_nanos_opt()?;
+        Some(Stamp { ns, has_zone })
+    };
     if let Some(format) = format {
-        let with_zone = DateTime::parse_from_str(&plain, format).map(|stamp| stamp.to_utc());
-        let stamp = with_zone.or_else(|_| {
-            NaiveDateTime::parse_from_str(&plain, format).map(|stamp| stamp.and_utc())
-        });
-        return stamp.ok()?.timestamp_nanos_opt();
+        return stamp(format);
     }
     // A date first: years have four digits, and no number is written so.
-    let date = plain.get(..10)?;
-    let is_date = NaiveDate::parse_from_str(date, "%Y-%m-%d").is_ok();
-    let is_german = NaiveDate::parse_from_str(date, "%d.%m.%Y").is_ok();
-    if !is_date && !is_german {
+    let starts_with = |length, format| {
+        let date = text.get(..length);
+        date.is_some_and(|date| NaiveDate::parse_from_str(date, format).is_ok())
+    };
+    let (date, separators) = if starts_with(10, "%Y-%m-%d") {
+        ("%Y-%m-%d", ["T", " "])
+    } else if starts_with(10, "%Y/%m/%d") {
+        ("%Y/%m/%d", ["T", " "])
+    } else if starts_with(10, "%d.%m.%Y") {
+        ("%d.%m.%Y", ["T", " "])
+    } else if starts_with(8, "%Y%m%d") && text.get(8..9) == Some("T") {
+        ("%Y%m%d", ["T", "T"])
+    } else {
         return None;
-    }
-    if let Ok(stamp) = DateTime::parse_from_rfc3339(&plain) {
-        return stamp.timestamp_nanos_opt();
-    }
-    [
-        "%Y-%m-%dT%H:%M:%S%.f",
-        "%Y-%m-%d %H:%M:%S%.f",
-        "%d.%m.%Y %H:%M:%S%.f",
-        "%d.%m.%YT%H:%M:%S%.f",
-    ]
-    .iter()
-    .find_map(|format| NaiveDateTime::parse_from_str(&plain, format).ok())?
-    .and_utc()
-    .timestamp_nanos_opt()
+    };
+    let clock = if date == "%Y%m%d" && !text.contains(':') {
+        "%H%M%S%.f"
+    } else {
+        "%H:%M:%S%.f"
+    };
+    separators.iter().find_map(|separator| {
+        let zoned = format!("{date}{separator}{clock}%#z");
+        stamp(&zoned).or_else(|| stamp(&format!("{date}{separator}{clock}")))
+    })
+}
+
+/// Whether a text is a date and a time of day, such as `03/31/2026 1:30:00 PM`.
+fn is_date_and_time(text: &str) -> bool {
+    let digits = |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit());
+    let Some((date, clock)) = text.split_once([' ', 'T']) else {
+        return false;
+    };
+    let date: Vec<&str> = date.split(['/', '-', '.']).collect();
+    let clock = clock.split_once(':').map(|(hours, _)| hours);
+    date.len() == 3 && date.into_iter().all(digits) && clock.is_some_and(digits)
 }
 
 /// Seconds of `12:34:56.789`, before it days as `1 days 12:34:56.789`.
@@ -184,17 +221,25 @@ mod tests {
 
     #[test]
     fn timestamps_of_the_trade() {
-        let second = timestamp("2026-03-31T12:00:00", None).unwrap();
+        let second = timestamp("2026-03-31T12:00:00", None).unwrap().ns;
+        let ns = |text: &str, format| timestamp(text, format).map(|stamp| stamp.ns);
         for text in [
             "2026-03-31 12:00:00.002",
             "2026-03-31T12:00:00,002",
             "2026-03-31T12:00:00.002Z",
             "2026-03-31T14:00:00.002+02:00",
+            "2026-03-31T14:00:00.002+0200",
+            "2026-03-31 14:00:00.002 +02:00",
+            "2026-03-31 12:00:00.002 UTC",
+            "2026-03-31 12:00:00.002Z",
+            "2026/03/31 12:00:00.002",
+            "20260331T120000.002Z",
+            "20260331T120000.002",
             "31.03.2026 12:00:00,002",
         ] {
-            assert_eq!(timestamp(text, None), Some(second + 2_000_000), "{text}");
+            assert_eq!(ns(text, None), Some(second + 2_000_000), "{text}");
         }
-        let american = timestamp("03/31/2026 12:00:00.002", Some("%m/%d/%Y %H:%M:%S%.f"));
+        let american = ns("03/31/2026 12:00:00.002", Some("%m/%d/%Y %H:%M:%S%.f"));
         assert_eq!(american, Some(second + 2_000_000));
         for text in [
             "03/31/2026 12:00:00",
@@ -202,6 +247,7 @@ mod tests {
             "1.5",
             "",
             "2026-13-01 00:00:00",
+            "20260331",
         ] {
             assert_eq!(timestamp(text, None), None, "{text}");
         }
@@ -229,5 +275,14 @@ mod tests {
         assert_eq!(kind(&["00:00:00.1", "00:00:00.2"]), ColumnType::Duration);
         assert_eq!(kind(&["2026-03-31 12:00:00", "x"]), ColumnType::Number);
         assert_eq!(kind(&[]), ColumnType::Number);
+        // Which of them is the month, only `format` says.
+        let american = ["03/31/2026 01:00:00 PM", "03/31/2026 01:00:01 PM"];
+        assert_eq!(kind(&american), ColumnType::Timestamp);
+        let cell = Kind::of(ColumnType::Timestamp, None);
+        assert_eq!(cell.value(american[0].as_bytes(), false), None);
+        assert_eq!(cell.value(b"2026-03-31 12:00:00", false), Some(0.0));
+        assert_eq!(cell.value(b"2026-03-31 12:00:01", false), Some(1.0));
+        // A zone in this row only.
+        assert_eq!(cell.value(b"2026-03-31 12:00:01Z", false), None);
     }
 }

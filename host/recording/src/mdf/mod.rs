@@ -10,6 +10,7 @@ mod group;
 mod plan;
 mod side;
 mod track;
+mod unsorted;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -23,6 +24,7 @@ use super::source::{Output, Rows};
 use plan::{Plan, Planner};
 use side::Side;
 use track::Stream;
+use unsorted::WholeRecords;
 
 /// Largest size that a compressed block may claim to have expanded, bytes: 24
 /// times what the usual writers make, and twice that is held where a block is
@@ -59,7 +61,11 @@ impl Mdf {
             ..OpenOptions::default()
         };
         let shared = Arc::clone(&source);
-        let file = Mf4File::from_source_with_options(shared, options).map_err(damaged)?;
+        let mut file =
+            Mf4File::from_source_with_options(shared, options.clone()).map_err(damaged)?;
+        if let Some(whole) = WholeRecords::of(&file, &source).map_err(damaged)? {
+            file = Mf4File::from_source_with_options(Arc::new(whole), options).map_err(damaged)?;
+        }
         let plan = Planner::new(&file, &source, layout, wanted)?.plan()?;
         Ok(Self {
             plan,

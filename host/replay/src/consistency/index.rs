@@ -3,8 +3,9 @@
 use std::f64::consts::{PI, TAU};
 
 use loadtwin_common::io::estimate::Estimate;
+use loadtwin_common::io::fault::Fault;
 
-use super::{Cause, TURNS};
+use super::{CONTRADICTING, Cause, TURNS};
 use crate::Sample;
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::Machine;
@@ -33,6 +34,9 @@ pub(super) struct IndexPulses {
     angle: f64,
     turned: f64,
     homed: u64,
+    samples: u64,
+    /// Samples in which pulses and counts are not at one.
+    slipped: u64,
 }
 
 impl IndexPulses {
@@ -52,6 +56,8 @@ impl IndexPulses {
             angle: 0.0,
             turned: 0.0,
             homed: 0,
+            samples: 0,
+            slipped: 0,
         })
     }
 
@@ -61,6 +67,9 @@ impl IndexPulses {
         self.turned += ((angle - self.angle + PI).rem_euclid(TAU) - PI).abs();
         self.angle = angle;
         self.homed += u64::from(estimate.homed);
+        self.samples += 1;
+        let loads = &estimate.loads;
+        self.slipped += u64::from(loads.iter().any(|load| load.fault == Fault::Slipped));
         let Some(count) = sample.raw.index else {
             return;
         };
@@ -80,8 +89,9 @@ impl IndexPulses {
         self.last = Some(count);
     }
 
-    /// What is wrong with pulse or counts, if anything.
-    pub fn cause(&self) -> Option<Cause> {
+    /// What is wrong with pulse or counts, if anything; `contradicted`: whether a sensor
+    /// contradicts the model.
+    pub fn cause(&self, contradicted: bool) -> Option<Cause> {
         if self.pulses == 0 && self.homed == 0 {
             let turns = self.turned / TAU;
             return (turns > TURNS).then(|| Cause {
@@ -91,6 +101,12 @@ impl IndexPulses {
                 remedy: "check the column and its unit; loads stay not homed without it".into(),
             });
         }
+        self.distance_of_pulses(contradicted)
+            .or_else(|| self.slip())
+    }
+
+    /// Pulses that are not one turn apart.
+    fn distance_of_pulses(&self, contradicted: bool) -> Option<Cause> {
         let counts = self.counts_per_turn?;
         // A pulse that is missed now and then makes two turns of one, not all of them.
         let is_whole = |distance: &&f64| (*distance / counts - 1.0).abs() < NEAR;
@@ -102,22 +118,8 @@ impl IndexPulses {
         sorted.sort_by(f64::total_cmp);
         let median = sorted[sorted.len() / 2];
         let alike = |d: &&f64| (*d / median - 1.0).abs() < NEAR;
-        let regular = 2 * sorted.iter().filter(alike).count() > sorted.len();
-        Some(if regular {
-            Cause {
-                kind: "counts",
-                what: format!(
-                    "{median:.0} counts of {} from one index pulse to the next, counts_per_turn {counts}",
-                    self.encoder
-                ),
-                corrected_percent: None,
-                remedy: format!(
-                    "set counts_per_turn of {} to what is on its label",
-                    self.encoder
-                ),
-            }
-        } else {
-            Cause {
+        if 2 * sorted.iter().filter(alike).count() <= sorted.len() {
+            return Some(Cause {
                 kind: "index",
                 what: format!(
                     "pulses in column {} come {:.0} to {:.0} counts apart, counts_per_turn {counts}",
@@ -127,7 +129,58 @@ impl IndexPulses {
                 ),
                 corrected_percent: None,
                 remedy: "check the column and its wiring for noise".into(),
+            });
+        }
+        let what = format!(
+            "{median:.0} counts of {} from one index pulse to the next, counts_per_turn {counts}",
+            self.encoder
+        );
+        let turns = (median / counts).round();
+        // Of another number of counts the speed is wrong too.
+        let is_whole = (median / counts - turns).abs() < NEAR;
+        Some(if turns >= 2.0 && is_whole && !contradicted {
+            Cause {
+                kind: "index",
+                what,
+                corrected_percent: None,
+                remedy: format!(
+                    "if the pulse is seen every {turns:.0} turns only (a level that changes with each \
+                     pulse, a divider), give column {} each pulse; else set counts_per_turn of {} to \
+                     what is on its label",
+                    self.name, self.encoder
+                ),
             }
+        } else {
+            Cause {
+                kind: "counts",
+                what,
+                corrected_percent: None,
+                remedy: format!(
+                    "set counts_per_turn of {} to what is on its label",
+                    self.encoder
+                ),
+            }
+        })
+    }
+
+    /// Pulses and counts that are often not at one.
+    fn slip(&self) -> Option<Cause> {
+        let part = self.slipped as f64 / self.samples.max(1) as f64;
+        (part > CONTRADICTING).then(|| Cause {
+            kind: "index",
+            what: format!(
+                "pulses in column {} and counts of {} do not agree in {:.0} % of the samples ({} pulses in \
+                 {:.1} turns)",
+                self.name,
+                self.encoder,
+                100.0 * part,
+                self.pulses,
+                self.turned / TAU
+            ),
+            corrected_percent: None,
+            remedy: "look for missing or false pulses, lost counts and a slipping coupling; `signal` \
+                     under [index] states what the column holds"
+                .into(),
         })
     }
 }

@@ -5,6 +5,7 @@
 //! read as each of them says, and the one with the highest likelihood is named if it restores
 //! consistency.
 
+mod counter;
 mod hypothesis;
 mod index;
 mod references;
@@ -16,6 +17,7 @@ use std::path::Path;
 use loadtwin_common::io::estimate::Estimate;
 use serde::Serialize;
 
+use self::counter::Counter;
 use self::index::IndexPulses;
 use self::references::Reference;
 pub use self::sensor::SensorConsistency;
@@ -76,6 +78,8 @@ pub struct Consistency {
     references: Vec<(Reference, [u64; 2])>,
     #[serde(skip)]
     index: Option<IndexPulses>,
+    #[serde(skip)]
+    counters: Vec<Counter>,
 }
 
 impl Consistency {
@@ -94,6 +98,7 @@ impl Consistency {
                 .map(|reference| (reference, [0; 2]))
                 .collect(),
             index: IndexPulses::new(machine, sensors),
+            counters: sensors.encoders.iter().map(Counter::new).collect(),
         }
     }
 
@@ -120,6 +125,9 @@ impl Consistency {
         if let Some(index) = &mut self.index {
             index.push(sample, estimate);
         }
+        for (k, counter) in self.counters.iter_mut().enumerate() {
+            counter.push(sample, k);
+        }
     }
 
     /// Sums up, and looks for the cause where recording and description disagree.
@@ -134,10 +142,12 @@ impl Consistency {
     }
 
     fn cause_in(&self, machine: &Machine, sensors: &Sensors, path: &Path) -> Option<Cause> {
-        if let Some(cause) = self.index.as_ref().and_then(IndexPulses::cause) {
+        let contradicted = !self.contradicting().is_empty();
+        let by_counter = self.counters.iter().find_map(Counter::cause);
+        let by_index = || self.index.as_ref()?.cause(contradicted);
+        if let Some(cause) = by_counter.or_else(by_index) {
             return Some(cause);
         }
-        let contradicted = !self.contradicting().is_empty();
         let by_reference = self.by_reference();
         let mostly_faulty = self
             .sensors
