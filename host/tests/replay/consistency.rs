@@ -185,6 +185,11 @@ fn a_gearbox_names_sign_unit_swap_and_counts() {
             "unit",
             "ta1, ta2, ta3, times 0.001",
         ),
+        (
+            plain.with(&["encoder_main", "index"], |x| format!("{}", x % 65536.0)),
+            "counts",
+            "encoder_main begins anew after 65536 counts",
+        ),
     ];
     let found = bench.replayed(&machine, &plain);
     assert!(found["consistency_note"].is_null(), "{found}");

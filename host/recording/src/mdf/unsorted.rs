@@ -82,7 +82,7 @@ impl WholeRecords {
         let mut from = 0;
         for &end in ends {
             starts.push(from);
-            blocks.push(self.put(header(b"##DT", HEADER + end - from, 0)));
+            blocks.push(self.put(header(*b"##DT", HEADER + end - from, 0)));
             let records = Content::Records {
                 stream: self.streams.len(),
                 from,
@@ -91,7 +91,11 @@ impl WholeRecords {
             from = end;
         }
         let count = blocks.len() as u64;
-        let mut list = header(b"##DL", HEADER + 8 * (1 + count) + 8 + 8 * count, 1 + count);
+        let mut list = header(
+            *b"##DL",
+            HEADER + 8 * (1 + count) + 8 + 8 * count,
+            1 + count,
+        );
         let links = std::iter::once(0).chain(blocks);
         list.extend(links.flat_map(u64::to_le_bytes));
         // Flags: 0, blocks of different lengths; their number; where each starts.
@@ -183,7 +187,7 @@ fn is_cut(group: &DataGroup) -> bool {
         && blocks.blocks().iter().all(is_plain)
 }
 
-fn header(name: &[u8; 4], length: u64, links: u64) -> Vec<u8> {
+fn header(name: [u8; 4], length: u64, links: u64) -> Vec<u8> {
     let mut bytes = name.to_vec();
     bytes.extend([0; 4]);
     bytes.extend(length.to_le_bytes());
@@ -274,7 +278,7 @@ impl RecordStream {
 
     /// Ends of blocks of whole records; the last is the end of the stream.
     ///
-    /// Behind a record that no channel group of the file has, nothing is known: the rest is one block.
+    /// Behind a record that no channel group of the file has, nothing is known: all that follows is one block.
     fn ends(&self, group: &DataGroup) -> Result<Vec<u64>, Mf4Error> {
         let records = RecordSizes::of(group);
         let total = self.blocks.total_size();

@@ -89,9 +89,8 @@ impl IndexPulses {
         self.last = Some(count);
     }
 
-    /// What is wrong with pulse or counts, if anything; `contradicted`: whether a sensor
-    /// contradicts the model.
-    pub fn cause(&self, contradicted: bool) -> Option<Cause> {
+    /// What is wrong with pulse or counts, if anything.
+    pub fn cause(&self) -> Option<Cause> {
         if self.pulses == 0 && self.homed == 0 {
             let turns = self.turned / TAU;
             return (turns > TURNS).then(|| Cause {
@@ -101,12 +100,11 @@ impl IndexPulses {
                 remedy: "check the column and its unit; loads stay not homed without it".into(),
             });
         }
-        self.distance_of_pulses(contradicted)
-            .or_else(|| self.slip())
+        self.distance_of_pulses().or_else(|| self.slip())
     }
 
     /// Pulses that are not one turn apart.
-    fn distance_of_pulses(&self, contradicted: bool) -> Option<Cause> {
+    fn distance_of_pulses(&self) -> Option<Cause> {
         let counts = self.counts_per_turn?;
         // A pulse that is missed now and then makes two turns of one, not all of them.
         let is_whole = |distance: &&f64| (*distance / counts - 1.0).abs() < NEAR;
@@ -131,35 +129,27 @@ impl IndexPulses {
                 remedy: "check the column and its wiring for noise".into(),
             });
         }
-        let what = format!(
-            "{median:.0} counts of {} from one index pulse to the next, counts_per_turn {counts}",
-            self.encoder
-        );
         let turns = (median / counts).round();
-        // Of another number of counts the speed is wrong too.
-        let is_whole = (median / counts - turns).abs() < NEAR;
-        Some(if turns >= 2.0 && is_whole && !contradicted {
-            Cause {
-                kind: "index",
-                what,
-                corrected_percent: None,
-                remedy: format!(
-                    "if the pulse is seen every {turns:.0} turns only (a level that changes with each \
-                     pulse, a divider), give column {} each pulse; else set counts_per_turn of {} to \
-                     what is on its label",
-                    self.name, self.encoder
-                ),
-            }
+        let is_whole = turns >= 2.0 && (median / counts - turns).abs() < NEAR;
+        let or_else = if is_whole {
+            format!(
+                "; a pulse that is seen every {turns:.0} turns only (a level that changes with each \
+                 pulse, a divider) looks the same"
+            )
         } else {
-            Cause {
-                kind: "counts",
-                what,
-                corrected_percent: None,
-                remedy: format!(
-                    "set counts_per_turn of {} to what is on its label",
-                    self.encoder
-                ),
-            }
+            String::new()
+        };
+        Some(Cause {
+            kind: "counts",
+            what: format!(
+                "{median:.0} counts of {} from one index pulse to the next, counts_per_turn {counts}",
+                self.encoder
+            ),
+            corrected_percent: None,
+            remedy: format!(
+                "set counts_per_turn of {} to what is on its label{or_else}",
+                self.encoder
+            ),
         })
     }
 

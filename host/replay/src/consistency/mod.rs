@@ -142,12 +142,12 @@ impl Consistency {
     }
 
     fn cause_in(&self, machine: &Machine, sensors: &Sensors, path: &Path) -> Option<Cause> {
-        let contradicted = !self.contradicting().is_empty();
         let by_counter = self.counters.iter().find_map(Counter::cause);
-        let by_index = || self.index.as_ref()?.cause(contradicted);
+        let by_index = || self.index.as_ref()?.cause();
         if let Some(cause) = by_counter.or_else(by_index) {
             return Some(cause);
         }
+        let contradicted = !self.contradicting().is_empty();
         let by_reference = self.by_reference();
         let mostly_faulty = self
             .sensors
