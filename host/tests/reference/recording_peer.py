@@ -149,7 +149,15 @@ class Writer:
         american = "[channels.t]\ntype = 'timestamp'\nformat = '%m/%d/%Y %H:%M:%S%.f'\n"
         self.text("american.csv", names=bare, time=stamp("{m}/{d}/{y} {c}", 3), layout=american)
         self.text("american-refused.csv", names=bare, time=stamp("{m}/{d}/{y} {c}", 3), expect="refused",
-                  says="`t` has no unit")
+                  says="`format` of the channel under")
+        self.text("half-days.csv", names=bare, time=stamp("{m}/{d}/{y} {c} PM", 3), expect="refused",
+                  says="`format` of the channel under")
+        self.text("zone-once.csv", names=bare, time=lambda i: stamp("{y}-{m}-{d} {c}", 3)(i) + ("Z" if i > 900 else ""),
+                  expect="refused", says="with a zone in each row or in none")
+        for name, form in (("zone-digits", "{y}-{m}-{d}T{c}+0200"), ("zone-hours", "{y}-{m}-{d} {c} +02:00"),
+                           ("zone-name", "{y}-{m}-{d} {c} UTC"), ("slashes", "{y}/{m}/{d} {c}"),
+                           ("compact", "{y}{m}{d}T{c}Z")):
+            self.text(f"{name}.csv", names=bare, time=stamp(form, 3))
         self.text("clock.csv", names=bare, time=lambda i: f"0:00:{i * 0.002:06.3f}")
         self.text("days.csv", names=bare, time=lambda i: f"0 days 00:00:{i * 0.002:09.6f}")
         self.text("milliseconds.csv", names=["t [ms]"] + bare[1:], time=lambda i: str(2 * i))
@@ -456,7 +464,7 @@ class Writer:
                                     [(t, {n: v}) for n, v in plain.items()])):
             # Whole, and in blocks within which records end anywhere.
             for name, written in (("", {}), ("-blocks", dict(split=777)), ("-wide", dict(split=70001, id_size=8)),
-                                  ("-dz", dict(split=5001, columns=0)), ("-dzt", dict(split=4999, columns=33))):
+                                  ("-dz", dict(split=5001, width=0)), ("-dzt", dict(split=4999, width=33))):
                 path = self.add(f"unsorted-{k}{name}.mf4", expect="pulse", layout=stated)
                 path.write_bytes(unsorted_mdf(groups, **written))
                 with MDF(path) as mdf:

@@ -11,18 +11,18 @@ def block(name, links, data):
     return struct.pack("<4s4xQQ", name, size, len(links)) + struct.pack(f"<{len(links)}Q", *links) + data
 
 
-def zipped(part, columns):
-    """A compressed data block: deflate, of bytes transposed in so many columns where not 0."""
-    whole = len(part) // columns * columns if columns else 0
-    table = np.frombuffer(part[:whole], "u1").reshape(-1, max(columns, 1)).T.tobytes() + part[whole:]
+def zipped(part, width):
+    """A compressed data block: deflate, of bytes transposed in so many columns where `width` is not 0."""
+    whole = len(part) // width * width if width else 0
+    table = np.frombuffer(part[:whole], "u1").reshape(-1, max(width, 1)).T.tobytes() + part[whole:]
     packed = zlib.compress(table)
-    return block(b"##DZ", [], struct.pack("<2sBxIQQ", b"DT", int(columns > 0), columns, len(part), len(packed)) + packed)
+    return block(b"##DZ", [], struct.pack("<2sBxIQQ", b"DT", int(width > 0), width, len(part), len(packed)) + packed)
 
 
-def unsorted_mdf(groups, split=None, columns=None, id_size=1):
+def unsorted_mdf(groups, split=None, width=None, id_size=1):
     """Records of all groups in the order of time, each behind the number of its group: MDF 4.10.
 
-    With `split` in data blocks of so many bytes, wherever a record ends; with `columns` these are
+    With `split` in data blocks of so many bytes, wherever a record ends; with `width` these are
     compressed, see `zipped`.
     """
     out = bytearray(64 + 104)
@@ -57,14 +57,14 @@ def unsorted_mdf(groups, split=None, columns=None, id_size=1):
     records.sort(key=lambda record: record[:2])
     stream = b"".join(number.to_bytes(id_size, "little") + row.astype("<f8").tobytes() for _, number, row in records)
     parts = [stream[at:at + (split or len(stream))] for at in range(0, len(stream), split or len(stream))]
-    stored = [put(block(b"##DT", [], part) if columns is None else zipped(part, columns)) for part in parts]
+    stored = [put(block(b"##DT", [], part) if width is None else zipped(part, width)) for part in parts]
     data = stored[0]
     if split:
         starts = [split * k for k in range(len(parts))]
         flags = struct.pack("<B3xI", 0, len(parts)) + struct.pack(f"<{len(parts)}Q", *starts)
         data = put(block(b"##DL", [0, *stored], flags))
-        if columns is not None:
-            data = put(block(b"##HL", [data], struct.pack("<HB5x", 0, int(columns > 0))))
+        if width is not None:
+            data = put(block(b"##HL", [data], struct.pack("<HB5x", 0, int(width > 0))))
     group = put(block(b"##DG", [0, first, data, 0], struct.pack("<B7x", id_size)))
     history = put(block(b"##FH", [0, put(block(b"##MD", [], b"<FHcomment><TX/></FHcomment>\0\0\0\0"))],
                         struct.pack("<QhhB3x", 0, 0, 0, 0)))
