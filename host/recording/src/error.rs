@@ -68,6 +68,9 @@ pub enum Problem {
         /// Rows there.
         found: u64,
     },
+    /// Text whose lines end with a carriage return alone.
+    #[error("its lines end with CR alone; allowed: LF or CR LF (`tr '\\r' '\\n' < FILE` converts)")]
+    CarriageReturns,
     /// Neither Parquet nor MDF4 by its first bytes, and not text either.
     #[error(
         "line {line} is not text, found `{found}`; allowed: CSV, Parquet, MDF4 (`encoding` under \

@@ -297,10 +297,13 @@ impl Column {
     /// Splits a header `name [unit]`.
     pub(super) fn from_header(text: &str) -> Self {
         let text = text.trim();
-        let split = text
-            .strip_suffix(']')
-            .and_then(|rest| rest.rsplit_once('['))
-            .filter(|(name, _)| !name.trim().is_empty());
+        let bracketed = |open: char, close: char| {
+            let inside = text.strip_suffix(close)?.rsplit_once(open)?;
+            Some(inside).filter(|(name, _)| !name.trim().is_empty())
+        };
+        // A name may end with parentheses that hold no unit.
+        let parenthesised = || bracketed('(', ')').filter(|(_, unit)| is_unit(unit));
+        let split = bracketed('[', ']').or_else(parenthesised);
         match split {
             Some((name, unit)) => Self {
                 name: name.trim().into(),
@@ -312,6 +315,14 @@ impl Column {
             },
         }
     }
+}
+
+/// Whether a text is a unit; a number is not, which programs add to names that are there twice.
+fn is_unit(text: &str) -> bool {
+    let text = text.trim();
+    !text.is_empty()
+        && !text.starts_with(|c: char| c.is_ascii_digit())
+        && text.parse::<Unit>().is_ok()
 }
 
 #[cfg(test)]
@@ -330,6 +341,10 @@ mod tests {
             ("bare", column("bare", None)),
             ("m [1] [Nm]", column("m [1]", Some("Nm"))),
             ("[s]", column("[s]", None)),
+            ("t (s)", column("t", Some("s"))),
+            ("ta1 (µm/m)", column("ta1", Some("µm/m"))),
+            ("ta1 (left)", column("ta1 (left)", None)),
+            ("ta1 (1)", column("ta1 (1)", None)),
             ("x [", column("x [", None)),
         ] {
             assert_eq!(Column::from_header(text), expected, "{text}");

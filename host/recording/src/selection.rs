@@ -98,7 +98,11 @@ fn missing(columns: &[Column], name: &str) -> Problem {
     let nearest = columns
         .iter()
         .take(1000)
-        .map(|c| (strsim::jaro_winkler(&c.name, name), c))
+        .map(|c| {
+            let is_same = c.name.eq_ignore_ascii_case(name);
+            let likeness = strsim::jaro_winkler(&c.name, name);
+            (if is_same { 1.0 } else { likeness }, c)
+        })
         .filter(|(likeness, _)| *likeness > 0.81)
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, c)| shown(&c.name));

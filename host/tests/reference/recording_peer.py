@@ -95,6 +95,13 @@ class Writer:
                   says="decimal_comma = true", layout="decimal_comma = false")
         self.text("other-delimiter.csv", delimiter=";", expect="refused", says="column `t` is missing",
                   layout='delimiter = ","')
+        self.text("parentheses.csv", names=[f"{n} ({UNITS[n]})" for n in NAMES])
+        self.text("returns.csv", end="\r", expect="refused", says="its lines end with CR alone")
+        self.text("capitals.csv", names=[f"{n.upper()} [{UNITS[n]}]" if n == "ta1" else f"{n} [{UNITS[n]}]" for n in NAMES],
+                  expect="refused", says="did you mean `TA1`?")
+        for name, written in (("thousands", '"1,234.5"'), ("apostrophes", "1'234.5")):
+            self.text(f"{name}.csv", index=lambda _, written=written: written, expect="refused",
+                      says="without separators between thousands")
         for k, line in enumerate(("sep=;", '"sep=;"', "SEP=;")):
             self.text(f"sep-{k}.csv", delimiter=";", head=[line])
         self.text("sep-tab.csv", delimiter="\t", head=["sep=\t"], end="\r\n")

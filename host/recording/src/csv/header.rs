@@ -201,6 +201,9 @@ fn take(
         if i > 0 {
             continue;
         }
+        if line.contains(&b'\r') && !line.contains(&0) {
+            return Err(Problem::CarriageReturns);
+        }
         let is_text = |text: &str| !text.chars().any(|c| c.is_control() && c != '\t');
         if !std::str::from_utf8(line).is_ok_and(is_text) {
             return Err(Problem::NotText {

@@ -195,6 +195,9 @@ impl Format {
         let kind = self.kinds.get(column).unwrap_or(&Kind::Number);
         match kind.value(cell, self.decimal_comma) {
             Some(value) if value.is_finite() => Ok(value),
+            None if matches!(kind, Kind::Number) && number::is_grouped(cell) => {
+                Err("a number without separators between thousands")
+            }
             None if cell.contains(&b',') && matches!(kind, Kind::Number) => Err(
                 "a number with a decimal point (`decimal_comma = true` under [recording] reads \
                  decimal commas)",

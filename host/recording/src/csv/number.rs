@@ -9,6 +9,16 @@ pub(super) fn parse(cell: &[u8], decimal_comma: bool) -> Option<f64> {
     }
 }
 
+/// Whether a number has separators between thousands: `1,234.5`, `1.234,5`, `1'234.5`.
+pub(super) fn is_grouped(cell: &[u8]) -> bool {
+    let digits = cell.strip_prefix(b"-").unwrap_or(cell);
+    let is_part = |b: &u8| b.is_ascii_digit() || matches!(b, b',' | b'.' | b'\'');
+    let separators = digits.iter().filter(|b| !b.is_ascii_digit());
+    let both = digits.contains(&b',') && digits.contains(&b'.');
+    let apostrophe = digits.contains(&b'\'');
+    digits.iter().all(is_part) && separators.count() > 0 && (both || apostrophe)
+}
+
 fn parse_number(cell: &[u8]) -> Option<f64> {
     parse_short(cell).or_else(|| std::str::from_utf8(cell).ok()?.parse().ok())
 }
@@ -68,6 +78,16 @@ fn parse_decimal_comma(cell: &[u8]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn separators_between_thousands_are_known() {
+        for text in ["1,234.5", "-312.031,2", "312'031.2", "1'000"] {
+            assert!(is_grouped(text.as_bytes()), "{text}");
+        }
+        for text in ["1,5", "1.5", "-3", "", "1.5 m", "a.b,c"] {
+            assert!(!is_grouped(text.as_bytes()), "{text}");
+        }
+    }
 
     #[test]
     fn decimal_comma() {
