@@ -85,14 +85,17 @@ pub(super) fn all(
         let shifts = (1..SHIFTS).map(|k| TAU * f64::from(k) / f64::from(SHIFTS));
         all.extend(shifts.filter_map(|by| described.homed_at(machine, by)));
     }
-    all.extend(RATES.into_iter().map(|factor| Hypothesis {
+    // Times in the file say the rate themselves.
+    let rates = RATES.into_iter();
+    let unstated = rates.filter(|_| machine.recording.row_period_ms.is_some());
+    all.extend(unstated.map(|factor| Hypothesis {
         kind: "rate",
         what: format!(
             "rows at {} Hz, rate_hz {}",
             machine.rate_hz * factor,
             machine.rate_hz
         ),
-        remedy: "set rate_hz, or correct the time column".into(),
+        remedy: "set rate_hz and row_period_ms under [recording]".into(),
         rate: factor,
         ..described.clone()
     }));

@@ -19,7 +19,7 @@ use serde::Serialize;
 
 use self::counter::Counter;
 use self::index::IndexPulses;
-use self::references::Reference;
+use self::references::ReferenceConsistency;
 pub use self::sensor::SensorConsistency;
 use self::sensor::contradicts;
 use super::Sample;
@@ -73,9 +73,8 @@ pub struct Consistency {
     /// First sample from which the causes can be tested; none where no sensor contradicts so often.
     #[serde(skip)]
     contradicted_at: Option<u64>,
-    /// The references, and for each the values with a load outside its band and those compared.
     #[serde(skip)]
-    references: Vec<(Reference, [u64; 2])>,
+    references: Vec<ReferenceConsistency>,
     #[serde(skip)]
     index: Option<IndexPulses>,
     #[serde(skip)]
@@ -94,9 +93,7 @@ impl Consistency {
             samples: 0,
             valid: 0,
             contradicted_at: None,
-            references: (Reference::all(machine).into_iter())
-                .map(|reference| (reference, [0; 2]))
-                .collect(),
+            references: ReferenceConsistency::all(machine),
             index: IndexPulses::new(machine, sensors),
             counters: sensors.encoders.iter().map(Counter::new).collect(),
         }
@@ -111,12 +108,9 @@ impl Consistency {
             sensor.push(read);
         }
         let mut most = 0;
-        for ((reference, counts), value) in self.references.iter_mut().zip(sample.references) {
-            if let Some(residual) = reference.residual(*value, estimate) {
-                counts[0] += u64::from(residual.is_beyond);
-                counts[1] += 1;
-            }
-            most = most.max(counts[0]);
+        for (reference, value) in self.references.iter_mut().zip(sample.references) {
+            reference.push(*value, estimate);
+            most = most.max(reference.beyond);
         }
         let sensors = self.sensors.iter().map(SensorConsistency::contradicting);
         if sensors.fold(most, u64::max) >= SETTLED {
@@ -153,7 +147,8 @@ impl Consistency {
             .sensors
             .iter()
             .find_map(SensorConsistency::mostly_faulty);
-        if contradicted || by_reference.is_some() || mostly_faulty.is_some() {
+        let outside = self.references.iter().any(ReferenceConsistency::is_outside);
+        if contradicted || outside || mostly_faulty.is_some() {
             let from = self.contradicted_at;
             let found = search::cause((machine, sensors), path, &self.sensors, from);
             if found.is_some() {
@@ -169,27 +164,11 @@ impl Consistency {
         by_reference.or_else(|| self.never_valid())
     }
 
-    /// The load that is most often outside its band, where that is more often than
-    /// [`CONTRADICTING`].
+    /// The load that is most often outside its band, or biased.
     fn by_reference(&self) -> Option<Cause> {
-        let part = |[beyond, compared]: [u64; 2]| beyond as f64 / compared.max(1) as f64;
-        let worst = |a: &&(Reference, [u64; 2]), b: &&(Reference, [u64; 2])| {
-            part(a.1).total_cmp(&part(b.1))
-        };
-        let (reference, counts) = self.references.iter().max_by(worst)?;
-        (part(*counts) > CONTRADICTING).then(|| Cause {
-            kind: "calibration",
-            what: format!(
-                "{} is outside its band beside the reference in {:.0} % of its valid samples",
-                reference.load,
-                100.0 * part(*counts)
-            ),
-            corrected_percent: None,
-            remedy:
-                "fit sensitivities with `loadtwin calibrate`, or check sign, zero and unit of the \
-                     reference"
-                    .into(),
-        })
+        let mut worst: Vec<&ReferenceConsistency> = self.references.iter().collect();
+        worst.sort_by(|a, b| b.part_beyond().total_cmp(&a.part_beyond()));
+        worst.into_iter().find_map(ReferenceConsistency::cause)
     }
 
     /// Sensors whose readings contradict the description, the worst first.

@@ -3,7 +3,7 @@
 use loadtwin_common::io::estimate::Estimate;
 use loadtwin_machine::Machine;
 
-use super::BEYOND;
+use super::{BEYOND, CONTRADICTING, Cause};
 
 /// Part of the nominal load by which a reference and a valid estimate may differ, one standard
 /// deviation beside that of the estimate, where causes are compared: a transducer of class 0.5 and
@@ -12,6 +12,10 @@ const REFERENCE: f64 = 0.1;
 
 /// Part of the nominal load beyond three standard deviations by which a valid load is wrong.
 const MARGIN: f64 = 0.03;
+
+/// Mean error of a load from which it is biased [standard deviations]: as large as what is stated of
+/// a single sample.
+const BIASED: f64 = 1.0;
 
 /// A reference and the load that it measures.
 #[derive(Clone, Debug)]
@@ -27,6 +31,9 @@ pub(super) struct ReferenceResidual {
     pub nis: f64,
     /// Logarithm of its variance.
     pub log_variance: f64,
+    /// The load minus the reference [part of nominal], and over the load's standard deviation.
+    pub error: f64,
+    pub deviations: f64,
     /// Whether the load is outside its band: beyond three standard deviations by more than 3 % of
     /// nominal.
     pub is_beyond: bool,
@@ -57,12 +64,86 @@ impl Reference {
         }
         let deviation = f64::from(load.std);
         let variance = deviation.powi(2) + (REFERENCE * nominal).powi(2);
-        let error = (value - f64::from(load.value)).abs();
+        let error = f64::from(load.value) - value;
         let band = f64::from(BEYOND).sqrt() * deviation + MARGIN * nominal;
         Some(ReferenceResidual {
-            nis: error * error / variance,
+            nis: error.powi(2) / variance,
             log_variance: variance.ln(),
-            is_beyond: error > band,
+            error: error / nominal,
+            deviations: error / deviation,
+            is_beyond: error.abs() > band,
+        })
+    }
+}
+
+/// One reference beside the valid estimates of a replay.
+#[derive(Clone, Debug)]
+pub(super) struct ReferenceConsistency {
+    reference: Reference,
+    compared: u64,
+    pub beyond: u64,
+    /// Sums of the error and of the error over its standard deviation.
+    sums: [f64; 2],
+}
+
+impl ReferenceConsistency {
+    /// Nothing compared yet, of each reference of the machine.
+    pub fn all(machine: &Machine) -> Vec<Self> {
+        let of = |reference| Self {
+            reference,
+            compared: 0,
+            beyond: 0,
+            sums: [0.0; 2],
+        };
+        Reference::all(machine).into_iter().map(of).collect()
+    }
+
+    /// Adds one sample.
+    pub fn push(&mut self, value: f64, estimate: &Estimate) {
+        if let Some(residual) = self.reference.residual(value, estimate) {
+            self.compared += 1;
+            self.beyond += u64::from(residual.is_beyond);
+            self.sums[0] += residual.error;
+            self.sums[1] += residual.deviations;
+        }
+    }
+
+    /// Part of the valid samples in which the load is outside its band.
+    pub fn part_beyond(&self) -> f64 {
+        self.beyond as f64 / self.compared.max(1) as f64
+    }
+
+    /// Whether the load is outside its band more often than [`CONTRADICTING`].
+    pub fn is_outside(&self) -> bool {
+        self.part_beyond() > CONTRADICTING
+    }
+
+    /// What the reference says against the load, if anything.
+    pub fn cause(&self) -> Option<Cause> {
+        let load = &self.reference.load;
+        let [error, deviations] = self.sums.map(|sum| sum / self.compared.max(1) as f64);
+        let what = if self.is_outside() {
+            format!(
+                "{load} is outside its band beside the reference in {:.0} % of its valid samples",
+                100.0 * self.part_beyond()
+            )
+        } else if deviations.abs() > BIASED && error.abs() > MARGIN {
+            format!(
+                "{load} is {:.1} % of nominal {} its reference on average",
+                100.0 * error.abs(),
+                if error > 0.0 { "above" } else { "below" }
+            )
+        } else {
+            return None;
+        };
+        Some(Cause {
+            kind: "calibration",
+            what,
+            corrected_percent: None,
+            remedy:
+                "fit sensitivities with `loadtwin calibrate`, or check sign, zero and unit of the \
+                     reference"
+                    .into(),
         })
     }
 }

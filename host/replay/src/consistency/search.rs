@@ -33,6 +33,10 @@ const OUTLIERS: f64 = 1e-3;
 /// Part of the disagreement that is left at most where a cause explains it.
 const LEFT: f64 = 0.25;
 
+/// Part of the samples with a valid load that must stay valid: where a correction makes the loads
+/// not valid, nothing is compared any more that could contradict it.
+const STAYS_VALID: f64 = 0.9;
+
 /// Logarithm of the likelihood, for a reading, by which a cause has to be better than none, and for
 /// each of its numbers that was fitted.
 const BETTER: f64 = 0.01;
@@ -90,6 +94,8 @@ struct Outcome {
     log_likelihood: f64,
     /// Part of the readings beyond three standard deviations of the worst sensor, and reference.
     beyond: [f64; 2],
+    /// Samples in which some load is valid.
+    valid: u64,
     /// Each sensor, its readings as corrected.
     sensors: Vec<SensorConsistency>,
 }
@@ -210,6 +216,7 @@ pub(super) fn cause(
     // the recording may be more likely than the one that does.
     let explains = |outcome: &Outcome| {
         outcome.log_likelihood > described.log_likelihood + BETTER
+            && outcome.valid as f64 >= STAYS_VALID * described.valid as f64
             && (outcome.beyond.iter().zip(described.beyond))
                 .all(|(after, before)| *after < CONTRADICTING.max(LEFT * before))
     };
@@ -243,7 +250,7 @@ fn replayed(
     let mut found: Vec<SensorConsistency> =
         names.into_iter().map(SensorConsistency::named).collect();
     let mut references = Residuals::default();
-    let mut count = 0;
+    let (mut count, mut valid) = (0, 0);
     while count < until {
         let more = samples.next_block(|sample| {
             count += 1;
@@ -251,6 +258,8 @@ fn replayed(
                 return;
             }
             let estimate = estimator.step(&sample.raw);
+            let is_valid = estimate.loads.iter().any(|load| load.fault.is_none());
+            valid += u64::from(is_valid);
             push(&mut read, &estimate);
             for (sensor, read) in found.iter_mut().zip(&estimate.sensors) {
                 sensor.push(read);
@@ -287,6 +296,7 @@ fn replayed(
     Ok(Outcome {
         log_likelihood: sum / readings.max(1) as f64,
         beyond: [worst, references.part_beyond()],
+        valid,
         sensors: found,
     })
 }
