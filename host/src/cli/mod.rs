@@ -8,6 +8,7 @@ mod demo;
 mod diagnose;
 mod key;
 mod layout;
+mod life;
 mod manual;
 mod output;
 mod plan;
@@ -52,6 +53,8 @@ enum Command {
     Simulate(simulate::Simulate),
     /// Find which physical effect a model lacks, and add it.
     Diagnose(diagnose::Diagnose),
+    /// Count load cycles and compute damage-equivalent loads.
+    Life(life::Life),
     /// Reproduce the tables of the gearbox paper on simulated individuals.
     Tables(tables::Tables),
     /// Choose the noise of the filter from recordings and from the wanted bandwidth.
@@ -116,6 +119,7 @@ impl Cli {
             Some(Command::Calibrate(calibrate)) => calibrate.run(json),
             Some(Command::Simulate(simulate)) => simulate.run(json),
             Some(Command::Diagnose(diagnose)) => diagnose.run(json),
+            Some(Command::Life(life)) => life.run(json),
             Some(Command::Tables(tables)) => tables.run(json),
             Some(Command::Tune(tune)) => tune.run(json),
             Some(Command::Zero(zero)) => zero.run(json),
