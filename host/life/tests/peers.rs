@@ -172,7 +172,7 @@ fn counts_are_those_of_four_peers() {
     let longest = if count > SEQUENCES { 10_000 } else { 300 };
     let mut done = 0;
     while done < count {
-        let sequences: Vec<Vec<u8>> = (0..1000.min(count - done))
+        let sequences: Vec<Vec<u8>> = (0..SEQUENCES.min(count - done))
             .map(|_| random(&mut rng, longest))
             .collect();
         peers(&sequences, compare);
