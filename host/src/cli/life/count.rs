@@ -1,0 +1,129 @@
+//! The counts of each load, from all files.
+
+use anyhow::Context;
+use loadtwin_common::counting::{LEVELS, LevelScale, LoadCounts};
+
+use super::Life;
+use crate::cli::progress::Progress;
+use crate::life::{LoadFile, Loads, Spectrum};
+use crate::machine::Machine;
+use crate::recording::Unit;
+
+/// Gate where none is given (levels): one bin of the matrix, so that a load between two levels
+/// makes no cycles.
+const GATE_LEVELS: u8 = 2;
+
+/// Counts of one load in one machine or several.
+pub(super) struct Counted {
+    pub(super) name: String,
+    pub(super) unit: Unit,
+    /// One for each machine.
+    pub(super) machines: Vec<LoadCounts>,
+    pub(super) spectrum: Spectrum,
+}
+
+impl Life {
+    /// Counts with nothing in them yet, one for each load.
+    pub(super) fn empty_counts(&self, loads: &Loads) -> anyhow::Result<Vec<LoadCounts>> {
+        let ranges = match &self.range {
+            Some(range) => vec![[range.0 as f32, range.1 as f32]; loads.loads.len()],
+            None => self.found_ranges(loads)?,
+        };
+        let mut empty = Vec::new();
+        for ((name, unit), [from, to]) in loads.loads.iter().zip(ranges) {
+            let scale = LevelScale::covering(from, to)
+                .with_context(|| format!("range of {name} {from}:{to}: allowed: FROM below TO"))?;
+            let gate = match self.gate {
+                None => GATE_LEVELS,
+                Some(gate) => {
+                    let levels = (gate / f64::from(scale.width())).ceil().max(1.0);
+                    anyhow::ensure!(
+                        gate > 0.0 && levels < LEVELS as f64,
+                        "--gate {gate}: allowed for {name}: above 0, below {:.4} {unit}",
+                        to - from
+                    );
+                    levels as u8
+                }
+            };
+            empty.push(LoadCounts::try_new(scale, gate)?);
+        }
+        Ok(empty)
+    }
+
+    /// By the machine's nominal loads, widened to what the files reach.
+    fn found_ranges(&self, loads: &Loads) -> anyhow::Result<Vec<[f32; 2]>> {
+        let machine = self.machine.as_deref().map(Machine::load).transpose()?;
+        let nominal = |name: &str| {
+            let machine = machine.as_ref()?;
+            let load = machine.loads().into_iter().find(|load| load.name == name)?;
+            Some([-load.nominal as f32, load.nominal as f32])
+        };
+        let mut ranges: Vec<Option<[f32; 2]>> =
+            loads.loads.iter().map(|(name, _)| nominal(name)).collect();
+        for path in &self.files {
+            for (range, found) in ranges.iter_mut().zip(loads.extremes(path)?) {
+                let both = range.iter().chain(found.iter()).copied();
+                *range = both.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+            }
+        }
+        let widened = |(range, (name, _)): (Option<[f32; 2]>, &(String, Unit))| {
+            let [from, to] =
+                range.with_context(|| format!("{name}: no valid sample in the files"))?;
+            // The highest load lies inside the last level; a constant load has a range as well.
+            let margin = ((to - from) / LEVELS as f32)
+                .max(1e-3 * from.abs().max(to.abs()))
+                .max(1e-6);
+            Ok([from - margin, to + margin])
+        };
+        ranges.into_iter().zip(&loads.loads).map(widened).collect()
+    }
+
+    pub(super) fn count(
+        &self,
+        loads: &Loads,
+        empty: &[LoadCounts],
+    ) -> anyhow::Result<(f64, Vec<Counted>)> {
+        let progress = Progress::new("life");
+        let mut machines: Vec<Vec<LoadCounts>> = vec![empty.to_vec()];
+        let mut period_s = None;
+        for (done, path) in self.files.iter().enumerate() {
+            let file = LoadFile::open(path, loads)?;
+            let period = *period_s.get_or_insert(file.period_s());
+            anyhow::ensure!(
+                (file.period_s() / period - 1.0).abs() < 1e-3,
+                "{}: a sample every {} s, and every {period} s in the files before; allowed: one rate",
+                path.display(),
+                file.period_s()
+            );
+            let mut counts = empty.to_vec();
+            file.count(&mut counts)?;
+            match machines.last_mut() {
+                Some(machine) if done > 0 && !self.machines => {
+                    for (earlier, later) in machine.iter_mut().zip(&mut counts) {
+                        later.restart();
+                        earlier.append(later)?;
+                    }
+                }
+                Some(first) if done == 0 => *first = counts,
+                _ => machines.push(counts),
+            }
+            progress.show((done + 1) as f64 / self.files.len() as f64);
+        }
+        let counted = loads.loads.iter().enumerate().map(|(k, (name, unit))| {
+            let machines: Vec<LoadCounts> =
+                machines.iter().map(|counts| counts[k].clone()).collect();
+            let mut spectrum = Spectrum::of(name, &machines[0])?;
+            for machine in &machines[1..] {
+                spectrum.merge(name, &Spectrum::of(name, machine)?)?;
+            }
+            Ok(Counted {
+                name: name.clone(),
+                unit: *unit,
+                machines,
+                spectrum,
+            })
+        });
+        let counted = counted.collect::<anyhow::Result<_>>()?;
+        Ok((period_s.unwrap_or_default(), counted))
+    }
+}

@@ -1,0 +1,172 @@
+//! `loadtwin life`.
+
+mod count;
+mod figures;
+mod json;
+mod text;
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use anyhow::Context;
+use clap::{Args, ValueEnum};
+use serde_json::{Map, Value, json};
+
+use super::output::{say, shown_all};
+use super::plan::{Plan, Replace};
+use crate::atomic_file::publish;
+use crate::life::{Beyond, COUNTS, CountsTable, EXPONENTS, Loads, SnCurve};
+
+/// Count load cycles and compute damage-equivalent loads.
+///
+/// The files are estimates, as `replay --estimates` writes them, or recordings with measured
+/// loads. Several files are counted as one machine over time, in the order given.
+#[derive(Debug, Args)]
+pub struct Life {
+    /// Estimates or recordings (CSV, Parquet or MDF4), in the order of time.
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Machine description (TOML), whose nominal loads give the range that is counted.
+    #[arg(long, value_name = "FILE")]
+    machine: Option<PathBuf>,
+    /// The files are of several machines, whose cycles are added and not joined.
+    #[arg(long, conflicts_with = "output")]
+    machines: bool,
+    /// Column to count; repeatable. Absent: those with a standard deviation and a fault.
+    #[arg(long = "load", value_name = "NAME")]
+    loads: Vec<String>,
+    /// Range that is counted, in 128 levels [SI unit of the load]. Absent: by the machine, or from
+    /// the lowest to the highest load of the files.
+    #[arg(long, value_name = "FROM:TO", allow_hyphen_values = true)]
+    range: Option<Pair>,
+    /// Smallest range of a cycle [SI unit of the load]. Absent: 1/64 of the range.
+    #[arg(long, value_name = "RANGE")]
+    gate: Option<f64>,
+    /// Exponents of the damage-equivalent loads.
+    #[arg(long, value_name = "M,...", value_delimiter = ',', default_values_t = EXPONENTS)]
+    exponents: Vec<f64>,
+    /// Cycles of the damage-equivalent load. Absent: one a second of the time seen.
+    #[arg(long, value_name = "N")]
+    equivalent_cycles: Option<f64>,
+    /// S-N curve through points of cycles and range.
+    #[arg(long, value_name = "CYCLES:RANGE,...", value_delimiter = ',')]
+    sn: Vec<Pair>,
+    /// What holds below the last point of the S-N curve.
+    #[arg(long, value_enum, default_value_t = Below::Haibach, requires = "sn")]
+    below: Below,
+    /// Column with the speed of the shaft, for its turns at each load.
+    #[arg(long, value_name = "NAME")]
+    speed: Option<String>,
+    /// Turns of a second shaft, such as the carrier, for one of the first.
+    #[arg(long, value_name = "RATIO", default_value_t = 1.0, requires = "speed")]
+    ratio: f64,
+    /// Exponent of the damage line of a gear, for its equivalent torque.
+    #[arg(long, value_name = "P", requires = "speed")]
+    gear: Option<f64>,
+    /// Load rating [N] and exponent of a bearing that the load acts on: 3 for balls, 3.333 for rollers.
+    #[arg(long, value_name = "C:P", requires = "speed")]
+    bearing: Option<Pair>,
+    /// Write the counts to FILE.parquet.
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    replace: Replace,
+}
+
+/// Below the last point of an S-N curve.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Below {
+    /// The last slope continues.
+    Elementary,
+    /// The slope m becomes 2 m - 1.
+    Haibach,
+    /// No damage.
+    CutOff,
+}
+
+/// Two numbers with a colon between.
+#[derive(Clone, Copy, Debug)]
+struct Pair(f64, f64);
+
+impl FromStr for Pair {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = text.split_once(':').and_then(|(a, b)| {
+            let number = |text: &str| text.trim().parse().ok().filter(|x: &f64| x.is_finite());
+            Some(Self(number(a)?, number(b)?))
+        });
+        numbers.ok_or_else(|| "allowed: two numbers with a colon between, as 1e6:250".into())
+    }
+}
+
+impl Life {
+    pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let mut plan = Plan::new(self.replace).reads(&self.files);
+        if let Some(machine) = &self.machine {
+            plan = plan.description(machine);
+        }
+        plan.writes("--output", self.output.as_deref(), COUNTS)
+            .check(as_json)?;
+        anyhow::ensure!(
+            self.ratio > 0.0 && self.ratio.is_finite(),
+            "--ratio {}: allowed: above 0",
+            self.ratio
+        );
+        let curve = self.curve()?;
+        let loads = Loads::find(
+            &self.files[0],
+            &self.loads,
+            self.speed.as_deref(),
+            self.ratio,
+        )?;
+        let empty = self.empty_counts(&loads)?;
+        let (period_s, counted) = self.count(&loads, &empty)?;
+        let figures = (counted.iter())
+            .map(|counted| self.figures(counted, period_s, curve.as_ref()))
+            .collect::<anyhow::Result<Vec<_>>>()?;
+        if let Some(path) = &self.output {
+            let mut table = CountsTable::default();
+            for (counted, counts) in counted
+                .iter()
+                .flat_map(|c| c.machines.iter().map(move |m| (c, m)))
+            {
+                table.add(&counted.name, counts);
+            }
+            let complete = table
+                .complete(path)
+                .with_context(|| path.display().to_string())?;
+            publish([complete])?;
+        }
+        if as_json {
+            let loads: Map<String, Value> = (counted.iter().zip(&figures))
+                .map(|(counted, figures)| {
+                    (
+                        counted.name.clone(),
+                        json::report(counted, figures, period_s),
+                    )
+                })
+                .collect();
+            say!(
+                "{}",
+                json!({ "files": shown_all(&self.files), "period_s": period_s, "loads": loads })
+            );
+        } else {
+            for (counted, figures) in counted.iter().zip(&figures) {
+                text::print(counted, figures, period_s);
+            }
+        }
+        Ok(())
+    }
+
+    fn curve(&self) -> anyhow::Result<Option<SnCurve>> {
+        let beyond = match self.below {
+            Below::Elementary => Beyond::Elementary,
+            Below::Haibach => Beyond::Haibach,
+            Below::CutOff => Beyond::CutOff,
+        };
+        let points: Vec<_> = self.sn.iter().map(|point| (point.0, point.1)).collect();
+        let curve = (!points.is_empty()).then(|| SnCurve::through(&points, beyond));
+        curve.transpose().context("--sn")
+    }
+}
