@@ -52,11 +52,21 @@ impl CycleMatrix {
     }
 
     /// Counts a cycle.
+    #[inline]
     pub fn add(&mut self, cycle: Cycle) {
-        self.add_to(bin(cycle.low, BINS), bin(cycle.high, BINS), 1);
+        let (low, high) = (bin(cycle.low, BINS), bin(cycle.high, BINS));
+        if low < high
+            && let Some(count) = self.low.get_mut(cell(low, high))
+            && let Some(sum) = count.checked_add(1)
+        {
+            *count = sum;
+        } else {
+            self.add_to(low, high, 1);
+        }
     }
 
     /// Counts `count` cycles between the bins `low < high`; none for others.
+    #[inline(never)]
     fn add_to(&mut self, low: usize, high: usize, count: u64) {
         if low >= high || high >= BINS {
             return;

@@ -1,16 +1,29 @@
 //! All counts of one load.
 
+use heapless::Deque;
 use serde::{Deserialize, Serialize};
 
 use super::cycle_matrix::CycleMatrix;
 use super::observation::Observation;
-use super::residue::{Cycle, Residue};
+use super::residue::{Cycle, MAX_POINTS, Residue};
 use super::scale::LevelScale;
 use super::tally::Tally;
 use super::turning_points::TurningPoints;
 use super::turns::Turns;
 use super::{BINS, LEVELS, SHAFTS, bin};
 use crate::Error;
+
+/// Steps of [`Residue::step`] a sample: so many cycles close at most, for a bounded time a
+/// sample. One point can close 63 cycles; the samples after it close the others.
+const STEPS: usize = 8;
+
+/// Most turning points that wait for the residue.
+///
+/// In `k` samples since none waited, `k` points came at most; taking them needs
+/// `k` steps, and `(MAX_POINTS + k) / 2` for the cycles. `STEPS k` were made.
+const WAITING: usize = 20;
+
+const _: () = assert!(2 * STEPS * WAITING >= MAX_POINTS + 3 * WAITING);
 
 /// An extreme of a load.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,6 +42,9 @@ pub struct Extreme {
 /// the upcrossings from one to the other, and those of a part of the samples are
 /// never more than those of all (Rychlik 1987).
 ///
+/// A sample closes 8 cycles at most, so that its time is bounded. What waits
+/// for the next samples is part of [`Self::ended`], and [`Self::settle`] takes it.
+///
 /// ```
 /// use loadtwin_common::counting::{LevelScale, LoadCounts};
 /// let scale = LevelScale::covering(-1000.0, 1000.0)?;
@@ -46,12 +62,15 @@ pub struct LoadCounts {
     scale: LevelScale,
     turning_points: TurningPoints,
     residue: Residue,
+    /// Confirmed turning points that the residue has not taken yet; none in saved counts.
+    #[serde(skip)]
+    waiting: Deque<u8, WAITING>,
     closed: Closed,
     time: Tally<BINS>,
     turns: [Turns; SHAFTS],
     observation: Observation,
-    lowest: Option<Extreme>,
-    highest: Option<Extreme>,
+    /// Lowest and highest.
+    extremes: Option<[Extreme; 2]>,
 }
 
 /// Closed cycles.
@@ -93,6 +112,7 @@ impl LoadCounts {
             scale,
             turning_points: TurningPoints::try_new(gate)?,
             residue: Residue::new(),
+            waiting: Deque::new(),
             closed: Closed {
                 matrix: CycleMatrix::new(),
                 ranges: Tally::new(),
@@ -100,8 +120,7 @@ impl LoadCounts {
             time: Tally::new(),
             turns: [Turns::new(), Turns::new()],
             observation: Observation::default(),
-            lowest: None,
-            highest: None,
+            extremes: None,
         })
     }
 
@@ -115,9 +134,16 @@ impl LoadCounts {
             turns.add(level, advance);
         }
         if let (Some(load), Some(placed)) = (load, placed) {
-            self.take_extremes(load);
+            if placed.is_beyond {
+                self.observation.beyond += 1;
+            }
+            let is_within = (self.extremes.as_ref())
+                .is_some_and(|[low, high]| load >= low.load && load <= high.load);
+            if !is_within {
+                let sample = self.observation.elapsed();
+                self.take_extreme(Extreme { load, sample });
+            }
             self.time.add(bin(placed.level, BINS), 1);
-            self.observation.beyond += u64::from(placed.is_beyond);
             self.observation.seen += 1;
             self.take_level(placed.level);
         } else {
@@ -137,26 +163,73 @@ impl LoadCounts {
         self.observation.restarts = self.observation.restarts.saturating_add(1);
     }
 
-    fn take_extremes(&mut self, load: f32) {
-        let sample = self.observation.elapsed();
-        let now = Some(Extreme { load, sample });
-        if self.lowest.is_none_or(|lowest| load < lowest.load) {
-            self.lowest = now;
+    /// Seldom a new extreme.
+    #[cold]
+    #[inline(never)]
+    fn take_extreme(&mut self, now: Extreme) {
+        let [low, high] = self.extremes.get_or_insert([now; 2]);
+        if now.load < low.load {
+            *low = now;
         }
-        if self.highest.is_none_or(|highest| load > highest.load) {
-            self.highest = now;
+        if now.load > high.load {
+            *high = now;
         }
     }
 
     fn take_level(&mut self, level: u8) {
-        if let Some(point) = self.turning_points.push(level) {
-            let closed = &mut self.closed;
-            self.residue.push(point, |cycle| closed.add(cycle));
+        let point = self.turning_points.push(level);
+        if !self.waiting.is_empty() {
+            self.take_waiting(point);
+        } else if let Some(point) = point {
+            for _ in 0..STEPS {
+                match self.residue.step(point) {
+                    Some(cycle) => self.closed.add(cycle),
+                    None => return,
+                }
+            }
+            // There is a place: none waits.
+            _ = self.waiting.push_back(point);
         }
     }
 
+    /// Lets a point wait, and takes the steps of a sample.
+    #[cold]
+    #[inline(never)]
+    fn take_waiting(&mut self, point: Option<u8>) {
+        if let Some(point) = point
+            && self.waiting.push_back(point).is_err()
+        {
+            // Never, by the number of places.
+            self.settle();
+            _ = self.waiting.push_back(point);
+        }
+        for _ in 0..STEPS {
+            if !self.take_step() {
+                return;
+            }
+        }
+    }
+
+    /// One step towards taking the points that wait; false where none waits.
+    fn take_step(&mut self) -> bool {
+        let Some(&point) = self.waiting.front() else {
+            return false;
+        };
+        match self.residue.step(point) {
+            Some(cycle) => self.closed.add(cycle),
+            None => _ = self.waiting.pop_front(),
+        }
+        true
+    }
+
+    /// Closes the cycles that wait for the next samples.
+    pub fn settle(&mut self) {
+        while self.take_step() {}
+    }
+
     /// Appends the counts of what came later on the same machine: the same as
-    /// counting both sequences in one, but for the order of parts of turns.
+    /// counting both sequences in one, but for the order of parts of turns and
+    /// for what waits (see [`Self::settle`]).
     ///
     /// # Errors
     /// `Error::OutOfRange` when scale or gate are others.
@@ -179,20 +252,10 @@ impl LoadCounts {
             sample: extreme.sample.saturating_add(before),
             ..extreme
         };
-        if let Some(found) = later.lowest.map(shifted)
-            && self.lowest.is_none_or(|lowest| found.load < lowest.load)
-        {
-            self.lowest = Some(found);
+        for extreme in later.extremes.into_iter().flatten() {
+            self.take_extreme(shifted(extreme));
         }
-        if let Some(found) = later.highest.map(shifted)
-            && self.highest.is_none_or(|highest| found.load > highest.load)
-        {
-            self.highest = Some(found);
-        }
-        for &level in later.residue.points() {
-            self.take_level(level);
-        }
-        for level in later.turning_points.unconfirmed() {
+        for level in later.path() {
             self.take_level(level);
         }
         Ok(())
@@ -202,10 +265,16 @@ impl LoadCounts {
     /// a turning point then.
     pub fn ended(&self) -> (Closed, Residue) {
         let (mut closed, mut residue) = (self.closed.clone(), self.residue.clone());
-        for point in self.turning_points.unconfirmed() {
+        for point in (self.waiting.iter().copied()).chain(self.turning_points.unconfirmed()) {
             residue.push(point, |cycle| closed.add(cycle));
         }
         (closed, residue)
+    }
+
+    /// Turning points in no closed cycle yet, the unconfirmed ones at the end.
+    fn path(&self) -> impl Iterator<Item = u8> {
+        let confirmed = self.residue.points().iter().chain(&self.waiting).copied();
+        confirmed.chain(self.turning_points.unconfirmed())
     }
 
     /// Upcrossings of the edges between bins, `BINS - 1` of them; as many
@@ -223,9 +292,8 @@ impl LoadCounts {
         for (low, high, count) in self.closed.matrix.cells() {
             add(low, high, count);
         }
-        let path = self.residue.points().iter().copied();
         let mut last = None;
-        for level in path.chain(self.turning_points.unconfirmed()) {
+        for level in self.path() {
             let now = bin(level, BINS);
             if let Some(before) = last
                 && before < now
@@ -247,7 +315,7 @@ impl LoadCounts {
         self.turning_points.gate()
     }
 
-    /// Cycles that are closed.
+    /// Cycles that are closed; those that wait are not among them.
     pub fn closed(&self) -> &Closed {
         &self.closed
     }
@@ -269,9 +337,7 @@ impl LoadCounts {
 
     /// Lowest and highest valid load; none before the first one.
     pub fn extremes(&self) -> Option<[Extreme; 2]> {
-        self.lowest
-            .zip(self.highest)
-            .map(|(lowest, highest)| [lowest, highest])
+        self.extremes
     }
 
     /// Whether the state is one that a sequence can lead to, after it came from bytes.
@@ -279,9 +345,8 @@ impl LoadCounts {
         self.scale.is_valid()
             && self.turning_points.is_valid()
             && self.residue.is_valid()
-            && self
-                .turning_points
-                .follows(self.residue.points().last().copied())
+            && self.waiting.is_empty()
+            && (self.turning_points).follows(self.residue.points().last().copied())
             && self.closed.matrix.is_valid()
             && self.turns.iter().all(Turns::is_valid)
     }

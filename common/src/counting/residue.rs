@@ -61,17 +61,25 @@ impl Residue {
     /// Takes the next turning point, which is on the other side of the last
     /// one than the one before; gives each cycle that it closes.
     pub fn push(&mut self, point: u8, mut closed: impl FnMut(Cycle)) {
-        while let [.., a, b, c] = self.points[..] {
-            let inner = b.abs_diff(c);
-            if inner > a.abs_diff(b) || inner > c.abs_diff(point) {
-                break;
-            }
-            closed(Cycle::between(b, c));
-            self.points.truncate(self.points.len() - 2);
+        while let Some(cycle) = self.step(point) {
+            closed(cycle);
         }
-        // Not full: what remains with the new point is a residue.
+    }
+
+    /// One step of taking a turning point: gives a cycle that it closes, or takes it and
+    /// gives none.
+    pub(super) fn step(&mut self, point: u8) -> Option<Cycle> {
+        if let [.., a, b, c] = self.points[..] {
+            let inner = b.abs_diff(c);
+            if inner <= a.abs_diff(b) && inner <= c.abs_diff(point) {
+                self.points.truncate(self.points.len() - 2);
+                return Some(Cycle::between(b, c));
+            }
+        }
+        // Not full: the points with the new one are a residue.
         let pushed = self.points.push(point);
         debug_assert!(pushed.is_ok());
+        None
     }
 
     /// The ranges between successive points, as cycles.

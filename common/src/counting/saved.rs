@@ -18,14 +18,15 @@ pub const MAX_BYTES: usize = 5 * size_of::<LoadCounts>() / 4 + 512;
 const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
 impl LoadCounts {
-    /// Writes the counts to `bytes` and gives how many it took: version, counts
-    /// (postcard), CRC-32 (ISO-HDLC, little endian) of all before it.
+    /// Settles the counts, writes them to `bytes` and gives how many it took: version,
+    /// counts (postcard), CRC-32 (ISO-HDLC, little endian) of all before it.
     ///
     /// # Errors
     /// `Error::OutOfRange` when `bytes` is too short; [`MAX_BYTES`] are enough.
-    pub fn save(&self, bytes: &mut [u8]) -> Result<usize, Error> {
+    pub fn save(&mut self, bytes: &mut [u8]) -> Result<usize, Error> {
+        self.settle();
         let too_short = Error::OutOfRange("bytes of saved counts");
-        let len = postcard::to_slice(&(VERSION, self), bytes)
+        let len = postcard::to_slice(&(VERSION, &*self), bytes)
             .map_err(|_| too_short)?
             .len();
         let crc = CRC.checksum(&bytes[..len]).to_le_bytes();

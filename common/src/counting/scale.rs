@@ -72,11 +72,12 @@ impl LevelScale {
 
     /// The level of a finite load.
     pub fn place(&self, load: f32) -> Placed {
-        let position = libm::floorf((load - self.low) / self.width);
-        let last = (LEVELS - 1) as f32;
+        let position = (load - self.low) / self.width;
+        // On the scale, the cast cuts as floor does; it takes one instruction.
+        let level = position as u32;
         Placed {
-            level: position.clamp(0.0, last) as u8,
-            is_beyond: !(0.0..=last).contains(&position),
+            level: level.min(LEVELS as u32 - 1) as u8,
+            is_beyond: position < 0.0 || level >= LEVELS as u32,
         }
     }
 

@@ -26,7 +26,22 @@ impl<const N: usize> Tally<N> {
     }
 
     /// Adds to a counter; nothing for one that is not there.
+    #[inline]
     pub fn add(&mut self, index: usize, count: u64) {
+        if let Some(low) = self.low.get_mut(index)
+            && let Ok(count) = u32::try_from(count)
+            && let Some(sum) = low.checked_add(count)
+        {
+            *low = sum;
+        } else {
+            self.add_with_carry(index, count);
+        }
+    }
+
+    /// As [`Self::add`], for a count that carries: once in 2^32 samples.
+    #[cold]
+    #[inline(never)]
+    fn add_with_carry(&mut self, index: usize, count: u64) {
         if let (Some(low), Some(carry)) = (self.low.get_mut(index), self.carry.get_mut(index)) {
             let sum = (u64::from(*carry) << 32 | u64::from(*low)).saturating_add(count);
             let sum = sum.min(LARGEST);

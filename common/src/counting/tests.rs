@@ -6,7 +6,7 @@ use std::vec::Vec;
 
 use proptest::prelude::*;
 
-use super::residue::MAX_POINTS;
+use super::residue::{MAX_POINTS, Residue};
 use super::saved::MAX_BYTES;
 use super::{BINS, LEVELS, LevelScale, LoadCounts, bin};
 
@@ -47,7 +47,7 @@ fn upcrossings(levels: &[u8], low: u8, high: u8) -> u64 {
     count
 }
 
-fn saved(counts: &LoadCounts) -> Vec<u8> {
+fn saved(counts: &mut LoadCounts) -> Vec<u8> {
     let mut bytes = std::vec![0; MAX_BYTES];
     let len = counts.save(&mut bytes).unwrap();
     bytes.truncate(len);
@@ -67,15 +67,15 @@ proptest! {
         gate in 1_u8..20,
         cuts in prop::collection::vec(0_usize..400, 0..6),
     ) {
-        let batch = counted(gate, &levels);
+        let mut batch = counted(gate, &levels);
         let mut streamed = counts(gate);
         for (i, &level) in levels.iter().enumerate() {
             if cuts.contains(&i) {
-                streamed = LoadCounts::continued(&saved(&streamed)).unwrap();
+                streamed = LoadCounts::continued(&saved(&mut streamed)).unwrap();
             }
             streamed.push(Some(f32::from(level)), [0; 2]);
         }
-        prop_assert_eq!(saved(&streamed), saved(&batch));
+        prop_assert_eq!(saved(&mut streamed), saved(&mut batch));
         prop_assert_eq!(streamed, batch);
     }
 
@@ -88,8 +88,11 @@ proptest! {
         let (first, later) = levels.split_at(cut.min(levels.len()));
         let mut joined = counted(gate, first);
         joined.append(&counted(gate, later)).unwrap();
-        let batch = counted(gate, &levels);
+        let mut batch = counted(gate, &levels);
         prop_assert_eq!(joined.ended(), batch.ended());
+        prop_assert_eq!(joined.level_crossings(), batch.level_crossings());
+        joined.settle();
+        batch.settle();
         prop_assert_eq!(joined, batch);
     }
 
@@ -156,7 +159,7 @@ proptest! {
         place in any::<prop::sample::Index>(),
         bit in 0_u8..8,
     ) {
-        let mut bytes = saved(&counted(1, &levels));
+        let mut bytes = saved(&mut counted(1, &levels));
         prop_assert!(bytes.len() <= MAX_BYTES);
         let place = place.index(bytes.len());
         prop_assert!(LoadCounts::continued(&bytes[..place]).is_err());
@@ -171,7 +174,9 @@ proptest! {
         let mut counts = counts(1);
         for level in levels {
             counts.push(Some(f32::from(level)), [0; 2]);
-            prop_assert!(counts.is_valid());
+            let mut settled = counts.clone();
+            settled.settle();
+            prop_assert!(settled.is_valid());
             prop_assert!(counts.ended().1.points().len() <= MAX_POINTS);
         }
     }
@@ -202,5 +207,36 @@ fn time_that_was_not_seen_is_counted() {
     assert_eq!(
         counts.append(&super::tests::counts(2)),
         Err(crate::Error::OutOfRange("gate"))
+    );
+}
+
+/// The longest residue, ranges 1 to 127 and back, is closed by full swings: no sample closes
+/// more cycles than it may, and all are as counted without a bound.
+#[test]
+fn a_sample_closes_a_bounded_number_of_cycles() {
+    let mut points = std::vec![63_u8];
+    for (k, range) in (1..128).chain((1..128).rev()).enumerate() {
+        let last = points[k];
+        points.push(if k % 2 == 0 {
+            last + range
+        } else {
+            last - range
+        });
+    }
+    points.extend((0..40).map(|k| if k % 2 == 0 { 127 } else { 0 }));
+    let (mut counts, mut at_once) = (counts(1), Residue::new());
+    let (mut before, mut most, mut expected) = (0, 0, 0);
+    for &point in &points {
+        counts.push(Some(f32::from(point)), [0; 2]);
+        let now = counts.closed().cycles();
+        most = most.max(now - before);
+        before = now;
+        at_once.push(point, |_| expected += 1);
+    }
+    let (closed, residue) = counts.ended();
+    assert_eq!((closed.cycles(), residue), (expected, at_once));
+    assert!(
+        (7..=8).contains(&most) && expected > 90,
+        "{most} {expected}"
     );
 }

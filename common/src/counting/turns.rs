@@ -12,6 +12,9 @@ const PARTS_LOG2: u32 = 5;
 /// Bits of an advance, in 2^-32 turn, below a counted part.
 const BELOW: u32 = 32 - PARTS_LOG2;
 
+/// Those bits.
+const MASK: u32 = (1 << BELOW) - 1;
+
 /// Index of turns without a valid load.
 const UNSEEN: usize = TURN_BINS;
 
@@ -36,11 +39,16 @@ impl Turns {
     }
 
     /// Counts an advance [2^-32 turn] at a level, or without a valid load.
+    #[inline]
     pub fn add(&mut self, level: Option<u8>, advance: u32) {
-        let sum = u64::from(self.below) + u64::from(advance);
-        self.below = sum as u32 & ((1 << BELOW) - 1);
-        let index = level.map_or(UNSEEN, |level| bin(level, TURN_BINS));
-        self.parts.add(index, sum >> BELOW);
+        // Below 2^28: both are below a part.
+        let below = self.below + (advance & MASK);
+        self.below = below & MASK;
+        let parts = (advance >> BELOW) + (below >> BELOW);
+        if parts > 0 {
+            let index = level.map_or(UNSEEN, |level| bin(level, TURN_BINS));
+            self.parts.add(index, parts.into());
+        }
     }
 
     /// Turns at the loads of a bin.
@@ -61,13 +69,13 @@ impl Turns {
     pub fn add_all(&mut self, other: &Self) {
         self.parts.add_all(&other.parts);
         let sum = self.below + other.below;
-        self.below = sum & ((1 << BELOW) - 1);
+        self.below = sum & MASK;
         self.parts.add(UNSEEN, u64::from(sum >> BELOW));
     }
 
     /// Whether the state is one that a sequence can lead to, after it came from bytes.
     pub(super) fn is_valid(&self) -> bool {
-        self.below < 1 << BELOW
+        self.below <= MASK
     }
 }
 
