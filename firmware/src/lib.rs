@@ -13,6 +13,7 @@ pub mod app;
 pub mod board;
 pub mod campaign;
 pub mod counters;
+pub mod counting;
 pub mod driver;
 pub mod model;
 pub mod owned;

@@ -6,6 +6,8 @@ use std::process::Command;
 use loadtwin::build::{self, Filter, Sensors};
 use loadtwin::machine::{Drift, Machine};
 use loadtwin::seal::seal;
+use loadtwin_common::counting::saved::MAX_BYTES;
+use loadtwin_firmware::counting;
 use loadtwin_tests::emulator::MACHINE;
 use loadtwin_tests::firmware::{build_with, root};
 use loadtwin_tests::rotor::walk;
@@ -14,13 +16,16 @@ use loadtwin_tests::simulated;
 /// Kernel, instructions when last looked at, bound that is promised.
 ///
 /// Counts are exact; a change of more than 5 % is to be looked at and stored anew.
-const STORED: [(&str, u32, u32); 21] = [
+const STORED: [(&str, u32, u32); 24] = [
     ("kalman_6_4", 1437, 1450),
     ("kalman_6_1", 792, 820),
     ("kalman_12_4", 8536, 8700),
     ("unscented_5_8", 6105, 7200),
     ("scheduled_gain_6_4", 389, 400),
     ("butterworth", 34, 40),
+    ("counting", 150, 150),
+    ("counting_white", 184, 200),
+    ("counting_most", 788, 1500),
     ("gearbox_line", 8055, 8200),
     ("gearbox_steady_line", 6505, 6700),
     ("rotor_20_4", 29_317, 30_000),
@@ -140,6 +145,9 @@ fn steps_stay_within_their_bounds() {
         let steady = number(&format!("{kind}rotor_steady_line_by_steady_gains"));
         assert!(steady >= 1000, "{text}");
     }
+    let mut bytes = vec![0; MAX_BYTES];
+    let digest = counting::digest(45, 100_000, &mut bytes).unwrap();
+    assert_eq!(number("counting_digest"), digest, "{text}");
     // Both hypotheses run, as they do in operation.
     assert!(number("bearing_line_most") > 70_000, "{text}");
     for (kernel, stored, bound) in STORED {

@@ -34,6 +34,7 @@
 
 extern crate alloc;
 
+mod counting;
 mod peers;
 
 use alloc::vec::Vec;
@@ -423,6 +424,7 @@ fn main() -> ! {
     unscented();
     scheduled_gain();
     butterworth();
+    counting::counting();
     line("gearbox_line", include_bytes!(env!("LOADTWIN_IMAGE")));
     line(
         "gearbox_steady_line",
