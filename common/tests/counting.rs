@@ -1,7 +1,7 @@
 //! Counting over many sequences and over a long one; more by a number in the environment.
 
 use loadtwin_common::counting::saved::MAX_BYTES;
-use loadtwin_common::counting::{LEVELS, LevelScale, LoadCounts, SHAFTS};
+use loadtwin_common::counting::{LEVELS, LevelScale, LoadCounts, Residue, SHAFTS};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -141,4 +141,36 @@ fn nothing_overflows_or_drifts_in_a_long_sequence() {
         assert!((0.0..1.0 / 32.0).contains(&missing), "{missing}");
     }
     println!("{samples} samples, {} closed cycles", closed.cycles());
+}
+
+/// The longest residue, ranges 1 to 127 and back, closed by full swings: one point closes 64
+/// cycles at once, but no sample more than 8, and in the end all are closed.
+#[test]
+fn a_sample_closes_a_bounded_number_of_cycles() {
+    let mut points = vec![63_u8];
+    for (k, range) in (1..128).chain((1..128).rev()).enumerate() {
+        let last = points[k];
+        points.push(if k % 2 == 0 {
+            last + range
+        } else {
+            last - range
+        });
+    }
+    points.extend((0..40).map(|k| if k % 2 == 0 { 127 } else { 0 }));
+    let (mut counts, mut at_once) = (counts(1), Residue::new());
+    let (mut before, mut most) = (0, 0);
+    let (mut expected, mut most_at_once) = (0, 0);
+    for &point in &points {
+        counts.push(Some(f32::from(point)), [0; 2]);
+        let now = counts.closed().cycles();
+        most = most.max(now - before);
+        before = now;
+        let mut closed = 0;
+        at_once.push(point, |_| closed += 1);
+        most_at_once = most_at_once.max(closed);
+        expected += closed;
+    }
+    assert_eq!((most, most_at_once), (8, 64));
+    let (closed, residue) = counts.ended();
+    assert_eq!((closed.cycles(), residue), (expected, at_once));
 }

@@ -14,7 +14,7 @@ use super::{BINS, LEVELS, SHAFTS, bin};
 use crate::Error;
 
 /// Steps of [`Residue::step`] a sample: so many cycles close at most, for a bounded time a
-/// sample. One point can close 63 cycles; the samples after it close the others.
+/// sample. One point can close 64 cycles; the samples after it close the others.
 const STEPS: usize = 8;
 
 /// Most turning points that wait for the residue.

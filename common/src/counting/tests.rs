@@ -6,7 +6,7 @@ use std::vec::Vec;
 
 use proptest::prelude::*;
 
-use super::residue::{MAX_POINTS, Residue};
+use super::residue::MAX_POINTS;
 use super::saved::MAX_BYTES;
 use super::{BINS, LEVELS, LevelScale, LoadCounts, bin};
 
@@ -207,36 +207,5 @@ fn time_that_was_not_seen_is_counted() {
     assert_eq!(
         counts.append(&super::tests::counts(2)),
         Err(crate::Error::OutOfRange("gate"))
-    );
-}
-
-/// The longest residue, ranges 1 to 127 and back, is closed by full swings: no sample closes
-/// more cycles than it may, and all are as counted without a bound.
-#[test]
-fn a_sample_closes_a_bounded_number_of_cycles() {
-    let mut points = std::vec![63_u8];
-    for (k, range) in (1..128).chain((1..128).rev()).enumerate() {
-        let last = points[k];
-        points.push(if k % 2 == 0 {
-            last + range
-        } else {
-            last - range
-        });
-    }
-    points.extend((0..40).map(|k| if k % 2 == 0 { 127 } else { 0 }));
-    let (mut counts, mut at_once) = (counts(1), Residue::new());
-    let (mut before, mut most, mut expected) = (0, 0, 0);
-    for &point in &points {
-        counts.push(Some(f32::from(point)), [0; 2]);
-        let now = counts.closed().cycles();
-        most = most.max(now - before);
-        before = now;
-        at_once.push(point, |_| expected += 1);
-    }
-    let (closed, residue) = counts.ended();
-    assert_eq!((closed.cycles(), residue), (expected, at_once));
-    assert!(
-        (7..=8).contains(&most) && expected > 90,
-        "{most} {expected}"
     );
 }

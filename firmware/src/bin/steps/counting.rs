@@ -13,7 +13,7 @@ use super::{STEPS, report, timer};
 /// A part of a turn [2^-32 turn].
 const ADVANCE: [u32; 2] = [0x0123_4567, 0x0031_2345];
 
-/// Levels from which one full swing closes 63 cycles: ranges that grow to the whole scale and
+/// Levels from which one full swing closes 64 cycles: ranges that grow to the whole scale and
 /// shrink again; and full swings.
 fn worst() -> Vec<f32> {
     let mut levels = Vec::new();
