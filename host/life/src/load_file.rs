@@ -1,70 +1,14 @@
 //! Loads of a file: estimates, or a recording with measured loads.
 
 use std::f64::consts::TAU;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use loadtwin_common::counting::{LoadCounts, SHAFTS};
+use loadtwin_common::counting::SHAFTS;
 use loadtwin_common::io::fault::Fault;
-use loadtwin_recording::{
-    Block, CsvLayout, Reader, RecordingError, Unit, Wanted, WrittenNan, columns,
-};
-use thiserror::Error;
+use loadtwin_recording::{Block, Reader, Unit, Wanted};
 
-/// Samples in a row that a file may lack; they are counted as missing. A file
-/// with a longer gap is to be split there.
-const LARGEST_GAP: u32 = 1_000_000;
-
-/// Why the loads of a file cannot be counted; one line.
-#[derive(Debug, Error)]
-pub enum LoadFileError {
-    /// The file cannot be read.
-    #[error(transparent)]
-    Recording(#[from] RecordingError),
-    /// It has no column with a fault beside it.
-    #[error(
-        "{}: no column NAME with NAME_std and NAME_fault, as estimates have; name a column to count with --load", .0.display()
-    )]
-    NoLoad(PathBuf),
-    /// A column without a unit, or with an unknown one.
-    #[error("{}: column {name:?} has no unit that is known; write it as `{name} [Nm]`", file.display())]
-    Unit {
-        /// The file.
-        file: PathBuf,
-        /// The column.
-        name: String,
-    },
-    /// A column that is not there.
-    #[error("{}: no column {name:?}; found: {found}", file.display())]
-    Missing {
-        /// The file.
-        file: PathBuf,
-        /// The column.
-        name: String,
-        /// The columns that are there.
-        found: String,
-    },
-    /// A speed by which the advance from sample to sample is not known.
-    #[error(
-        "{}: shaft turns {turns:.2} times between two samples; allowed: less than 1; check --speed and --ratio", file.display()
-    )]
-    Fast {
-        /// The file.
-        file: PathBuf,
-        /// Turns from sample to sample.
-        turns: f64,
-    },
-}
-
-/// Which loads of a file, and the speed beside them.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Loads {
-    /// Names and units.
-    pub loads: Vec<(String, Unit)>,
-    /// Column of the shaft's speed.
-    pub speed: Option<String>,
-    /// Turns of the second shaft for one of the first.
-    pub ratio: f64,
-}
+use crate::loads::layout;
+use crate::{CountedLoad, LoadFileError, LoadSample, Loads};
 
 /// The loads in a file and how many samples they take.
 pub struct LoadFile<'a> {
@@ -75,101 +19,29 @@ pub struct LoadFile<'a> {
     below: [f64; SHAFTS],
 }
 
-fn layout() -> CsvLayout {
-    CsvLayout {
-        written_nan: WrittenNan::Missing,
-        largest_gap: LARGEST_GAP,
-        ..CsvLayout::default()
-    }
-}
-
-impl Loads {
-    /// The columns `names` of a file; where none are given, those with a
-    /// standard deviation and a fault beside them.
-    ///
-    /// # Errors
-    /// When the file cannot be read, or has no such column or no unit of it.
-    pub fn find(
-        path: &Path,
-        names: &[String],
-        speed: Option<&str>,
-        ratio: f64,
-    ) -> Result<Self, LoadFileError> {
-        let columns = columns(path, &layout(), &[])?;
-        let has = |name: &str| columns.iter().any(|column| column.name == name);
-        let estimated =
-            |name: &String| has(&format!("{name}_std")) && has(&format!("{name}_fault"));
-        let names: Vec<String> = if names.is_empty() {
-            columns
-                .iter()
-                .map(|c| c.name.clone())
-                .filter(estimated)
-                .collect()
-        } else {
-            names.to_vec()
-        };
-        if names.is_empty() {
-            return Err(LoadFileError::NoLoad(path.into()));
-        }
-        let unit = |name: String| {
-            let column = columns.iter().find(|column| column.name == name);
-            let Some(column) = column else {
-                let found: Vec<_> = columns.iter().take(20).map(|c| c.name.as_str()).collect();
-                let found = found.join(", ");
-                return Err(LoadFileError::Missing {
-                    file: path.into(),
-                    name,
-                    found,
-                });
-            };
-            match column.unit.as_deref().map(str::parse::<Unit>) {
-                Some(Ok(unit)) => Ok((name, unit.si())),
-                _ => Err(LoadFileError::Unit {
-                    file: path.into(),
-                    name,
-                }),
-            }
-        };
-        Ok(Self {
-            loads: names.into_iter().map(unit).collect::<Result<_, _>>()?,
-            speed: speed.map(Into::into),
-            ratio,
-        })
-    }
-
-    /// Lowest and highest valid value of each load in a file; none where no sample is valid.
-    ///
-    /// # Errors
-    /// When the file cannot be read.
-    pub fn extremes(&self, path: &Path) -> Result<Vec<Option<[f32; 2]>>, LoadFileError> {
-        let mut found: Vec<Option<[f32; 2]>> = vec![None; self.loads.len()];
-        let file = LoadFile::open(path, self)?;
-        for block in file.reader {
-            let block = block?;
-            for (k, found) in found.iter_mut().enumerate() {
-                for value in (0..block.len()).filter_map(|i| valid(&block, k, i)) {
-                    let [low, high] = found.unwrap_or([value; 2]);
-                    *found = Some([low.min(value), high.max(value)]);
-                }
-            }
-        }
-        Ok(found)
-    }
-}
+/// Columns of each load: itself, its fault, its standard deviation.
+const COLUMNS: usize = 3;
 
 /// Load `k` of sample `i` as the board counts it, where it is valid.
-fn valid(block: &Block, k: usize, i: usize) -> Option<f32> {
-    let value = |column: usize| block.columns.get(column)?.as_ref().map(|values| values[i]);
-    let fault = value(2 * k + 1);
-    let is_valid = fault.is_none_or(|fault| fault == f64::from(Fault::None as u8));
-    let load = value(2 * k)? as f32;
-    (is_valid && load.is_finite()).then_some(load)
+fn valid(block: &Block, k: usize, i: usize) -> Option<LoadSample> {
+    let value = |column: usize| {
+        let values = block.columns.get(COLUMNS * k + column)?.as_ref()?;
+        values.get(i).copied()
+    };
+    let is_valid = value(1).is_none_or(|fault| fault == f64::from(Fault::None as u8));
+    let load = value(0)? as f32;
+    (is_valid && load.is_finite()).then(|| LoadSample {
+        load,
+        std: value(2).filter(|std| std.is_finite() && *std >= 0.0),
+    })
 }
 
-fn gap(counts: &mut [LoadCounts], samples: u64) {
-    for counts in counts {
-        counts.gap(samples);
-    }
+/// What a file has next.
+pub(crate) enum Sample<'a> {
+    /// A sample: each load where it is valid, and the advance of each shaft [2^-32 turn].
+    Taken(&'a [Option<LoadSample>], [u32; SHAFTS]),
+    /// Samples that were never taken.
+    Gap(u64),
 }
 
 impl<'a> LoadFile<'a> {
@@ -178,13 +50,11 @@ impl<'a> LoadFile<'a> {
     /// # Errors
     /// When it cannot be read or lacks a column.
     pub fn open(path: &'a Path, loads: &'a Loads) -> Result<Self, LoadFileError> {
-        let faults: Vec<String> = loads
-            .loads
-            .iter()
-            .map(|(name, _)| format!("{name}_fault"))
+        let beside: Vec<[String; 2]> = (loads.loads.iter())
+            .map(|(name, _)| ["fault", "std"].map(|what| format!("{name}_{what}")))
             .collect();
         let mut wanted = Vec::new();
-        for ((name, unit), fault) in loads.loads.iter().zip(&faults) {
+        for ((name, unit), [fault, std]) in loads.loads.iter().zip(&beside) {
             wanted.push(Wanted {
                 name,
                 unit: *unit,
@@ -193,6 +63,11 @@ impl<'a> LoadFile<'a> {
             wanted.push(Wanted {
                 name: fault,
                 unit: Unit::ONE,
+                required: false,
+            });
+            wanted.push(Wanted {
+                name: std,
+                unit: *unit,
                 required: false,
             });
         }
@@ -220,35 +95,51 @@ impl<'a> LoadFile<'a> {
     ///
     /// # Errors
     /// When the file cannot be read, or a shaft turns too fast to be counted.
-    pub fn count(mut self, counts: &mut [LoadCounts]) -> Result<(), LoadFileError> {
+    pub fn count(self, counts: &mut [CountedLoad]) -> Result<(), LoadFileError> {
+        self.each(|sample| {
+            for (k, counts) in counts.iter_mut().enumerate() {
+                match sample {
+                    Sample::Taken(loads, advance) => counts.push(loads[k], *advance),
+                    Sample::Gap(samples) => counts.gap(*samples),
+                }
+            }
+        })?;
+        counts.iter_mut().for_each(CountedLoad::end);
+        Ok(())
+    }
+
+    /// Gives all that the file has, in its order.
+    pub(crate) fn each(mut self, mut take: impl FnMut(&Sample)) -> Result<(), LoadFileError> {
+        let mut loads = vec![None; self.loads.loads.len()];
+        let mut missing = 0_u64;
         while let Some(block) = self.reader.next() {
             let block = block?;
             let mut bridged = block.bridged.iter().copied().peekable();
-            let mut missing = 0_u64;
             for i in 0..block.len() {
                 if bridged.next_if_eq(&i).is_some() {
                     missing += 1;
                     continue;
                 }
                 if missing > 0 {
-                    gap(counts, missing);
+                    take(&Sample::Gap(missing));
                     missing = 0;
                 }
                 let advance = self.advance(&block, i)?;
-                for (k, counts) in counts.iter_mut().enumerate() {
-                    counts.push(valid(&block, k, i), advance);
+                for (k, load) in loads.iter_mut().enumerate() {
+                    *load = valid(&block, k, i);
                 }
+                take(&Sample::Taken(&loads, advance));
             }
-            if missing > 0 {
-                gap(counts, missing);
-            }
+        }
+        if missing > 0 {
+            take(&Sample::Gap(missing));
         }
         Ok(())
     }
 
     /// By how much each shaft turned up to sample `i` [2^-32 turn].
     fn advance(&mut self, block: &Block, i: usize) -> Result<[u32; SHAFTS], LoadFileError> {
-        let speed = (block.columns.get(2 * self.loads.loads.len()))
+        let speed = (block.columns.get(COLUMNS * self.loads.loads.len()))
             .and_then(|column| column.as_ref())
             .map(|column| column[i])
             .filter(|speed| speed.is_finite());

@@ -21,6 +21,8 @@ pub struct LoadCycle {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Spectrum {
     width: f64,
+    /// By how much each range is wider than counted [unit of the load].
+    widening: f64,
     /// By range (levels).
     counts: Vec<f64>,
     scale: String,
@@ -50,6 +52,7 @@ impl Spectrum {
         }
         Ok(Self {
             width: f64::from(counts.scale().width()),
+            widening: 0.0,
             counts: cycles,
             scale: format!("{from} to {to} with a gate of {} levels", counts.gate()),
         })
@@ -75,15 +78,25 @@ impl Spectrum {
 
     /// Cycles by increasing range.
     pub fn cycles(&self) -> impl Iterator<Item = LoadCycle> {
-        let present = self
+        let cycles = self
             .counts
             .iter()
             .enumerate()
-            .filter(|(_, count)| **count > 0.0);
-        present.map(|(range, &count)| LoadCycle {
-            range: range as f64 * self.width,
-            count,
-        })
+            .map(|(range, &count)| LoadCycle {
+                range: range as f64 * self.width + self.widening,
+                count,
+            });
+        cycles.filter(|cycle| cycle.count > 0.0 && cycle.range > 0.0)
+    }
+
+    /// The same cycles with each range wider by `by` [unit of the load]; narrower for a
+    /// negative one, and without those that vanish.
+    #[must_use]
+    pub fn widened(&self, by: f64) -> Self {
+        Self {
+            widening: self.widening + by,
+            ..self.clone()
+        }
     }
 }
 

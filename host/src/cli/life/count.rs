@@ -5,7 +5,7 @@ use loadtwin_common::counting::{LEVELS, LevelScale, LoadCounts};
 
 use super::Life;
 use crate::cli::progress::Progress;
-use crate::life::{LoadFile, Loads, Spectrum};
+use crate::life::{CountedLoad, LoadFile, LoadSurvey, Loads, NoiseRemoved, Spectrum};
 use crate::machine::Machine;
 use crate::recording::Unit;
 
@@ -18,19 +18,27 @@ pub(super) struct Counted {
     pub(super) name: String,
     pub(super) unit: Unit,
     /// One for each machine.
-    pub(super) machines: Vec<LoadCounts>,
+    pub(super) machines: Vec<CountedLoad>,
     pub(super) spectrum: Spectrum,
+    /// Where the file has standard deviations.
+    pub(super) noise_removed: Option<NoiseRemoved>,
 }
 
 impl Life {
     /// Counts with nothing in them yet, one for each load.
-    pub(super) fn empty_counts(&self, loads: &Loads) -> anyhow::Result<Vec<LoadCounts>> {
+    pub(super) fn empty_counts(&self, loads: &Loads) -> anyhow::Result<Vec<CountedLoad>> {
+        let mut surveys = vec![LoadSurvey::default(); loads.loads.len()];
+        for path in &self.files {
+            for (all, found) in surveys.iter_mut().zip(LoadSurvey::of(path, loads)?) {
+                all.add(&found);
+            }
+        }
         let ranges = match &self.range {
             Some(range) => vec![[range.0 as f32, range.1 as f32]; loads.loads.len()],
-            None => self.found_ranges(loads)?,
+            None => self.found_ranges(loads, &surveys)?,
         };
         let mut empty = Vec::new();
-        for ((name, unit), [from, to]) in loads.loads.iter().zip(ranges) {
+        for (((name, unit), [from, to]), survey) in loads.loads.iter().zip(ranges).zip(&surveys) {
             let scale = LevelScale::covering(from, to)
                 .with_context(|| format!("range of {name} {from}:{to}: allowed: FROM below TO"))?;
             let gate = match self.gate {
@@ -45,46 +53,41 @@ impl Life {
                     levels as u8
                 }
             };
-            empty.push(LoadCounts::try_new(scale, gate)?);
+            let counts = LoadCounts::try_new(scale, gate)?;
+            empty.push(CountedLoad::new(counts, survey.steps.mean()));
         }
         Ok(empty)
     }
 
     /// By the machine's nominal loads, widened to what the files reach.
-    fn found_ranges(&self, loads: &Loads) -> anyhow::Result<Vec<[f32; 2]>> {
+    fn found_ranges(&self, loads: &Loads, surveys: &[LoadSurvey]) -> anyhow::Result<Vec<[f32; 2]>> {
         let machine = self.machine.as_deref().map(Machine::load).transpose()?;
         let nominal = |name: &str| {
             let machine = machine.as_ref()?;
             let load = machine.loads().into_iter().find(|load| load.name == name)?;
             Some([-load.nominal as f32, load.nominal as f32])
         };
-        let mut ranges: Vec<Option<[f32; 2]>> =
-            loads.loads.iter().map(|(name, _)| nominal(name)).collect();
-        for path in &self.files {
-            for (range, found) in ranges.iter_mut().zip(loads.extremes(path)?) {
-                let both = range.iter().chain(found.iter()).copied();
-                *range = both.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
-            }
-        }
-        let widened = |(range, (name, _)): (Option<[f32; 2]>, &(String, Unit))| {
-            let [from, to] =
-                range.with_context(|| format!("{name}: no valid sample in the files"))?;
+        let widened = |((name, _), survey): (&(String, Unit), &LoadSurvey)| {
+            let both = nominal(name).into_iter().chain(survey.extremes);
+            let [from, to] = both
+                .reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+                .with_context(|| format!("{name}: no valid sample in the files"))?;
             // The highest load lies inside the last level; a constant load has a range as well.
             let margin = ((to - from) / LEVELS as f32)
                 .max(1e-3 * from.abs().max(to.abs()))
                 .max(1e-6);
             Ok([from - margin, to + margin])
         };
-        ranges.into_iter().zip(&loads.loads).map(widened).collect()
+        loads.loads.iter().zip(surveys).map(widened).collect()
     }
 
     pub(super) fn count(
         &self,
         loads: &Loads,
-        empty: &[LoadCounts],
+        empty: &[CountedLoad],
     ) -> anyhow::Result<(f64, Vec<Counted>)> {
         let progress = Progress::new("life");
-        let mut machines: Vec<Vec<LoadCounts>> = vec![empty.to_vec()];
+        let mut machines: Vec<Vec<CountedLoad>> = vec![empty.to_vec()];
         let mut period_s = None;
         for (done, path) in self.files.iter().enumerate() {
             let file = LoadFile::open(path, loads)?;
@@ -99,8 +102,7 @@ impl Life {
             file.count(&mut counts)?;
             match machines.last_mut() {
                 Some(machine) if done > 0 && !self.machines => {
-                    for (earlier, later) in machine.iter_mut().zip(&mut counts) {
-                        later.restart();
+                    for (earlier, later) in machine.iter_mut().zip(counts) {
                         earlier.append(later)?;
                     }
                 }
@@ -110,15 +112,16 @@ impl Life {
             progress.show((done + 1) as f64 / self.files.len() as f64);
         }
         let counted = loads.loads.iter().enumerate().map(|(k, (name, unit))| {
-            let machines: Vec<LoadCounts> =
+            let machines: Vec<CountedLoad> =
                 machines.iter().map(|counts| counts[k].clone()).collect();
-            let mut spectrum = Spectrum::of(name, &machines[0])?;
+            let mut spectrum = Spectrum::of(name, &machines[0].counts)?;
             for machine in &machines[1..] {
-                spectrum.merge(name, &Spectrum::of(name, machine)?)?;
+                spectrum.merge(name, &Spectrum::of(name, &machine.counts)?)?;
             }
             Ok(Counted {
                 name: name.clone(),
                 unit: *unit,
+                noise_removed: NoiseRemoved::of(name, &machines, &spectrum)?,
                 machines,
                 spectrum,
             })

@@ -3,18 +3,44 @@
 use super::Life;
 use super::count::Counted;
 use crate::life::{
-    RatingLife, SnCurve, damage, equivalent_load, equivalent_torque, rating_life, turns_at_load,
+    Interval, LifeError, NoiseRemoved, RatingLife, SnCurve, Spectrum, damage, equivalent_load,
+    equivalent_torque, rating_life, turns_at_load,
 };
 
 /// What follows for a load.
 pub(super) struct Figures {
     pub(super) seen_s: f64,
     pub(super) equivalent_cycles: f64,
-    pub(super) equivalent: Vec<(f64, f64)>,
+    pub(super) equivalent: Vec<Equivalent>,
     pub(super) damage: Option<f64>,
+    /// Where the file has standard deviations.
+    pub(super) damage_noise_removed: Option<Interval>,
     /// For each shaft.
     pub(super) torque: Vec<Option<f64>>,
     pub(super) bearing: Option<RatingLife>,
+}
+
+/// A damage-equivalent load.
+pub(super) struct Equivalent {
+    pub(super) exponent: f64,
+    /// Of the load as estimated.
+    pub(super) load: f64,
+    /// Where the file has standard deviations.
+    pub(super) noise_removed: Option<Interval>,
+}
+
+impl Equivalent {
+    fn of(counted: &Counted, exponent: f64, cycles: f64) -> Result<Self, LifeError> {
+        let figure = |spectrum: &Spectrum| equivalent_load(spectrum, exponent, cycles);
+        let removed = counted.noise_removed.as_ref();
+        Ok(Self {
+            exponent,
+            load: figure(&counted.spectrum)?,
+            noise_removed: removed
+                .map(|removed| removed.interval(figure))
+                .transpose()?,
+        })
+    }
 }
 
 impl Life {
@@ -27,17 +53,23 @@ impl Life {
         let seen: u64 = counted
             .machines
             .iter()
-            .map(|counts| counts.observation().seen)
+            .map(|machine| machine.counts.observation().seen)
             .sum();
         let seen_s = seen as f64 * period_s;
         let equivalent_cycles = self.equivalent_cycles.unwrap_or(seen_s);
         let equivalent = (self.exponents.iter())
-            .map(|&m| Ok((m, equivalent_load(&counted.spectrum, m, equivalent_cycles)?)))
-            .collect::<anyhow::Result<_>>()?;
+            .map(|&exponent| Equivalent::of(counted, exponent, equivalent_cycles))
+            .collect::<Result<_, _>>()?;
+        let of_curve = |removed: &NoiseRemoved| {
+            let curve = curve?;
+            let figure = |spectrum: &Spectrum| Ok::<_, LifeError>(damage(spectrum, curve));
+            Some(removed.interval(figure))
+        };
+        let damage_noise_removed = counted.noise_removed.as_ref().and_then(of_curve);
         let turns = |shaft: usize| -> Vec<(f64, f64)> {
             let machines = counted.machines.iter();
             machines
-                .flat_map(|counts| turns_at_load(counts, shaft))
+                .flat_map(|machine| turns_at_load(&machine.counts, shaft))
                 .collect()
         };
         let torque = (self.gear.iter())
@@ -50,6 +82,7 @@ impl Life {
             seen_s,
             equivalent_cycles,
             equivalent,
+            damage_noise_removed: damage_noise_removed.transpose()?,
             damage: curve.map(|curve| damage(&counted.spectrum, curve)),
             torque,
             bearing: bearing.flatten(),

@@ -5,14 +5,25 @@ use serde_json::{Map, Value, json};
 
 use super::count::Counted;
 use super::figures::Figures;
+use crate::life::Interval;
 
 pub(super) fn report(counted: &Counted, figures: &Figures, period_s: f64) -> Value {
     let machines: Vec<Value> = (counted.machines.iter())
-        .map(|counts| machine_report(counts, period_s))
+        .map(|machine| machine_report(&machine.counts, period_s))
         .collect();
     let equivalent: Map<String, Value> = (figures.equivalent.iter())
-        .map(|(m, load)| (m.to_string(), json!(load)))
+        .map(|of| (of.exponent.to_string(), json!(of.load)))
         .collect();
+    let noise_removed = (counted.noise_removed.as_ref()).map(|removed| {
+        let equivalent: Map<String, Value> = (figures.equivalent.iter())
+            .map(|of| (of.exponent.to_string(), interval(of.noise_removed)))
+            .collect();
+        json!({
+            "range_std": removed.range_std(),
+            "damage_equivalent_load": equivalent,
+            "damage": interval(figures.damage_noise_removed),
+        })
+    });
     let cycles: Vec<[f64; 2]> = counted
         .spectrum
         .cycles()
@@ -26,6 +37,7 @@ pub(super) fn report(counted: &Counted, figures: &Figures, period_s: f64) -> Val
         "equivalent_cycles": figures.equivalent_cycles,
         "damage_equivalent_load": equivalent,
         "damage": figures.damage,
+        "noise_removed": noise_removed,
         "equivalent_torque": figures.torque,
         "bearing": figures.bearing.map(|life| json!({
             "equivalent_load": life.equivalent,
@@ -33,6 +45,12 @@ pub(super) fn report(counted: &Counted, figures: &Figures, period_s: f64) -> Val
             "used": life.used,
         })),
     })
+}
+
+fn interval(interval: Option<Interval>) -> Value {
+    json!(interval.map(|found| json!({
+        "value": found.value, "lower": found.lower, "upper": found.upper,
+    })))
 }
 
 fn machine_report(counts: &LoadCounts, period_s: f64) -> Value {

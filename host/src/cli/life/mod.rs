@@ -127,11 +127,11 @@ impl Life {
             .collect::<anyhow::Result<Vec<_>>>()?;
         if let Some(path) = &self.output {
             let mut table = CountsTable::default();
-            for (counted, counts) in counted
+            for (counted, machine) in counted
                 .iter()
                 .flat_map(|c| c.machines.iter().map(move |m| (c, m)))
             {
-                table.add(&counted.name, counts);
+                table.add(&counted.name, &machine.counts);
             }
             let complete = table
                 .complete(path)

@@ -3,10 +3,35 @@
 use super::count::Counted;
 use super::figures::Figures;
 use crate::cli::output::say;
+use crate::life::Interval;
+
+/// The table of equivalent loads.
+fn print_equivalent(counted: &Counted, figures: &Figures) {
+    let unit = counted.unit;
+    if counted.noise_removed.is_some() {
+        say!(
+            "    exponent  as estimated [{unit}]  noise removed [{unit}]   90 % interval [{unit}]"
+        );
+    } else {
+        say!("    exponent      range [{unit}]");
+    }
+    for of in &figures.equivalent {
+        let (exponent, load) = (of.exponent, of.load);
+        match of.noise_removed {
+            None => say!("    {exponent:>8}{load:>15.4}"),
+            Some(Interval {
+                value,
+                lower,
+                upper,
+            }) => say!("    {exponent:>8}{load:>19.4}{value:>20.4}{lower:>16.4} to {upper:.4}"),
+        }
+    }
+}
 
 pub(super) fn print(counted: &Counted, figures: &Figures, period_s: f64) {
     let unit = counted.unit;
-    for (number, counts) in (1..).zip(&counted.machines) {
+    for (number, machine) in (1..).zip(&counted.machines) {
+        let counts = &machine.counts;
         let of_machine = match counted.machines.len() {
             1 => String::new(),
             _ => format!(", machine {number}"),
@@ -48,12 +73,17 @@ pub(super) fn print(counted: &Counted, figures: &Figures, period_s: f64) {
         "  equal cycles of the same damage, {:.0} of them:",
         figures.equivalent_cycles
     );
-    say!("    exponent      range [{unit}]");
-    for (exponent, load) in &figures.equivalent {
-        say!("    {exponent:>8}{load:>15.4}");
-    }
+    print_equivalent(counted, figures);
     if let Some(damage) = figures.damage {
-        say!("  damage by the S-N curve: {damage:.4e}");
+        let removed = figures.damage_noise_removed.map_or(String::new(), |found| {
+            let Interval {
+                value,
+                lower,
+                upper,
+            } = found;
+            format!("; noise removed {value:.4e} (90 % interval {lower:.4e} to {upper:.4e})")
+        });
+        say!("  damage by the S-N curve: {damage:.4e}{removed}");
     }
     for (shaft, torque) in (1..).zip(&figures.torque) {
         if let Some(torque) = torque {

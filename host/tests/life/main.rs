@@ -1,5 +1,7 @@
 //! Counting load cycles, as a user would look at it.
 
+mod noise;
+
 use std::fs;
 use std::process::{Command, Output};
 

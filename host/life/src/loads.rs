@@ -1,0 +1,86 @@
+//! Which loads a file has.
+
+use std::path::Path;
+
+use loadtwin_recording::{CsvLayout, Unit, WrittenNan, columns};
+
+use crate::LoadFileError;
+
+/// Samples in a row that a file may lack; they are counted as missing. A file
+/// with a longer gap is to be split there.
+const LARGEST_GAP: u32 = 1_000_000;
+
+/// Which loads of a file, and the speed beside them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Loads {
+    /// Names and units.
+    pub loads: Vec<(String, Unit)>,
+    /// Column of the shaft's speed.
+    pub speed: Option<String>,
+    /// Turns of the second shaft for one of the first.
+    pub ratio: f64,
+}
+
+impl Loads {
+    /// The columns `names` of a file; where none are given, those with a
+    /// standard deviation and a fault beside them.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or has no such column or no unit of it.
+    pub fn find(
+        path: &Path,
+        names: &[String],
+        speed: Option<&str>,
+        ratio: f64,
+    ) -> Result<Self, LoadFileError> {
+        let columns = columns(path, &layout(), &[])?;
+        let has = |name: &str| columns.iter().any(|column| column.name == name);
+        let estimated =
+            |name: &String| has(&format!("{name}_std")) && has(&format!("{name}_fault"));
+        let names: Vec<String> = if names.is_empty() {
+            columns
+                .iter()
+                .map(|c| c.name.clone())
+                .filter(estimated)
+                .collect()
+        } else {
+            names.to_vec()
+        };
+        if names.is_empty() {
+            return Err(LoadFileError::NoLoad(path.into()));
+        }
+        let unit = |name: String| {
+            let column = columns.iter().find(|column| column.name == name);
+            let Some(column) = column else {
+                let found: Vec<_> = columns.iter().take(20).map(|c| c.name.as_str()).collect();
+                let found = found.join(", ");
+                return Err(LoadFileError::Missing {
+                    file: path.into(),
+                    name,
+                    found,
+                });
+            };
+            match column.unit.as_deref().map(str::parse::<Unit>) {
+                Some(Ok(unit)) => Ok((name, unit.si())),
+                _ => Err(LoadFileError::Unit {
+                    file: path.into(),
+                    name,
+                }),
+            }
+        };
+        Ok(Self {
+            loads: names.into_iter().map(unit).collect::<Result<_, _>>()?,
+            speed: speed.map(Into::into),
+            ratio,
+        })
+    }
+}
+
+/// How the files are read.
+pub(crate) fn layout() -> CsvLayout {
+    CsvLayout {
+        written_nan: WrittenNan::Missing,
+        largest_gap: LARGEST_GAP,
+        ..CsvLayout::default()
+    }
+}
