@@ -5,6 +5,8 @@ mod noise;
 use std::fs;
 use std::process::{Command, Output};
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as STANDARD_BASE64;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -125,6 +127,42 @@ fn counts_are_written_as_a_table() {
     fs::write(bench.0.path().join("other.parquet"), "notes").unwrap();
     let output = bench.run(&[&["all.csv", "-o", "other.parquet"][..], &SCALE].concat());
     assert!(!output.status.success());
+}
+
+#[test]
+fn a_page_shows_spectra_matrix_and_turns() {
+    let bench = Bench::new();
+    let turns = ["--speed", "speed", "--exponents", "3"];
+    let options = ["--equivalent-cycles", "1", "--report", "page.html"];
+    bench.torque(&[&["all.csv"][..], &turns, &options].concat());
+    let page = fs::read_to_string(bench.0.path().join("page.html")).unwrap();
+    let (_, data) = page.split_once("id=\"data\">").unwrap();
+    let (data, _) = data.split_once("</script>").unwrap();
+    let data: Value = serde_json::from_str(data).unwrap();
+    let plots = data["plots"].as_array().unwrap();
+    let titles: Vec<&Value> = plots.iter().map(|plot| &plot["title"]).collect();
+    let expected = [
+        "Range over cumulative cycles",
+        "Rainflow matrix, cycles",
+        "Level crossings upwards",
+        "Time at load",
+        "Turns at load",
+    ];
+    assert_eq!(titles, expected);
+    let mut sum = 0.0;
+    let cumulative: Vec<u8> = (CYCLES.iter().rev())
+        .flat_map(|[_, count]| {
+            sum += count;
+            f64::to_le_bytes(sum)
+        })
+        .collect();
+    assert_eq!(plots[0]["own"]["x"], STANDARD_BASE64.encode(cumulative));
+    let sum: f64 = CYCLES.iter().map(|[range, n]| n * range.powi(3)).sum();
+    assert!(page.contains(&format!("<td>{:.2}</td>", sum.cbrt())));
+    // Without a speed no turns.
+    bench.torque(&["all.csv", "--report", "page.html"]);
+    let page = fs::read_to_string(bench.0.path().join("page.html")).unwrap();
+    assert!(page.contains("Time at load") && !page.contains("Turns at load"));
 }
 
 #[test]

@@ -3,6 +3,7 @@
 mod count;
 mod figures;
 mod json;
+mod page;
 mod text;
 
 use std::path::PathBuf;
@@ -12,10 +13,13 @@ use anyhow::Context;
 use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
 
+use self::count::Counted;
+use self::figures::Figures;
 use super::output::{say, shown_all};
 use super::plan::{Plan, Replace};
 use crate::atomic_file::publish;
 use crate::life::{Beyond, COUNTS, CountsTable, EXPONENTS, Loads, SnCurve};
+use crate::report::PAGE;
 
 /// Count load cycles and compute damage-equivalent loads.
 ///
@@ -69,6 +73,9 @@ pub struct Life {
     /// Write the counts to FILE.parquet.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
+    /// Write a page with the spectra, the matrix and the equivalent loads to FILE.html.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     #[command(flatten)]
     replace: Replace,
 }
@@ -107,6 +114,7 @@ impl Life {
             plan = plan.description(machine);
         }
         plan.writes("--output", self.output.as_deref(), COUNTS)
+            .writes("--report", self.report.as_deref(), PAGE)
             .check(as_json)?;
         anyhow::ensure!(
             self.ratio > 0.0 && self.ratio.is_finite(),
@@ -125,19 +133,7 @@ impl Life {
         let figures = (counted.iter())
             .map(|counted| self.figures(counted, period_s, curve.as_ref()))
             .collect::<anyhow::Result<Vec<_>>>()?;
-        if let Some(path) = &self.output {
-            let mut table = CountsTable::default();
-            for (counted, machine) in counted
-                .iter()
-                .flat_map(|c| c.machines.iter().map(move |m| (c, m)))
-            {
-                table.add(&counted.name, &machine.counts);
-            }
-            let complete = table
-                .complete(path)
-                .with_context(|| path.display().to_string())?;
-            publish([complete])?;
-        }
+        self.write(&counted, &figures, period_s)?;
         if as_json {
             let loads: Map<String, Value> = (counted.iter().zip(&figures))
                 .map(|(counted, figures)| {
@@ -156,6 +152,27 @@ impl Life {
                 text::print(counted, figures, period_s);
             }
         }
+        Ok(())
+    }
+
+    /// Writes the page and the counts, both or none.
+    fn write(&self, counted: &[Counted], figures: &[Figures], period_s: f64) -> anyhow::Result<()> {
+        let mut complete = Vec::new();
+        if let Some(path) = &self.report {
+            let page = page::report(&self.files, counted, figures, period_s);
+            complete.push(page.complete(path)?);
+        }
+        if let Some(path) = &self.output {
+            let mut table = CountsTable::default();
+            for counted in counted {
+                for machine in &counted.machines {
+                    table.add(&counted.name, &machine.counts);
+                }
+            }
+            let table = table.complete(path);
+            complete.push(table.with_context(|| path.display().to_string())?);
+        }
+        publish(complete)?;
         Ok(())
     }
 
