@@ -22,6 +22,19 @@ pub enum BuildError {
         /// What there is.
         allowed: String,
     },
+    /// A map over an angle that no encoder of the set homes.
+    #[error(
+        "set {set:?}: found a map over the angle of {channel}, which the index of {encoder} does not home; \
+         allowed: a set with {encoder}, or an [index] of an encoder of the set"
+    )]
+    NotHomed {
+        /// The set of sensors.
+        set: String,
+        /// The channel with the map.
+        channel: String,
+        /// The encoder of the index.
+        encoder: String,
+    },
     /// More than an image holds.
     #[error("{0} is larger than an image can hold")]
     TooLarge(&'static str),

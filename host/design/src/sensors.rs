@@ -112,7 +112,27 @@ impl Sensors {
             sensors.encoders.len(),
             loadtwin_common::io::raw::MAX_ENCODERS,
         )?;
+        sensors.check_homed(machine)?;
         Ok(sensors)
+    }
+
+    /// A map needs an angle that is the same after each start.
+    fn check_homed(&self, machine: &Machine) -> Result<(), BuildError> {
+        let Some(index) = &machine.index else {
+            return Ok(());
+        };
+        let has_encoder = self.encoders.iter().any(|e| e.name == index.encoder);
+        let has_map = |c: &&Channel| c.sensitivity_map.is_some() || c.noise_map.is_some();
+        match self.channels.iter().find(has_map) {
+            Some(channel) if !has_encoder && !self.encoders.is_empty() => {
+                Err(BuildError::NotHomed {
+                    set: self.name.clone(),
+                    channel: channel.name.clone(),
+                    encoder: index.encoder.clone(),
+                })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Their names in the order of the estimates: channels, then encoders.

@@ -83,6 +83,19 @@ impl Existing {
         Ok(bytes)
     }
 
+    /// Whether the file ends so, blanks left out.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn ends_with(&mut self, end: &[u8]) -> io::Result<bool> {
+        let length = self.file.metadata()?.len();
+        let at = length.saturating_sub(end.len() as u64 + START);
+        self.file.seek(SeekFrom::Start(at))?;
+        let mut bytes = Vec::new();
+        (&mut self.file).take(length - at).read_to_end(&mut bytes)?;
+        Ok(bytes.trim_ascii_end().ends_with(end))
+    }
+
     /// Whether all of `needles` stand somewhere in the file.
     ///
     /// # Errors

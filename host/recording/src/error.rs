@@ -232,6 +232,19 @@ pub enum Problem {
         /// Nominal step, s.
         period_s: f64,
     },
+    /// The clock's rate goes up and down.
+    #[error(
+        "{row}: at t = {t} s the clock wanders by more than a quarter of a period ({period_s:.6} s) within \
+         32 rows; allowed: a rate that changes more slowly ({RESAMPLE})"
+    )]
+    Wander {
+        /// The row where that shows.
+        row: Row,
+        /// Its time, s.
+        t: f64,
+        /// Nominal step, s.
+        period_s: f64,
+    },
     /// The clock's rate is not the same all along.
     #[error(
         "{row}: from t = {t} s on rows come every {found_s:.6} s, before every {period_s:.6} s; \

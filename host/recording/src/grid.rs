@@ -31,6 +31,13 @@ const REGULAR: f64 = 0.25;
 /// Rows that a line counts for which rests on no regular stretch.
 const COARSE: f64 = 16.0;
 
+/// Rows over which the distance from the tick is averaged, and the mean from which the clock wanders
+/// [periods]; and where a step that is nearer to one period would make a gap. Of jitter that is uniform
+/// over a period the mean has a standard deviation of 0.036.
+const WANDERING: f64 = 32.0;
+const WANDERS: f64 = 0.25;
+const WANDERS_AT_GAP: f64 = 0.12;
+
 /// Lengths of the stretches in which the line is looked for [rows].
 const STRETCHES: [usize; 4] = [1024, 256, 64, 16];
 
@@ -58,6 +65,8 @@ pub(super) enum Misplaced {
     SameTick { row: usize, before_is_further: bool },
     /// More rows are missing before it than allowed.
     Gap { row: usize, missing: u64 },
+    /// The clock wanders about this row faster than it is followed.
+    Wander { row: usize },
     /// Rows come at another period from this one on [s].
     Rate { row: usize, period_s: f64 },
 }
@@ -79,6 +88,8 @@ pub(super) struct Grid {
     changes: [Change; 2],
     never_one: u32,
     last_t: f64,
+    /// Mean distance of the last rows from their ticks [periods].
+    beside: f64,
 }
 
 /// Sum of the steps of one tick beyond the period [periods], their number, and
@@ -168,6 +179,7 @@ impl Grid {
             changes: [Change::default(); 2],
             never_one: 0,
             last_t,
+            beside: 0.0,
         }
     }
 
@@ -244,6 +256,12 @@ impl Grid {
                     }));
                 }
             }
+            let step = (t_row - self.last_t) / self.period_s;
+            if ticks > 1 && step < 1.5 && self.beside.abs() > WANDERS_AT_GAP {
+                return Err(self
+                    .changed_rate(t, row)
+                    .unwrap_or(Misplaced::Wander { row }));
+            }
             if ticks > 1 {
                 let missing = ticks as u64 - 1;
                 if missing > u64::from(largest_gap) {
@@ -255,6 +273,11 @@ impl Grid {
                 since.clear();
             }
             self.watch_rate(row, t_row, ticks)?;
+            let beside = (t_row - self.tick_s) / self.period_s - ticks as f64;
+            self.beside += (beside - self.beside) / WANDERING;
+            if self.memory.is_some() && self.beside.abs() > WANDERS {
+                return Err(Misplaced::Wander { row });
+            }
             self.follow(t_row, ticks);
             if since.len() < RECOUNTED {
                 since.push(self.error(t_row));

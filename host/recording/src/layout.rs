@@ -108,8 +108,16 @@ impl Default for CsvLayout {
 }
 
 impl CsvLayout {
-    /// Refuses a row period that is no time.
+    /// Refuses a row period that is no time, and a begin of comments that rows have too.
     pub(super) fn check(&self) -> Result<(), Problem> {
+        let begins_row = |c: char| c.is_ascii_digit() || matches!(c, '-' | '+' | '.' | ',');
+        if self.comment.starts_with(begins_row) {
+            return Err(Problem::Layout {
+                field: "comment",
+                found: format!("{:?}", self.comment),
+                allowed: "what no row begins with: no digit, sign, point or comma",
+            });
+        }
         match self.row_period_ms {
             Some(ms) if !(ms > 0.0 && ms <= 3.6e6) => Err(Problem::Layout {
                 field: "row_period_ms",

@@ -347,6 +347,11 @@ impl Reader {
                 allowed: self.largest_gap,
                 period_s: clock_s,
             },
+            Misplaced::Wander { row } => Problem::Wander {
+                row: at(row).0,
+                t: at(row).1,
+                period_s: clock_s,
+            },
             Misplaced::Rate { row, period_s } => Problem::Rate {
                 row: at(row).0,
                 t: at(row).1,

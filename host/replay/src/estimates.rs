@@ -19,12 +19,30 @@ pub const ESTIMATES: Content = Content {
     is_same: |file| match file.start() {
         [b'P', b'A', b'R', b'1', ..] => file.contains(&["loadtwin ", "_std", "_fault"]),
         [b'M', b'D', b'F', b' ', ..] => file.contains(&["machine: ", "_std", "_fault"]),
-        _ => Ok(file.header().starts_with(b"t [s],") && {
-            let header = String::from_utf8_lossy(file.header());
-            header.contains("_std [") && header.contains("_fault [1]")
-        }),
+        _ => Ok(is_header(&String::from_utf8_lossy(file.header()))),
     },
 };
+
+/// Whether a header has the columns of estimates and none that someone added.
+fn is_header(header: &str) -> bool {
+    let names: Vec<&str> = header
+        .split(',')
+        .map(|column| column.rsplit_once(" [").map_or(column, |(name, _)| name))
+        .collect();
+    let has = |name: String| names.contains(&name.as_str());
+    let of_sensor = |name: &str| {
+        let ends = ["_std", "_fault", "_innovation", "_nis"];
+        ends.iter().any(|end| name.ends_with(end))
+    };
+    let is_own = |name: &str| of_sensor(name) || has(format!("{name}_std"));
+    let has_load = names.iter().any(|name| has(format!("{name}_fault")));
+    match names.split_first() {
+        Some((&"t", others)) => {
+            has_load && (others.iter()).all(|n| is_own(n) || NodeColumns::is_state(n))
+        }
+        _ => false,
+    }
+}
 
 /// Writes loads with standard deviation and fault, then for each sensor the
 /// innovation, its NIS and the fault, then what is asked for of a rotor's nodes; faults by the numbers of

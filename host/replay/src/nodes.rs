@@ -82,6 +82,13 @@ impl NodeColumns {
         })
     }
 
+    /// Whether a column is called so that is neither of a load, a sensor nor a node.
+    pub(super) fn is_state(name: &str) -> bool {
+        let is_mode = |mode: &str| mode.parse::<usize>().is_ok();
+        ["speed", "angle", "noise_level"].contains(&name)
+            || name.strip_prefix("modal").is_some_and(is_mode)
+    }
+
     /// The columns: speed, angle, noise level, modal displacements, then for each node `x`, its
     /// standard deviation, `y` and its own.
     pub(super) fn columns(&self) -> Vec<OutputColumn> {

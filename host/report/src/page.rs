@@ -22,7 +22,8 @@ const GENERATOR: &str = "<meta name=\"generator\" content=\"loadtwin\">";
 pub const PAGE: Content = Content {
     noun: "page",
     suffixes: &["html", "htm"],
-    is_same: |file| file.contains(&[GENERATOR]),
+    // Nothing was added to it.
+    is_same: |file| Ok(file.ends_with(b"</html>")? && file.contains(&[GENERATOR])?),
 };
 
 /// Nothing but what is in the file itself may be loaded or run.

@@ -23,11 +23,14 @@ use crate::seal::seal;
 /// Part of a start's motion that a reduction may lose without a word.
 const MUCH_LOST: f64 = 0.1;
 
+/// No image is larger [bytes]: that of a board's flash bank is 256 kB.
+const LARGEST_IMAGE: u64 = 1 << 20;
+
 /// What is written as a model image.
 const IMAGE: Content = Content {
     noun: "model image",
     suffixes: &["image", "img", "bin"],
-    is_same: |file| Ok(file.start().starts_with(&signed_image::MAGIC)),
+    is_same: |file| Ok(signed_image::open(&file.whole(LARGEST_IMAGE)?).is_ok()),
 };
 
 /// Make the model image that firmware and host run.

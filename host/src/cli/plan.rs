@@ -13,8 +13,8 @@ use crate::machine::{DESCRIPTION, MAPS, named_files};
 /// What may be replaced.
 #[derive(Clone, Copy, Debug, Default, Args)]
 pub(super) struct Replace {
-    /// Replace an existing file that is no such output of loadtwin, or was edited since. What is
-    /// read is never written to.
+    /// Replace an existing file that is no such output of loadtwin, or a description that was
+    /// edited since. What is read is never written to.
     #[arg(long)]
     force: bool,
 }

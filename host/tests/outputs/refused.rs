@@ -158,6 +158,24 @@ fn only_what_loadtwin_wrote_as_such_is_replaced() {
     bench.write("mine.toml", edited);
     let line = "zero bridge.toml constant zero.csv --date 2026-11-21 -o mine.toml";
     bench.refused(line, &["is there already"]);
+    // So is what was added to a table, a page or an image.
+    bench.succeeds("replay machine.toml good.csv --estimates e.csv --report e.html");
+    bench.succeeds("build machine.toml -o e.image");
+    let table = String::from_utf8(bench.read("e.csv")).unwrap();
+    let with_column = table.lines().map(|line| format!("{line},my remark\n"));
+    bench.write("e.csv", with_column.collect::<String>());
+    for name in ["e.html", "e.image"] {
+        let mut bytes = bench.read(name);
+        bytes.extend(b"<p>mine</p>");
+        bench.write(name, bytes);
+    }
+    for line in [
+        "replay machine.toml good.csv --estimates e.csv",
+        "replay machine.toml good.csv --report e.html",
+        "build machine.toml -o e.image",
+    ] {
+        bench.refused(line, &["is there already", "--force"]);
+    }
 }
 
 #[test]

@@ -164,9 +164,12 @@ impl Consistency {
         by_reference.or_else(|| self.never_valid())
     }
 
-    /// The load that is most often outside its band, or biased.
+    /// The load that is most often outside its band; or biased, where that is by no sensor that is
+    /// flagged.
     fn by_reference(&self) -> Option<Cause> {
+        let flagged = self.sensors.iter().any(|s| s.is_flagged(self.samples));
         let mut worst: Vec<&ReferenceConsistency> = self.references.iter().collect();
+        worst.retain(|reference| reference.is_outside() || !flagged);
         worst.sort_by(|a, b| b.part_beyond().total_cmp(&a.part_beyond()));
         worst.into_iter().find_map(ReferenceConsistency::cause)
     }

@@ -163,6 +163,11 @@ impl SensorConsistency {
         )
     }
 
+    /// Whether more than [`CONTRADICTING`] of so many samples are flagged.
+    pub(super) fn is_flagged(&self, samples: u64) -> bool {
+        self.flags.values().sum::<u64>() as f64 > CONTRADICTING * samples as f64
+    }
+
     /// The fault that most of its samples have, where that is one of the sensor itself.
     pub(super) fn mostly_faulty(&self) -> Option<Cause> {
         let all = self.compared.max(self.flags.values().sum());
