@@ -2,6 +2,7 @@
 
 use crate::Error;
 use crate::bearing::{BearingEstimator, BearingModel, BearingState};
+use crate::drive::{DriveEstimator, DriveModel, DriveState};
 use crate::drivetrain::{DrivetrainEstimator, DrivetrainState, GearboxModel};
 use crate::image::{Image, Model};
 use crate::io::estimate::Estimate;
@@ -42,6 +43,7 @@ enum Kind<'a> {
     Rotor20(RotorEstimator<'a, 8, 20>, RotorState<8, 20>),
     Rotor24(RotorEstimator<'a, 8, 24>, RotorState<8, 24>),
     Bearing(BearingEstimator, BearingState),
+    Drive(DriveEstimator<'a>, DriveState),
 }
 
 // Inlined, the stack would hold the temporaries of all instances at once.
@@ -87,6 +89,16 @@ fn start_bearing(
     Ok(())
 }
 
+#[inline(never)]
+fn start_drive<'a>(model: DriveModel<'a>, slot: &mut Option<Estimator<'a>>) -> Result<(), Error> {
+    let drive = DriveEstimator::try_build(model)?;
+    let state = drive.start();
+    *slot = Some(Estimator {
+        kind: Kind::Drive(drive, state),
+    });
+    Ok(())
+}
+
 impl<'a> Estimator<'a> {
     /// The line of `image`, before its first sample.
     ///
@@ -122,6 +134,7 @@ impl<'a> Estimator<'a> {
                 _ => Err(Error::OutOfRange("number of states")),
             },
             Model::Bearing(model) => start_bearing(model, image.rate_hz, slot),
+            Model::Drive(model) => start_drive(model, slot),
         }
     }
 
@@ -141,6 +154,7 @@ impl<'a> Estimator<'a> {
             Kind::Rotor20(r, s) => r.step(s, raw),
             Kind::Rotor24(r, s) => r.step(s, raw),
             Kind::Bearing(b, s) => b.step(s, raw),
+            Kind::Drive(d, s) => d.step(s, raw),
         }
     }
 

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::bearing::BearingModel;
+use crate::drive::DriveModel;
 use crate::drivetrain::GearboxModel;
 use crate::load_signal::LoadSignal;
 use crate::rotor::RotorModel;
@@ -46,6 +47,9 @@ pub enum Model<'a> {
     Rotor(RotorModel<'a>),
     /// A wheel bearing with strain gauges on its outer ring.
     Bearing(BearingModel),
+    /// An axis whose drive and motion are measured.
+    #[serde(borrow)]
+    Drive(DriveModel<'a>),
 }
 
 impl<'a> Model<'a> {
@@ -53,7 +57,7 @@ impl<'a> Model<'a> {
     pub fn gearbox(&self) -> Option<&GearboxModel<'a>> {
         match self {
             Self::Gearbox(model) => Some(model),
-            Self::Rotor(_) | Self::Bearing(_) => None,
+            Self::Rotor(_) | Self::Bearing(_) | Self::Drive(_) => None,
         }
     }
 }
@@ -79,8 +83,9 @@ impl<'a> Image<'a> {
     }
 
     /// Unit of the load at `place` in the order of the estimates.
-    pub fn load_unit(&self, place: usize) -> &'static str {
+    pub fn load_unit(&self, place: usize) -> &str {
         match &self.model {
+            Model::Drive(model) => &model.unit,
             Model::Rotor(_) => "N",
             // Fx, Fy, Fz, Mx, Mz.
             Model::Bearing(_) if place < 3 => "N",
@@ -94,6 +99,7 @@ impl<'a> Image<'a> {
             Model::Gearbox(model) => &model.loads,
             Model::Rotor(model) => &model.loads,
             Model::Bearing(model) => &model.loads,
+            Model::Drive(model) => &model.loads,
         }
     }
 }

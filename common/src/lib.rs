@@ -5,6 +5,7 @@
 
 pub mod bearing;
 pub mod counting;
+pub mod drive;
 pub mod drivetrain;
 pub mod error;
 pub mod estimator;

@@ -150,7 +150,7 @@ impl AdcScaling {
 
 impl EncoderScaling {
     /// Counts from `last` to `now`, the short way round the counter.
-    fn difference(&self, now: u32, last: u32) -> i32 {
+    pub(crate) fn difference(&self, now: u32, last: u32) -> i32 {
         let unused = 32 - u32::from(self.bits.clamp(1, 32));
         (now.wrapping_sub(last) << unused) as i32 >> unused
     }

@@ -85,7 +85,7 @@ impl Build {
             Model::Gearbox(model) => model
                 .steady
                 .map(|gains| gains.turn().map(|turn| f64::from(turn) * machine.rate_hz)),
-            Model::Rotor(_) | Model::Bearing(_) => None,
+            Model::Rotor(_) | Model::Bearing(_) | Model::Drive(_) => None,
         };
         Estimator::try_build(image)?;
         let issue = self.issue.map_or_else(seconds_since_1970, Ok)?;

@@ -1,0 +1,532 @@
+//! The drive: the load on one axis, from its driving torque or force and its motion.
+//!
+//! ```text
+//! states    x, v, a, d    position, speed, acceleration, unknown load
+//! predict   x+ = x + v dt + a dt^2/2,  v+ = v + a dt,  a and d walk at random
+//! update    position = x,  speed = v,
+//!           drive = offset + J a + b v + sum L_j + sum term_k(x, v, a, L, z) + d
+//! ```
+//!
+//! The motion is kinematic and measured, and the balance of forces is an observation of it: friction
+//! is evaluated at the motion that was estimated, so that nothing has to be integrated through
+//! sticking and no inertia is too small. Directions `z` of friction follow the position ([`term`]).
+//! Where the drive is not measured, it is what is estimated: the right side without `d`.
+//!
+//! Source: Bosmans et al. 2023 for the augmented filter; Singer 1970 for the motion.
+
+mod delay_line;
+mod model;
+pub mod term;
+
+use heapless::Vec;
+use nalgebra::{RowSVector, SMatrix, SVector};
+
+use crate::drive::delay_line::DelayLine;
+use crate::drive::term::{DirectionState, MAX_DIRECTIONS, Motion};
+use crate::error::Error;
+use crate::io::estimate::{Estimate, LoadEstimate, SensorEstimate};
+use crate::io::fault::Fault;
+use crate::io::measurement::{AdcScaling, Measured, Measurement, SignalConditioner};
+use crate::io::raw::{MAX_CHANNELS, RawSample};
+use crate::kalman::gaussian::Gaussian;
+use crate::kalman::innovation::{Gate, Innovation};
+use crate::kalman::transition::{ProcessNoise, RandomWalk, Transition};
+use crate::kalman::{predict, update};
+use crate::signal::phase::Phase;
+
+pub use delay_line::MAX_DELAY;
+pub use model::{DriveModel, MAX_KNOWN, MAX_UNIT, PositionSensor, Signal};
+
+/// Position, speed, acceleration, unknown load.
+const STATES: usize = 4;
+const POSITION: usize = 0;
+const SPEED: usize = 1;
+const ACCELERATION: usize = 2;
+const LOAD: usize = 3;
+
+/// Lost samples that a prediction bridges; after more the estimator starts anew.
+const LONGEST_GAP: u32 = 100;
+
+/// The estimator of one drive.
+#[derive(Clone, Debug)]
+pub struct DriveEstimator<'a> {
+    model: DriveModel<'a>,
+    converters: Vec<AdcScaling, MAX_CHANNELS>,
+    transition: Transition<STATES, 1, RandomWalk>,
+    process_noise: ProcessNoise<STATES>,
+    initial: Gaussian<STATES>,
+    /// Whether a term depends on where the position is zero.
+    needs_homing: bool,
+}
+
+/// What changes from sample to sample.
+#[derive(Clone, Debug)]
+pub struct DriveState {
+    conditioner: SignalConditioner,
+    lines: [DelayLine<f32>; MAX_CHANNELS],
+    position_line: DelayLine<i64>,
+    /// The last word of the position's counter.
+    counter: Option<u32>,
+    /// Position since start, unwrapped (counts).
+    counts: i64,
+    /// Counts that the index pulse adds to it.
+    home: Option<i64>,
+    /// The state's position is from here (counts).
+    origin: i64,
+    posterior: Gaussian<STATES>,
+    directions: [DirectionState; MAX_DIRECTIONS],
+    /// The position that directions have followed, in the state's frame.
+    followed: f32,
+    /// The last reading of each known load.
+    known: [f32; MAX_KNOWN],
+    /// Samples since every reading that the estimate needs was there.
+    age: u16,
+    started: bool,
+}
+
+/// The readings of one sample, each at the time of the latest signal.
+struct Readings {
+    drive: Measured<f32>,
+    speed: Measured<f32>,
+    /// From the state's origin.
+    position: Measured<f32>,
+    known: [Measured<f32>; MAX_KNOWN],
+}
+
+impl<'a> DriveEstimator<'a> {
+    /// Checks a model and lays it out for the step.
+    ///
+    /// # Errors
+    /// The name of the first number that is out of its range.
+    pub fn try_build(model: DriveModel<'a>) -> Result<Self, Error> {
+        model.check()?;
+        let t = model.sample_s;
+        let motion = SMatrix::<f32, STATES, STATES>::from_row_slice(&[
+            1.0,
+            t,
+            0.5 * t * t,
+            0.0, //
+            0.0,
+            1.0,
+            t,
+            0.0, //
+            0.0,
+            0.0,
+            1.0,
+            0.0, //
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+        ]);
+        let initial_std = SVector::from(model.initial_std);
+        let needs_homing = model.terms.iter().any(|term| term.factor.needs_homing());
+        Ok(Self {
+            converters: model.signals().map(|signal| signal.converter).collect(),
+            transition: Transition::try_new(&motion, RandomWalk)?,
+            process_noise: ProcessNoise::try_new(&white_jerk(&model))?,
+            initial: Gaussian::independent(
+                SVector::zeros(),
+                &initial_std.component_mul(&initial_std),
+            )?,
+            needs_homing,
+            model,
+        })
+    }
+
+    /// The state before the first sample.
+    pub fn start(&self) -> DriveState {
+        DriveState {
+            conditioner: SignalConditioner::default(),
+            lines: [DelayLine::empty(); MAX_CHANNELS],
+            position_line: DelayLine::empty(),
+            counter: None,
+            counts: 0,
+            home: None,
+            origin: 0,
+            posterior: self.initial,
+            directions: [DirectionState::default(); MAX_DIRECTIONS],
+            followed: 0.0,
+            known: [0.0; MAX_KNOWN],
+            age: u16::MAX,
+            started: false,
+        }
+    }
+
+    /// One sample: convert, predict, update with each usable reading.
+    #[inline(never)]
+    pub fn step(&self, state: &mut DriveState, raw: &RawSample) -> Estimate {
+        let m = (state.conditioner).convert(raw, &self.converters, &[], None, Phase::default());
+        let mut estimate = Estimate {
+            tick: m.tick,
+            lost: m.lost,
+            ..Estimate::default()
+        };
+        if m.lost > LONGEST_GAP {
+            self.restart(state);
+        }
+        if !m.stale {
+            self.take(state, &m, raw);
+        }
+        if !state.started {
+            self.begin(state);
+        } else if !m.stale {
+            for _ in 0..=m.lost {
+                predict(&mut state.posterior, &self.transition, &self.process_noise);
+            }
+        }
+        let readings = self.readings(state, m.stale);
+        estimate.homed = self.is_homed(state);
+        self.observe(state, &readings, &mut estimate);
+        self.recentre(state);
+        estimate
+    }
+
+    fn restart(&self, state: &mut DriveState) {
+        let conditioner = state.conditioner;
+        let (counter, counts, home) = (state.counter, state.counts, state.home);
+        *state = DriveState {
+            conditioner,
+            counter,
+            counts,
+            home,
+            ..self.start()
+        };
+    }
+
+    /// Takes a sample into the delay lines; what was lost before it is missing there.
+    fn take(&self, state: &mut DriveState, m: &Measurement, raw: &RawSample) {
+        let lost = m.lost.min(LONGEST_GAP);
+        for (line, value) in (state.lines.iter_mut().zip(&m.values)).take(self.converters.len()) {
+            for _ in 0..lost {
+                line.push(Err(Fault::Missing));
+            }
+            line.push(*value);
+        }
+        let Some(sensor) = &self.model.position else {
+            return;
+        };
+        for _ in 0..lost {
+            state.position_line.push(Err(Fault::Missing));
+        }
+        let delivered = raw.has_encoder(0).then(|| raw.encoders.first().copied());
+        let Some(count) = delivered.flatten() else {
+            state.position_line.push(Err(Fault::Missing));
+            return;
+        };
+        let since = |last: u32| i64::from(sensor.counter.difference(count, last));
+        // The first word is what the counter holds, signed.
+        state.counts += since(state.counter.unwrap_or(0));
+        state.counter = Some(count);
+        if let (Some(at_pulse), Some(latched), None) = (sensor.at_pulse, raw.index, state.home) {
+            state.home = Some(i64::from(at_pulse) - (state.counts - since(latched)));
+        }
+        state.position_line.push(Ok(state.counts));
+    }
+
+    /// The state before the first sample, from the first position on that there is.
+    fn begin(&self, state: &mut DriveState) {
+        state.posterior = self.initial;
+        state.directions = [DirectionState::default(); MAX_DIRECTIONS];
+        state.followed = 0.0;
+        state.age = u16::MAX;
+        let first = match &self.model.position {
+            Some(sensor) => (state.position_line).at(sensor.delay, |newer, _, _| newer),
+            None => Ok(0),
+        };
+        if let Ok(first) = first {
+            state.origin = first;
+            state.started = true;
+        }
+    }
+
+    fn is_homed(&self, state: &DriveState) -> bool {
+        let relative = (self.model.position).is_some_and(|sensor| sensor.at_pulse.is_some());
+        state.home.is_some() || !relative
+    }
+
+    fn readings(&self, state: &DriveState, stale: bool) -> Readings {
+        let mut next = state.lines.iter();
+        let mut of = |signal: Option<&Signal>| match (signal, stale) {
+            (Some(signal), false) => (next.next().ok_or(Fault::Missing))
+                .and_then(|line| line.at(signal.delay, |new, old, part| new + part * (old - new))),
+            (Some(_), true) => {
+                next.next();
+                Err(Fault::Missing)
+            }
+            (None, _) => Err(Fault::Missing),
+        };
+        let (drive, speed) = (of(self.model.drive.as_ref()), of(self.model.speed.as_ref()));
+        let mut known = [Err(Fault::Missing); MAX_KNOWN];
+        for (reading, signal) in known.iter_mut().zip(&self.model.known) {
+            *reading = of(Some(signal));
+        }
+        let position = match &self.model.position {
+            Some(sensor) if !stale => state.position_line.at(sensor.delay, |new, old, part| {
+                let whole = new.wrapping_sub(state.origin) as f32;
+                (whole + part * old.wrapping_sub(new) as f32) * sensor.count
+            }),
+            _ => Err(Fault::Missing),
+        };
+        Readings {
+            drive,
+            speed,
+            position,
+            known,
+        }
+    }
+
+    /// Updates with the readings and evaluates the balance at what they make of the motion.
+    fn observe(&self, state: &mut DriveState, readings: &Readings, estimate: &mut Estimate) {
+        let model = &self.model;
+        let position = model.position.map(|sensor| {
+            let noise = sensor.noise_std;
+            update_sensor(state, &unit_row(POSITION), 0.0, readings.position, noise)
+        });
+        let speed = model.speed.map(|signal| {
+            update_sensor(
+                state,
+                &unit_row(SPEED),
+                0.0,
+                readings.speed,
+                signal.noise_std,
+            )
+        });
+        self.follow(state);
+        let mut complete =
+            position.is_none_or(|s| s.fault.is_none()) && speed.is_none_or(|s| s.fault.is_none());
+        for (held, reading) in (state.known.iter_mut().zip(&readings.known)).take(model.known.len())
+        {
+            match reading {
+                Ok(value) => *held = *value,
+                Err(_) => complete = false,
+            }
+        }
+        let terms = self.terms(state, estimate.homed);
+        let row = RowSVector::from([0.0, model.drag, model.inertia, 1.0]);
+        let drive = model.drive.map(|signal| {
+            // Of a load that is not measured in this sample, the drive says nothing either.
+            let all = readings.known.iter().take(model.known.len());
+            let reading = all.fold(readings.drive, |drive, load| load.and(drive));
+            update_sensor(state, &row, terms, reading, signal.noise_std)
+        });
+        complete &= drive.is_none_or(|s| s.fault.is_none());
+        state.age = if complete {
+            0
+        } else {
+            state.age.saturating_add(1)
+        };
+        for sensor in drive.into_iter().chain(speed) {
+            let _ = estimate.sensors.push(sensor);
+        }
+        for reading in readings.known.iter().take(model.known.len()) {
+            let _ = estimate.sensors.push(SensorEstimate {
+                measured: reading.unwrap_or(0.0),
+                fault: reading.err().unwrap_or_default(),
+                ..SensorEstimate::default()
+            });
+        }
+        if let Some(sensor) = position {
+            let _ = estimate.sensors.push(sensor);
+            let at = self.absolute(state);
+            estimate.angle_rad = crate::signal::phase::wrap_rad(at);
+        }
+        let load = self.load(state, &row, terms, estimate.homed);
+        let _ = estimate.loads.push(load);
+    }
+
+    /// Directions follow the position as far as it has left one count: noise is no motion.
+    fn follow(&self, state: &mut DriveState) {
+        let half = (self.model.position).map_or(0.0, |sensor| 0.5 * libm::fabsf(sensor.count));
+        let x = state.posterior.state[POSITION];
+        let ahead = x - state.followed;
+        let moved = ahead - ahead.clamp(-half, half);
+        state.followed += moved;
+        let speed = state.posterior.state[SPEED];
+        for (direction, z) in self.model.directions.iter().zip(&mut state.directions) {
+            direction.follow(z, moved, speed);
+        }
+    }
+
+    /// Position [rad, m]; as long as it is not homed, from where it started.
+    fn absolute(&self, state: &DriveState) -> f32 {
+        self.model.position.map_or(0.0, |sensor| {
+            let counts = state.origin.wrapping_add(state.home.unwrap_or(0));
+            sensor.at_zero + counts as f32 * sensor.count + state.posterior.state[POSITION]
+        })
+    }
+
+    /// `offset + sum L_j + sum term_k`, without what waits for homing.
+    fn terms(&self, state: &DriveState, homed: bool) -> f32 {
+        let model = &self.model;
+        let x = &state.posterior.state;
+        let known = state.known.get(..model.known.len()).unwrap_or(&[]);
+        let motion = Motion {
+            place: homed.then(|| self.place(state)),
+            position: self.absolute(state),
+            speed: x[SPEED],
+            acceleration: x[ACCELERATION],
+            loads: known,
+        };
+        let mut sum = model.offset;
+        for load in known {
+            sum += load;
+        }
+        for term in &model.terms {
+            if let Some(value) = term.factor.at(&motion) {
+                let direction = (term.direction)
+                    .and_then(|d| state.directions.get(usize::from(d)))
+                    .map_or(1.0, |d| d.z);
+                sum += term.coefficient * value * direction;
+            }
+        }
+        sum
+    }
+
+    /// Position in 2^-16 counts.
+    fn place(&self, state: &DriveState) -> i64 {
+        let counts = state.origin.wrapping_add(state.home.unwrap_or(0));
+        let count = self.model.position.map_or(1.0, |sensor| sensor.count);
+        let part = state.posterior.state[POSITION] / count * PLACES;
+        counts.wrapping_mul(PLACES as i64).wrapping_add(part as i64)
+    }
+
+    fn load(
+        &self,
+        state: &DriveState,
+        row: &RowSVector<f32, STATES>,
+        terms: f32,
+        homed: bool,
+    ) -> LoadEstimate {
+        let model = &self.model;
+        let posterior = &state.posterior;
+        let measured = model.drive.is_some();
+        let (value, variance) = if measured {
+            (posterior.state[LOAD], posterior.variances()[LOAD])
+        } else {
+            let held = f32::from(state.age) * model.load_variance;
+            let row = RowSVector::from([0.0, row[SPEED], row[ACCELERATION], 0.0]);
+            let motion = (row * posterior.covariance() * row.transpose())[0];
+            (terms + (row * posterior.state)[0], motion + held)
+        };
+        let std = libm::sqrtf(variance + model.model_std * model.model_std);
+        let limits = model.loads.first();
+        let fault = if !(value.is_finite() && std.is_finite()) {
+            Fault::NotValid
+        } else if limits.is_some_and(|l| libm::fabsf(value) > l.full_scale) {
+            Fault::Implausible
+        } else if limits.is_some_and(|l| std > l.valid_std) {
+            Fault::NotValid
+        } else if self.needs_homing && !homed {
+            Fault::NotHomed
+        } else {
+            Fault::None
+        };
+        LoadEstimate {
+            value,
+            std,
+            age: state.age,
+            fault,
+        }
+    }
+
+    /// Keeps the state's position within a count of its origin: f32 resolves it over any travel.
+    fn recentre(&self, state: &mut DriveState) {
+        let x = state.posterior.state[POSITION];
+        if !state.posterior.state.iter().all(|x| x.is_finite()) {
+            state.started = false;
+            return;
+        }
+        match &self.model.position {
+            Some(sensor) => {
+                let counts = libm::rintf(x / sensor.count);
+                let by = counts * sensor.count;
+                state.origin = state.origin.wrapping_add(counts as i64);
+                state.posterior.state[POSITION] -= by;
+                state.followed -= by;
+            }
+            // Nothing measures the position, and nothing depends on it but how far it moved.
+            None => {
+                let variance = self.initial.variances()[POSITION];
+                state.posterior.reset_variance(POSITION, variance);
+                state.posterior.state[POSITION] = 0.0;
+                state.followed -= x;
+            }
+        }
+        if self.model.drive.is_none() {
+            let variance = self.initial.variances()[LOAD];
+            state.posterior.reset_variance(LOAD, variance);
+        }
+    }
+}
+
+/// Places in one count at which a periodic term is resolved.
+const PLACES: f32 = 65_536.0;
+
+fn unit_row(state: usize) -> RowSVector<f32, STATES> {
+    let mut row = RowSVector::zeros();
+    row[state] = 1.0;
+    row
+}
+
+/// `y = terms + row x + noise`.
+fn update_sensor(
+    state: &mut DriveState,
+    row: &RowSVector<f32, STATES>,
+    terms: f32,
+    reading: Measured<f32>,
+    noise_std: f32,
+) -> SensorEstimate {
+    let value = match reading {
+        Ok(value) => value,
+        Err(fault) => {
+            return SensorEstimate {
+                fault,
+                ..SensorEstimate::default()
+            };
+        }
+    };
+    let mut nu = value - terms;
+    for i in 0..STATES {
+        nu -= row[i] * state.posterior.state[i];
+    }
+    let variance = noise_std * noise_std;
+    let Innovation {
+        value: innovation,
+        variance,
+        nis,
+        ..
+    } = update(&mut state.posterior, row, nu, variance, &mut Gate::open());
+    SensorEstimate {
+        measured: value,
+        innovation,
+        innovation_variance: variance,
+        nis,
+        fault: Fault::None,
+    }
+}
+
+/// Process noise of a motion whose jerk is white, and of the walk of the load.
+///
+/// Source: Bar-Shalom, Li, Kirubarajan 2001, eq. (6.2.3-5), one order higher.
+fn white_jerk(model: &DriveModel<'_>) -> SMatrix<f32, STATES, STATES> {
+    let (t, q) = (model.sample_s, model.jerk_density);
+    let [xx, xv, xa] = [
+        t * t * t * t * t / 20.0,
+        t * t * t * t / 8.0,
+        t * t * t / 6.0,
+    ];
+    let [vv, va, aa] = [t * t * t / 3.0, t * t / 2.0, t];
+    let mut noise = SMatrix::<f32, STATES, STATES>::from_row_slice(&[
+        xx, xv, xa, 0.0, //
+        xv, vv, va, 0.0, //
+        xa, va, aa, 0.0, //
+        0.0, 0.0, 0.0, 0.0,
+    ]) * q;
+    noise[(LOAD, LOAD)] = model.load_variance;
+    noise
+}
+
+#[cfg(test)]
+#[path = "tests.rs"]
+mod tests;
