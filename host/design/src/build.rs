@@ -4,7 +4,7 @@ pub use crate::error::BuildError;
 pub use crate::sensors::{Filter, Sensors};
 
 use crate::rotor::RotorFilterDesign;
-use crate::{bearing, gearbox};
+use crate::{bearing, drive, gearbox};
 use loadtwin_machine::{Kind, Machine};
 
 /// The image's payload for `machine` with `sensors`.
@@ -19,6 +19,7 @@ pub fn image(machine: &Machine, sensors: &Sensors) -> Result<Vec<u8>, BuildError
         Some(Kind::Rotor(rotor)) => RotorFilterDesign::new(machine, rotor, &sensors.channels)?
             .image(machine, rotor, sensors),
         Some(Kind::Bearing(bearing)) => bearing::image(machine, bearing, sensors),
+        Some(Kind::Drive(balance)) => drive::image(machine, balance),
         None => Err(BuildError::NoEstimator(machine.path.clone())),
     }
 }

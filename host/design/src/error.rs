@@ -9,7 +9,7 @@ use loadtwin_machine::MachineError;
 #[derive(Debug, Error)]
 pub enum BuildError {
     /// The machine is of a kind that has no estimator.
-    #[error("{}: found no machine to estimate loads of, allowed: a table [drivetrain] (one with [balance] is for `loadtwin diagnose`)", .0.display())]
+    #[error("{}: found no machine to estimate loads of, allowed: a table [drivetrain], [rotor], [bearing] or [balance]", .0.display())]
     NoEstimator(std::path::PathBuf),
     /// A file that the description names cannot be used.
     #[error(transparent)]
@@ -61,7 +61,7 @@ pub enum BuildError {
     Rotor(#[from] RotorError),
     /// A filter that only drivetrains have.
     #[error(
-        "--filter: found steady, allowed on a rotor or a bearing: aekf (a rotor takes the steady \
+        "--filter: found steady, allowed but on a drivetrain: aekf (a rotor takes the steady \
          gains of its speed by itself)"
     )]
     OnlyDrivetrains,

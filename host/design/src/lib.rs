@@ -17,6 +17,7 @@
 
 pub mod bearing;
 pub mod build;
+mod drive;
 mod encoder;
 mod error;
 pub mod gearbox;

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::rule::{Checked, finite, nonzero, positive, within};
+use super::rule::{Checked, finite, nonzero, positive, range, within};
 use loadtwin_recording::{Quantity, Unit};
 
 /// A drive whose torque or force is recorded together with its motion.
@@ -20,6 +20,9 @@ pub struct Balance {
     /// What a row of the recording is.
     #[serde(default)]
     pub regime: Regime,
+    /// What the estimator estimates.
+    #[serde(default)]
+    pub estimate: Estimated,
     /// Unit of the drive after its gain, for reports: `N`, `Nm`, `A`.
     pub unit: Unit,
     /// The driving torque or force, or what it is proportional to (a current, a
@@ -47,9 +50,28 @@ pub struct Balance {
     /// Travel of one turn of the motor or screw [rad or m], > 0: the orders of a
     /// ripple are counted in it. Absent where nothing turns or its pitch is unknown.
     pub turn: Option<f64>,
+    /// Rated drive [its unit], > 0, the denominator of relative errors. `loadtwin diagnose` writes
+    /// the RMS of the drive where it is absent; the estimator needs it.
+    pub nominal: Option<f64>,
+    /// Standard deviation of what the model leaves unexplained below `tuning.cutoff_hz` [the drive's
+    /// unit], > 0, a part of the estimate's. `loadtwin diagnose` writes it; where absent
+    /// `tuning.parameter_std` of `nominal`.
+    pub model_std: Option<f64>,
     /// Physical effects, as `loadtwin diagnose` found them.
     #[serde(default, rename = "effect")]
     pub effects: Vec<BalanceEffect>,
+}
+
+/// What the estimator estimates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Estimated {
+    /// The load `unknown`, from the measured drive.
+    #[default]
+    Load,
+    /// The drive, from the measured loads and the motion; its column is a reference, where a
+    /// recording has one, and no input.
+    Drive,
 }
 
 /// What a row of a recording is.
@@ -81,6 +103,16 @@ pub struct Signal {
     /// Reading at zero [unit].
     #[serde(default)]
     pub zero: f64,
+    /// Change of the column by one code of the converter or one count [unit], > 0. Where absent: 1
+    /// of `counts`, 1e-6 rad or m of a position, 1e-6 rad/s or m/s of a speed, and 2^-20 of
+    /// `nominal` of a drive or load.
+    pub lsb: Option<f64>,
+    /// Width of a position's counter (bit), 8 to 32.
+    #[serde(default = "thirty_two")]
+    pub bits: u32,
+    /// Standard deviation of the column's white noise [unit], > 0. `loadtwin diagnose` writes it;
+    /// where absent that of the rounding to `lsb`, of a drive 1 % of `nominal`.
+    pub noise_std: Option<f64>,
 }
 
 /// An effect with its parameters.
@@ -134,6 +166,10 @@ fn one() -> f64 {
     1.0
 }
 
+fn thirty_two() -> u32 {
+    32
+}
+
 impl Balance {
     pub(super) fn check(&self) -> Checked {
         let mut names = HashSet::from(["t"]);
@@ -148,6 +184,13 @@ impl Balance {
             )?;
             nonzero(&field("gain"), signal.gain)?;
             finite(&field("zero"), signal.zero)?;
+            range(&field("bits"), f64::from(signal.bits), 8.0, 32.0)?;
+            for (name, value) in [("lsb", signal.lsb), ("noise_std", signal.noise_std)] {
+                value.map_or(Ok(()), |value| positive(&field(name), value))?;
+            }
+        }
+        for (name, value) in [("nominal", self.nominal), ("model_std", self.model_std)] {
+            value.map_or(Ok(()), |value| positive(&format!("balance.{name}"), value))?;
         }
         let (is, allowed) = match self.regime {
             Regime::Moving => (

@@ -8,7 +8,9 @@ use super::error::Violation;
 use super::rule::{
     Checked, at_least, at_most, finite, names, nonzero, one_of, positive, range, refuse, within,
 };
-use super::{Bearing, Channel, Drivetrain, Kind, LATEST_S, Machine, SLOWEST_S, Senses};
+use super::{
+    Bearing, Channel, Drivetrain, Kind, LATEST_S, Machine, SLOWEST_S, Senses, UNKNOWN_LOAD,
+};
 
 /// Channels and encoders of one sensor set.
 const MAX_CHANNELS: usize = loadtwin_common::io::raw::MAX_CHANNELS;
@@ -36,10 +38,12 @@ impl Machine {
             within(
                 "balance",
                 "another kind of machine beside it",
-                self.kind().is_none(),
+                matches!(self.kind(), Some(Kind::Drive(_))),
                 "one table that says what kind of machine it is",
             )?;
-            return balance.check();
+            balance.check()?;
+            self.check_drive_references()?;
+            return self.check_segments();
         }
         self.check_names()?;
         match self.kind() {
@@ -56,7 +60,7 @@ impl Machine {
                 bearing.check()?;
                 self.check_outer_ring(bearing)?;
             }
-            None => {
+            Some(Kind::Drive(_)) | None => {
                 return refuse(
                     "drivetrain",
                     "nothing",
@@ -86,6 +90,10 @@ impl Machine {
         self.check_references()?;
         self.check_sets()?;
         self.check_thermometer()?;
+        self.check_segments()
+    }
+
+    fn check_segments(&self) -> Checked {
         for (i, segment) in self.segments.iter().enumerate() {
             let field = format!("segment[{}]", i + 1);
             finite(&format!("{field}.from_s"), segment.from_s)?;
@@ -301,6 +309,17 @@ impl Machine {
             nonzero(&field("gain"), reference.gain)?;
             finite(&field("zero"), reference.zero)?;
             torque_or_counts(&field("unit"), reference.unit)?;
+        }
+        Ok(())
+    }
+
+    /// References of a drive's unknown load, in any unit.
+    fn check_drive_references(&self) -> Checked {
+        for (i, reference) in self.references.iter().enumerate() {
+            let field = |name: &str| format!("reference[{}].{name}", i + 1);
+            one_of(&field("load"), &reference.load, &[UNKNOWN_LOAD])?;
+            nonzero(&field("gain"), reference.gain)?;
+            finite(&field("zero"), reference.zero)?;
         }
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! What is the same for every kind of machine.
 
-use super::{BEARING_LOADS, Bearing, Drivetrain, Machine, Rotor};
+use super::{BEARING_LOADS, Balance, Bearing, Drivetrain, Estimated, Machine, Rotor};
 use loadtwin_recording::Unit;
 
 /// The kind of a machine, with the part of the description that says so.
@@ -12,6 +12,8 @@ pub enum Kind<'a> {
     Rotor(&'a Rotor),
     /// A wheel bearing.
     Bearing(&'a Bearing),
+    /// A measured drive.
+    Drive(&'a Balance),
 }
 
 /// A load as tables, estimates and references know it.
@@ -25,13 +27,17 @@ pub struct NamedLoad<'a> {
     pub nominal: f64,
 }
 
+/// Name of a drive's unknown load.
+pub const UNKNOWN_LOAD: &str = "load";
+
 impl Machine {
     /// The machine's kind; none in a description that [`Machine::check`] refuses.
     pub fn kind(&self) -> Option<Kind<'_>> {
         let drivetrain = self.drivetrain.as_ref().map(Kind::Drivetrain);
         let rotor = || self.rotor.as_ref().map(Kind::Rotor);
         let bearing = || self.bearing.as_ref().map(Kind::Bearing);
-        drivetrain.or_else(rotor).or_else(bearing)
+        let drive = || self.balance.as_ref().map(Kind::Drive);
+        drivetrain.or_else(rotor).or_else(bearing).or_else(drive)
     }
 
     /// The loads in the order of the estimates.
@@ -67,6 +73,16 @@ impl Machine {
                         Unit::NEWTON_METRE
                     },
                     nominal: to - from,
+                })
+                .collect(),
+            Some(Kind::Drive(drive)) => (drive.nominal.into_iter())
+                .map(|nominal| NamedLoad {
+                    name: match drive.estimate {
+                        Estimated::Load => UNKNOWN_LOAD,
+                        Estimated::Drive => &drive.drive.name,
+                    },
+                    unit: drive.unit,
+                    nominal,
                 })
                 .collect(),
             None => Vec::new(),

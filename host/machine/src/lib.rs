@@ -22,6 +22,7 @@ mod balance;
 mod bearing;
 mod channel;
 mod check;
+mod drive_sensors;
 mod drivetrain;
 mod encoder;
 mod error;
@@ -47,7 +48,7 @@ pub use angle_map::{
     MAP_ENTRIES, MAPS, complete_columns, read_column, read_columns, resampled, six_digits,
     write_columns,
 };
-pub use balance::{Balance, BalanceEffect, Regime, Signal};
+pub use balance::{Balance, BalanceEffect, Estimated, Regime, Signal};
 pub use bearing::{
     BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, PreloadAlong, SHAPES,
 };
@@ -60,7 +61,7 @@ pub use encoder::{Eccentricity, Encoder, Index, IndexSignal, QUANTISATION};
 pub use error::{MachineError, Violation};
 pub use friction::{CREEP, Friction};
 pub use gears::{Gears, Helical, Planetary, ShaftBearing};
-pub use kind::{Kind, NamedLoad};
+pub use kind::{Kind, NamedLoad, UNKNOWN_LOAD};
 pub use named_files::named_files;
 pub use ross::{RossError, read_ross};
 pub use rotor::{Disc, LoadKind, MOST_LOADS, Material, Reduction, Rotor, RotorLoad, Section};
@@ -94,7 +95,7 @@ pub struct Machine {
     pub rotor: Option<Rotor>,
     /// A wheel bearing.
     pub bearing: Option<Bearing>,
-    /// A measured drive without gauges, for `loadtwin diagnose`.
+    /// A measured drive without gauges.
     pub balance: Option<Balance>,
     /// Analogue channels: strain gauges, torque transducers, tachometers.
     #[serde(default, rename = "channel")]
@@ -270,6 +271,7 @@ impl Machine {
             .read_ross_model(path)
             .and_then(|()| machine.check())
             .map_err(|violation| MachineError::violation(path, &text, violation))?;
+        machine.add_drive_sensors();
         path.clone_into(&mut machine.path);
         let folder = path.parent().unwrap_or(Path::new(""));
         machine.recording = machine.recording.resolved(folder).map_err(Box::new)?;

@@ -10,7 +10,9 @@ use loadtwin_design::build::Sensors;
 use loadtwin_files::atomic_file::Complete;
 use loadtwin_files::content::Content;
 use loadtwin_machine::Machine;
-use loadtwin_recording::{BLOCK_ROWS, OutputColumn, RecordingError, SUFFIXES, Unit, Writer};
+use loadtwin_recording::{
+    BLOCK_ROWS, OutputColumn, Quantity, RecordingError, SUFFIXES, Unit, Writer,
+};
 
 /// What is written as estimates.
 pub const ESTIMATES: Content = Content {
@@ -79,7 +81,11 @@ impl EstimateWriter {
             column(format!("{}_fault", load.name), Unit::ONE);
         }
         let channels = sensors.channels.iter().map(|c| (&c.name, c.unit.si()));
-        let encoders = sensors.encoders.iter().map(|e| (&e.name, Unit::RADIAN));
+        let travel = match machine.travel_unit() {
+            Some(unit) if unit.quantity() == Quantity::Length => Unit::METRE,
+            _ => Unit::RADIAN,
+        };
+        let encoders = sensors.encoders.iter().map(|e| (&e.name, travel));
         for (name, unit) in channels.chain(encoders) {
             column(format!("{name}_innovation"), unit);
             column(format!("{name}_nis"), Unit::ONE);

@@ -12,6 +12,8 @@ use loadtwin_math::metrics::{Autocorrelation, LAGS, LoadError, Segment};
 /// Errors, consistency and flags of one replay, gathered sample by sample.
 pub struct Figures {
     loads: Vec<(String, f64, LoadError)>,
+    /// Sum and sum of squares of each load's estimate, and how many.
+    sums: Vec<(f64, f64, u64)>,
     /// For each reference, the load that it measures.
     reference_of: Vec<usize>,
     samples: u64,
@@ -37,6 +39,10 @@ pub struct LoadFigures {
     pub rmse: Option<f64>,
     /// Valid samples inside the stated band.
     pub band: Option<BandFigures>,
+    /// Root mean square of the estimate itself [the load's unit].
+    pub rms: Option<f64>,
+    /// Mean of the estimate [the load's unit].
+    pub mean: Option<f64>,
 }
 
 /// Whether the innovations of one sensor are white.
@@ -72,6 +78,7 @@ impl Figures {
         Self {
             bands: vec![Band::default(); loads.len()],
             innovations: Vec::new(),
+            sums: vec![(0.0, 0.0, 0); loads.len()],
             loads,
             reference_of,
             samples: 0,
@@ -116,6 +123,13 @@ impl Figures {
             } else if sensor.innovation_variance > 0.0 {
                 self.nis.0 += f64::from(sensor.nis);
                 self.nis.1 += 1;
+            }
+        }
+        for (load, (sum, squares, count)) in estimate.loads.iter().zip(&mut self.sums) {
+            if load.std < f32::MAX {
+                *sum += f64::from(load.value);
+                *squares += f64::from(load.value).powi(2);
+                *count += 1;
             }
         }
         for load in &estimate.loads {
@@ -178,6 +192,8 @@ impl Figures {
             .iter()
             .enumerate()
             .map(|(j, (name, nominal, error))| {
+                let (sum, squares, count) = self.sums[j];
+                let mean_of = |sum: f64| (count > 0).then(|| sum / count as f64);
                 let known = self.reference_of.contains(&j);
                 let percent = |value: Option<f64>| value.filter(|_| known);
                 let mut nmae =
@@ -193,6 +209,8 @@ impl Figures {
                     band: (self.bands.get(j))
                         .filter(|_| known)
                         .and_then(Band::figures),
+                    rms: mean_of(squares).map(f64::sqrt),
+                    mean: mean_of(sum),
                 };
                 (name.as_str(), figures)
             })

@@ -1,5 +1,6 @@
 //! Rows of a recording as the raw samples that a board would have taken.
 
+use std::borrow::Cow;
 use std::f64::consts::TAU;
 use std::path::Path;
 
@@ -10,8 +11,8 @@ use super::correction::Correction;
 use super::displacements::displacement_columns;
 use super::index::{Pulse, Pulses};
 use loadtwin_design::build::Sensors;
-use loadtwin_machine::{Channel, Encoder, Kind, Machine, Reference, Segment};
-use loadtwin_recording::{Block, Quantity, Reader, Role, Timing, Unit, Wanted, columns};
+use loadtwin_machine::{Channel, Encoder, Kind, Machine, Reference, Regime, Segment};
+use loadtwin_recording::{Block, CsvLayout, Quantity, Reader, Role, Timing, Unit, Wanted, columns};
 
 /// A recording, sample by sample.
 pub struct Samples {
@@ -52,8 +53,8 @@ enum Encoding {
 enum Motion {
     /// Counts.
     Count,
-    /// The angle [rad].
-    Angle,
+    /// The angle or travel [rad, m].
+    Angle { unit: Unit },
     /// The speed [rad/s], with the turns since the recording began: angles of rotors and wheel bearings have no zero.
     Speed { turns: f64 },
 }
@@ -63,7 +64,7 @@ impl Motion {
     fn unit(self) -> Unit {
         match self {
             Self::Count => Unit::COUNTS,
-            Self::Angle => Unit::RADIAN,
+            Self::Angle { unit } => unit,
             Self::Speed { .. } => Unit::RADIAN_PER_SECOND,
         }
     }
@@ -72,7 +73,7 @@ impl Motion {
     fn count(&mut self, value: f64, period_s: f64, encoder: &Encoder) -> u32 {
         let count = match self {
             Self::Count => value,
-            Self::Angle => value / TAU * encoder.counts_per_turn,
+            Self::Angle { .. } => value / TAU * encoder.counts_per_turn,
             Self::Speed { turns } => {
                 *turns += value * period_s / TAU;
                 *turns * encoder.counts_per_turn
@@ -127,7 +128,7 @@ impl Samples {
         path: &Path,
         index: Option<IndexColumn>,
     ) -> Result<Self, ReplayError> {
-        let layout = &machine.recording;
+        let layout = &recorded(machine);
         let sensors_named = (sensors.channels.iter().map(|c| &c.name))
             .chain(sensors.encoders.iter().map(|e| &e.name))
             .chain(machine.index.iter().map(|i| &i.name));
@@ -156,15 +157,21 @@ impl Samples {
             })
             .collect();
         let turns_freely = matches!(machine.kind(), Some(Kind::Bearing(_) | Kind::Rotor(_)));
+        // What the description says, as for all signals of a drive: a header may have no units.
+        let travel = (machine.travel_unit()).filter(|unit| unit.quantity() != Quantity::Counts);
         let motions: Vec<Motion> = sensors
             .encoders
             .iter()
-            .map(|e| match quantity(&e.name) {
-                Some(Quantity::Angle) => Motion::Angle,
-                Some(Quantity::AngularSpeed) if turns_freely => Motion::Speed { turns: 0.0 },
-                _ => Motion::Count,
-            })
+            .map(
+                |e| match travel.map(|t| t.quantity()).or_else(|| quantity(&e.name)) {
+                    Some(Quantity::Angle) => Motion::Angle { unit: Unit::RADIAN },
+                    Some(Quantity::AngularSpeed) if turns_freely => Motion::Speed { turns: 0.0 },
+                    Some(Quantity::Length) => Motion::Angle { unit: Unit::METRE },
+                    _ => Motion::Count,
+                },
+            )
             .collect();
+
         let mut wanted = Vec::new();
         for (channel, encoding) in sensors.channels.iter().zip(&encodings) {
             let unit = match encoding {
@@ -187,7 +194,7 @@ impl Samples {
             });
             roles.push(match motion {
                 Motion::Count => encoder.role(false),
-                Motion::Angle => encoder.role(true),
+                Motion::Angle { .. } => encoder.role(true),
                 Motion::Speed { .. } => Role::Continuous,
             });
         }
@@ -356,6 +363,30 @@ impl Samples {
     }
 }
 
+/// How the recordings of `machine` are laid out. Rows without a common clock, and recordings whose
+/// means alone count, are brought onto the ticks of the estimator.
+fn recorded(machine: &Machine) -> Cow<'_, CsvLayout> {
+    let layout = &machine.recording;
+    let steady = machine
+        .balance
+        .as_ref()
+        .is_some_and(|b| b.regime == Regime::Steady);
+    if machine.balance.is_some() && (steady || layout.timing == Timing::Free) {
+        Cow::Owned(CsvLayout {
+            timing: Timing::Resample,
+            // At constant speed nothing happens between rows that are further apart.
+            largest_gap: if steady {
+                layout.largest_gap.max(machine.rate_hz as u32)
+            } else {
+                layout.largest_gap
+            },
+            ..layout.clone()
+        })
+    } else {
+        Cow::Borrowed(layout)
+    }
+}
+
 /// Time from which segments count in a recording that begins at `t0` [s]: 0, the time of the
 /// recording; its beginning where that lies beyond the last bound of a segment by more than they
 /// all span, as with times since 1970 or since midnight.
@@ -427,7 +458,7 @@ mod tests {
         for k in 0..200_000 {
             let rad_per_s = 60.0 + 40.0 * f64::sin(1e-3 * f64::from(k));
             angle += rad_per_s * 5e-4;
-            let by_angle = Motion::Angle.count(angle, 5e-4, &encoder);
+            let by_angle = Motion::Angle { unit: Unit::RADIAN }.count(angle, 5e-4, &encoder);
             let by_speed = speed.count(rad_per_s, 5e-4, &encoder);
             let apart = by_speed.wrapping_sub(by_angle) & 0xffff;
             assert!(

@@ -16,7 +16,7 @@ use super::progress::Progress;
 use super::spool::spooled;
 use crate::atomic_file::publish;
 use crate::build::{Filter, Sensors};
-use crate::machine::{Machine, Rotor};
+use crate::machine::{Kind, Machine, Rotor};
 use crate::replay::{
     self, Baselines, Consistency, Displacements, ESTIMATES, EstimateWriter, Figures, NodeChoice,
     NodeColumns, Phasor, ReportPage, Sample, Speeds,
@@ -125,6 +125,7 @@ impl Replay {
             say!("{}", report(&machine, &self.recording, &outcome));
         } else {
             print_table(&machine, std::slice::from_ref(&outcome));
+            print_sizes(&machine, &outcome.figures);
             print_flags(&outcome.figures);
             if self.filter == Filter::Steady {
                 let share =
@@ -386,6 +387,24 @@ fn print_displacements(displacements: &Displacements) {
             "displacement, any node, {segment}: error up to {:.3} µm",
             1e6 * worst
         );
+    }
+}
+
+/// Of a drive, how large the unknown load is: where none acts that is the error.
+fn print_sizes(machine: &Machine, figures: &Figures) {
+    let Some(Kind::Drive(_)) = machine.kind() else {
+        return;
+    };
+    for ((name, load), described) in figures.loads().zip(machine.loads()) {
+        if let (None, Some(rms), Some(mean)) = (load.rmse, load.rms, load.mean) {
+            let (unit, nominal) = (described.unit, described.nominal);
+            let part = |value: f64| 100.0 * value / nominal;
+            say!(
+                "{name}: estimate, RMS {rms:.4} {unit} ({:.1} % of nominal), mean {mean:.4} {unit} ({:.1} %)",
+                part(rms),
+                part(mean)
+            );
+        }
     }
 }
 

@@ -1,0 +1,7 @@
+//! Drives: from the balance of forces and its effects to the estimator.
+
+mod build;
+mod effects;
+mod noise;
+
+pub use build::image;
