@@ -5,6 +5,7 @@ use std::path::Path;
 
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, value};
 
+use crate::noise::Levels;
 use crate::{BalanceError, Linear};
 use loadtwin_files::atomic_file::AtomicFile;
 use loadtwin_files::mark;
@@ -21,6 +22,7 @@ pub fn write(
     machine: &Machine,
     linear: &Linear,
     effects: &[BalanceEffect],
+    levels: &Levels,
     path: &Path,
 ) -> Result<(), BalanceError> {
     let failed = |path: &Path, reason: String| BalanceError::Write {
@@ -43,6 +45,21 @@ pub fn write(
         ("drag", linear.drag),
     ] {
         balance.insert(key, value(rounded(number)));
+    }
+    if !balance.contains_key("nominal") {
+        balance.insert("nominal", value(to_digits(levels.nominal, 3)));
+    }
+    balance.insert("model_std", value(to_digits(levels.model_std, 3)));
+    for key in ["drive", "position", "speed"] {
+        let signal = balance.get_mut(key).and_then(Item::as_table_like_mut);
+        let noise = signal.and_then(|signal| {
+            let name = signal.get("name")?.as_str()?;
+            let (_, std) = levels.noise.iter().find(|(column, _)| column == name)?;
+            Some((signal, *std))
+        });
+        if let Some((signal, std)) = noise {
+            signal.insert("noise_std", value(to_digits(std, 3)));
+        }
     }
     // The recalibrated factor of a load goes into its gain.
     for (i, (load, factor)) in machine
@@ -91,5 +108,9 @@ pub fn write(
 }
 
 fn rounded(x: f64) -> f64 {
-    format!("{x:.*e}", DIGITS - 1).parse().unwrap_or(x)
+    to_digits(x, DIGITS)
+}
+
+fn to_digits(x: f64, digits: usize) -> f64 {
+    format!("{x:.*e}", digits - 1).parse().unwrap_or(x)
 }

@@ -24,6 +24,7 @@ mod diagnosis;
 pub mod effect;
 mod fit;
 mod motion;
+mod noise;
 mod outcome;
 mod outliers;
 mod savitzky_golay;
@@ -46,6 +47,7 @@ use crate::design_matrix::{Dataset, OFFSET_PRIOR};
 use crate::effect::{Effect, Scale};
 use crate::fit::{Columns, shared};
 use crate::motion::Motion;
+use crate::noise::Levels;
 use crate::outcome::Outcome;
 use crate::stepwise::{LINEAR_PRIOR, Selection};
 use loadtwin_machine::{Balance, BalanceEffect, Machine, MachineError, Regime, Violation};
@@ -168,9 +170,18 @@ pub fn diagnose(
 
     let machine_out = request.machine_out.map(Path::to_owned);
     if let Some(path) = &machine_out {
-        description::write(machine, &outcome.linear, &outcome.effects, path)?;
+        let levels = Levels {
+            nominal: rms(&table.drive),
+            model_std: outcome.model_std,
+            noise: noise::noise(&fitted),
+        };
+        description::write(machine, &outcome.linear, &outcome.effects, &levels, path)?;
     }
     Ok(outcome.diagnosis(request, machine_out, &selection, balance))
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
 }
 
 /// The last third of each recording is left out; of positions held, each third;

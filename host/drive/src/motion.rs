@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::BalanceError;
+use crate::noise;
 use crate::outliers;
 use crate::savitzky_golay::Smoother;
 use loadtwin_machine::{Balance, Machine, Regime, Signal};
@@ -36,12 +37,16 @@ pub struct Motion {
     pub loads: Vec<Vec<f64>>,
     /// [K].
     pub temperature: Option<Vec<f64>>,
+    /// Half a count of the position [rad, m]: a motion within it is none.
+    pub half_count: f64,
     /// Travel of one turn.
     pub turn: Option<f64>,
     /// Whether the position is a recorded angle.
     pub is_angle: bool,
     /// Values that jumped out alone and were left out.
     pub spikes: usize,
+    /// Columns with the standard deviation of their white noise [the column's unit].
+    pub noise: Vec<(String, f64)>,
     /// Samples at which the balance is judged, and the low-pass applied there.
     judged: Vec<usize>,
     smoother: Smoother,
@@ -91,6 +96,16 @@ impl Motion {
         } else {
             0
         };
+        let noise_of = |(signal, column): (&&Signal, &Vec<f64>)| {
+            let std = noise::white_noise_std(column)? / signal.gain.abs();
+            Some((signal.name.clone(), std))
+        };
+        // Rows of positions held are no course in time.
+        let in_time = balance.regime != Regime::Holding;
+        let noise = (signals.iter().zip(&columns))
+            .filter_map(noise_of)
+            .filter(|_| in_time)
+            .collect();
         let mut next = columns.into_iter();
         let mut take = |is: bool| is.then(|| next.next()).flatten();
         let drive = take(true).unwrap_or_default();
@@ -106,9 +121,12 @@ impl Motion {
             acceleration: vec![0.0; t.len()],
             drive,
             temperature,
+            half_count: (balance.position.as_ref())
+                .map_or(0.0, |p| 0.5 * (p.gain * balance.lsb(p)).abs()),
             turn: balance.turn,
             is_angle: balance.is_angle(),
             spikes,
+            noise,
             judged: Vec::new(),
             smoother: Smoother::new(f64::INFINITY),
             t,

@@ -31,6 +31,8 @@ pub(crate) struct Outcome {
     pub(crate) linear: Linear,
     /// Those of the description, recalibrated, then those found.
     pub(crate) effects: Vec<BalanceEffect>,
+    /// RMS of what the model leaves of recordings or blocks that were left out [the drive's unit].
+    pub(crate) model_std: f64,
     error: Errors,
     validated: Vec<Validated>,
     remainder: Remainder,
@@ -112,6 +114,7 @@ impl Outcome {
             notes: notes(&linear, &error, !found.is_empty(), (fitted, table), &beyond),
             linear,
             effects,
+            model_std: (selection.fitted().left_out_squares() / table.len() as f64).sqrt(),
             error,
             validated: validated(validation, judge, &before, &after),
             remainder: Remainder::new(fitted, table, &left),

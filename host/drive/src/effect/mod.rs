@@ -196,7 +196,9 @@ fn geometric(least: f64, most: f64, count: usize) -> Vec<f64> {
 /// `z` in [-1, 1]: friction's state over a distance `s` of sliding.
 ///
 /// `dz = (sgn(dx) - z) |dx| / s`, Dahl's model of exponent 1, integrated exactly
-/// over each step; `s = 0` is the sign of the motion, which it keeps at rest.
+/// over each step; `s = 0` is the sign of the motion, which it keeps at rest. The position has
+/// moved as far as it has left half a count, as in the estimator: noise is no motion, and would
+/// let `z` fade.
 ///
 /// Source: Dahl 1968, A solid friction model.
 fn sliding_state(motion: &Motion, s: f64) -> Vec<f64> {
@@ -209,10 +211,11 @@ fn sliding_state(motion: &Motion, s: f64) -> Vec<f64> {
         .position
         .iter()
         .map(|&x| {
-            let dx = x - before;
+            let ahead = x - before;
+            let dx = ahead - ahead.clamp(-motion.half_count, motion.half_count);
             if dx.is_finite() && dx != 0.0 {
                 z = dx.signum() - (dx.signum() - z) * (-dx.abs() / s).exp();
-                before = x;
+                before += dx;
             } else if before.is_nan() {
                 before = x;
             }
