@@ -1,5 +1,7 @@
 //! What the sensors of a described machine see.
 
+use std::f64::consts::TAU;
+
 use loadtwin::build::Sensors;
 use loadtwin::machine::{Kind, Machine};
 use loadtwin::replay::Samples;
@@ -24,6 +26,9 @@ pub fn samples(
     scenario: &str,
     seconds: f64,
 ) -> Vec<RawSample> {
+    if let Some(Kind::Drive(_)) = machine.kind() {
+        return drive(machine, sensors, seconds);
+    }
     let folder = tempfile::tempdir().expect("a temporary directory");
     let path = folder.path().join("recording.parquet");
     match machine.kind() {
@@ -57,4 +62,32 @@ pub fn samples(
         .expect("a whole recording")
     {}
     raw
+}
+
+/// Turns of the shaft of a drive in either direction.
+const TURNS: f64 = 1.5;
+
+/// A shaft that is turned to and fro, slower and faster, against a load that steps; counts of an
+/// encoder of 8192, and a drive that is not balanced: whatever is unknown of it is a load.
+fn drive(machine: &Machine, sensors: &Sensors, seconds: f64) -> Vec<RawSample> {
+    let samples = (seconds * machine.rate_hz) as u32;
+    let at = |tick: u32| {
+        let t = f64::from(tick) / machine.rate_hz;
+        let swing = TURNS * TAU * (1.7 * t).sin() * (0.4 * t).cos();
+        let mut raw = RawSample {
+            tick,
+            ..RawSample::default()
+        };
+        for (k, channel) in sensors.channels.iter().enumerate() {
+            let step = if (t * 0.8).fract() > 0.5 { 0.3 } else { -0.2 };
+            let ripple = 0.02 * (311.0 * t + k as f64).sin();
+            let value = step * (1.0 + k as f64) + (1.7 * t).cos() + ripple;
+            raw.set_word(k, channel.word(value));
+        }
+        for k in 0..sensors.encoders.len() {
+            raw.set_encoder(k, (swing / TAU * 8192.0).round() as i64 as u32);
+        }
+        raw
+    };
+    (0..samples).map(at).collect()
 }

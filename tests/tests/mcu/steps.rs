@@ -94,6 +94,10 @@ fn steps_stay_within_their_bounds() {
     let bearing_samples = folder.path().join("bearing.samples");
     std::fs::write(&bearing_samples, samples).unwrap();
 
+    let drive = Machine::load(&root().join("tests/machines/cogging-drive.toml")).unwrap();
+    let sensors = Sensors::choose(&drive, None).unwrap();
+    let drive = sealed(&drive, &sensors, folder.path(), "drive");
+
     let program = build_with(
         "emulated,peers",
         "steps",
@@ -104,6 +108,7 @@ fn steps_stay_within_their_bounds() {
             ("LOADTWIN_WALKING_ROTOR_IMAGE", &walking),
             ("LOADTWIN_BIASED_ROTOR_IMAGE", &biased),
             ("LOADTWIN_BEARING_IMAGE", &bearing),
+            ("LOADTWIN_DRIVE_IMAGE", &drive),
             ("LOADTWIN_BEARING_SAMPLES", &bearing_samples),
         ],
     );

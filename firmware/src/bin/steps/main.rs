@@ -11,11 +11,13 @@
 //! loadtwin build examples/rotor/machine.toml -o rotor.image
 //! loadtwin build rotor-with-walks.toml -o walking.image
 //! loadtwin build rotor-with-drifts.toml -o biased.image
+//! loadtwin build tests/machines/cogging-drive.toml -o drive.image
 //! loadtwin build examples/bearing/calibrated.toml -o bearing.image
 //! LOADTWIN_IMAGE=$PWD/line.image LOADTWIN_STEADY_IMAGE=$PWD/steady.image \
 //!     LOADTWIN_ROTOR_IMAGE=$PWD/rotor.image LOADTWIN_WALKING_ROTOR_IMAGE=$PWD/walking.image \
 //!     LOADTWIN_BIASED_ROTOR_IMAGE=$PWD/biased.image \
 //!     LOADTWIN_BEARING_IMAGE=$PWD/bearing.image \
+//!     LOADTWIN_DRIVE_IMAGE=$PWD/drive.image \
 //!     LOADTWIN_BEARING_SAMPLES=$PWD/samples cargo build --profile firmware \
 //!     --target thumbv7em-none-eabihf -p loadtwin-firmware --features emulated,peers --bin steps
 //! qemu-system-arm -M mps2-an386 -cpu cortex-m4 -display none -monitor none -icount shift=10 \
@@ -412,6 +414,28 @@ fn bearing_line(sealed: &[u8], mut recorded: &[u8]) {
     hprintln!("bearing_line_valid {}", valid);
 }
 
+/// The line of a drive that swings: its position and all of its channels in every sample.
+#[inline(never)]
+fn drive_line(sealed: &[u8]) {
+    let (_, payload) = signed_image::open(sealed).unwrap();
+    let mut line = Estimator::try_build(Image::from_bytes(payload).unwrap()).unwrap();
+    let mut sample = |tick: u32| {
+        let mut raw = RawSample {
+            tick,
+            ..RawSample::default()
+        };
+        let back = tick % 2000;
+        let place = if back < 1000 { back } else { 2000 - back };
+        raw.set_encoder(0, place * 7);
+        for i in 0..2 {
+            raw.set_word(i, (tick as usize * 37 + i * 101) as i32 % 4096 - 2048);
+        }
+        black_box(line.step(black_box(&raw)));
+    };
+    (0..STEPS).for_each(&mut sample);
+    report("drive_line", |k| sample(STEPS + k));
+}
+
 #[entry]
 fn main() -> ! {
     static mut ROOM: [MaybeUninit<u8>; HEAP_LEN] = [MaybeUninit::uninit(); HEAP_LEN];
@@ -444,6 +468,7 @@ fn main() -> ! {
         include_bytes!(env!("LOADTWIN_BEARING_IMAGE")),
         include_bytes!(env!("LOADTWIN_BEARING_SAMPLES")),
     );
+    drive_line(include_bytes!(env!("LOADTWIN_DRIVE_IMAGE")));
     minikalman::<6, 4>("minikalman_6_4");
     minikalman::<6, 1>("minikalman_6_1");
     minikalman::<12, 4>("minikalman_12_4");
