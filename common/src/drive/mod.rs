@@ -16,20 +16,21 @@
 
 mod delay_line;
 mod model;
+mod signals;
 pub mod term;
 
 use heapless::Vec;
 use nalgebra::{RowSVector, SMatrix, SVector};
 
-use crate::drive::delay_line::DelayLine;
+use crate::drive::signals::{LONGEST_GAP, Readings, SignalHistory};
 use crate::drive::term::{DirectionState, MAX_DIRECTIONS, Motion};
 use crate::error::Error;
 use crate::io::estimate::{Estimate, LoadEstimate, SensorEstimate};
 use crate::io::fault::Fault;
-use crate::io::measurement::{AdcScaling, Measured, Measurement, SignalConditioner};
+use crate::io::measurement::{AdcScaling, Measured, SignalConditioner};
 use crate::io::raw::{MAX_CHANNELS, RawSample};
 use crate::kalman::gaussian::Gaussian;
-use crate::kalman::innovation::{Gate, Innovation};
+use crate::kalman::innovation::{Gate, Innovation, Outcome};
 use crate::kalman::transition::{ProcessNoise, RandomWalk, Transition};
 use crate::kalman::{predict, update};
 use crate::signal::phase::Phase;
@@ -43,9 +44,6 @@ const POSITION: usize = 0;
 const SPEED: usize = 1;
 const ACCELERATION: usize = 2;
 const LOAD: usize = 3;
-
-/// Lost samples that a prediction bridges; after more the estimator starts anew.
-const LONGEST_GAP: u32 = 100;
 
 /// The estimator of one drive.
 #[derive(Clone, Debug)]
@@ -63,14 +61,7 @@ pub struct DriveEstimator<'a> {
 #[derive(Clone, Debug)]
 pub struct DriveState {
     conditioner: SignalConditioner,
-    lines: [DelayLine<f32>; MAX_CHANNELS],
-    position_line: DelayLine<i64>,
-    /// The last word of the position's counter.
-    counter: Option<u32>,
-    /// Position since start, unwrapped (counts).
-    counts: i64,
-    /// Counts that the index pulse adds to it.
-    home: Option<i64>,
+    signals: SignalHistory,
     /// The state's position is from here (counts).
     origin: i64,
     posterior: Gaussian<STATES>,
@@ -82,15 +73,6 @@ pub struct DriveState {
     /// Samples since every reading that the estimate needs was there.
     age: u16,
     started: bool,
-}
-
-/// The readings of one sample, each at the time of the latest signal.
-struct Readings {
-    drive: Measured<f32>,
-    speed: Measured<f32>,
-    /// From the state's origin.
-    position: Measured<f32>,
-    known: [Measured<f32>; MAX_KNOWN],
 }
 
 impl<'a> DriveEstimator<'a> {
@@ -138,11 +120,7 @@ impl<'a> DriveEstimator<'a> {
     pub fn start(&self) -> DriveState {
         DriveState {
             conditioner: SignalConditioner::default(),
-            lines: [DelayLine::empty(); MAX_CHANNELS],
-            position_line: DelayLine::empty(),
-            counter: None,
-            counts: 0,
-            home: None,
+            signals: SignalHistory::empty(),
             origin: 0,
             posterior: self.initial,
             directions: [DirectionState::default(); MAX_DIRECTIONS],
@@ -163,10 +141,11 @@ impl<'a> DriveEstimator<'a> {
             ..Estimate::default()
         };
         if m.lost > LONGEST_GAP {
-            self.restart(state);
+            state.signals.forget_readings();
+            state.started = false;
         }
         if !m.stale {
-            self.take(state, &m, raw);
+            state.signals.push(&self.model, &m, raw);
         }
         if !state.started {
             self.begin(state);
@@ -175,53 +154,11 @@ impl<'a> DriveEstimator<'a> {
                 predict(&mut state.posterior, &self.transition, &self.process_noise);
             }
         }
-        let readings = self.readings(state, m.stale);
+        let readings = (state.signals).readings(&self.model, state.origin, m.stale);
         estimate.homed = self.is_homed(state);
         self.observe(state, &readings, &mut estimate);
         self.recentre(state);
         estimate
-    }
-
-    fn restart(&self, state: &mut DriveState) {
-        let conditioner = state.conditioner;
-        let (counter, counts, home) = (state.counter, state.counts, state.home);
-        *state = DriveState {
-            conditioner,
-            counter,
-            counts,
-            home,
-            ..self.start()
-        };
-    }
-
-    /// Takes a sample into the delay lines; what was lost before it is missing there.
-    fn take(&self, state: &mut DriveState, m: &Measurement, raw: &RawSample) {
-        let lost = m.lost.min(LONGEST_GAP);
-        for (line, value) in (state.lines.iter_mut().zip(&m.values)).take(self.converters.len()) {
-            for _ in 0..lost {
-                line.push(Err(Fault::Missing));
-            }
-            line.push(*value);
-        }
-        let Some(sensor) = &self.model.position else {
-            return;
-        };
-        for _ in 0..lost {
-            state.position_line.push(Err(Fault::Missing));
-        }
-        let delivered = raw.has_encoder(0).then(|| raw.encoders.first().copied());
-        let Some(count) = delivered.flatten() else {
-            state.position_line.push(Err(Fault::Missing));
-            return;
-        };
-        let since = |last: u32| i64::from(sensor.counter.difference(count, last));
-        // The first word is what the counter holds, signed.
-        state.counts += since(state.counter.unwrap_or(0));
-        state.counter = Some(count);
-        if let (Some(at_pulse), Some(latched), None) = (sensor.at_pulse, raw.index, state.home) {
-            state.home = Some(i64::from(at_pulse) - (state.counts - since(latched)));
-        }
-        state.position_line.push(Ok(state.counts));
     }
 
     /// The state before the first sample, from the first position on that there is.
@@ -229,12 +166,9 @@ impl<'a> DriveEstimator<'a> {
         state.posterior = self.initial;
         state.directions = [DirectionState::default(); MAX_DIRECTIONS];
         state.followed = 0.0;
+        state.known = [0.0; MAX_KNOWN];
         state.age = u16::MAX;
-        let first = match &self.model.position {
-            Some(sensor) => (state.position_line).at(sensor.delay, |newer, _, _| newer),
-            None => Ok(0),
-        };
-        if let Ok(first) = first {
+        if let Ok(first) = state.signals.position(self.model.position.as_ref()) {
             state.origin = first;
             state.started = true;
         }
@@ -242,38 +176,7 @@ impl<'a> DriveEstimator<'a> {
 
     fn is_homed(&self, state: &DriveState) -> bool {
         let relative = (self.model.position).is_some_and(|sensor| sensor.at_pulse.is_some());
-        state.home.is_some() || !relative
-    }
-
-    fn readings(&self, state: &DriveState, stale: bool) -> Readings {
-        let mut next = state.lines.iter();
-        let mut of = |signal: Option<&Signal>| match (signal, stale) {
-            (Some(signal), false) => (next.next().ok_or(Fault::Missing))
-                .and_then(|line| line.at(signal.delay, |new, old, part| new + part * (old - new))),
-            (Some(_), true) => {
-                next.next();
-                Err(Fault::Missing)
-            }
-            (None, _) => Err(Fault::Missing),
-        };
-        let (drive, speed) = (of(self.model.drive.as_ref()), of(self.model.speed.as_ref()));
-        let mut known = [Err(Fault::Missing); MAX_KNOWN];
-        for (reading, signal) in known.iter_mut().zip(&self.model.known) {
-            *reading = of(Some(signal));
-        }
-        let position = match &self.model.position {
-            Some(sensor) if !stale => state.position_line.at(sensor.delay, |new, old, part| {
-                let whole = new.wrapping_sub(state.origin) as f32;
-                (whole + part * old.wrapping_sub(new) as f32) * sensor.count
-            }),
-            _ => Err(Fault::Missing),
-        };
-        Readings {
-            drive,
-            speed,
-            position,
-            known,
-        }
+        state.signals.home().is_some() || !relative
     }
 
     /// Updates with the readings and evaluates the balance at what they make of the motion.
@@ -351,7 +254,7 @@ impl<'a> DriveEstimator<'a> {
     /// Position [rad, m]; as long as it is not homed, from where it started.
     fn absolute(&self, state: &DriveState) -> f32 {
         self.model.position.map_or(0.0, |sensor| {
-            let counts = state.origin.wrapping_add(state.home.unwrap_or(0));
+            let counts = state.origin.wrapping_add(state.signals.home().unwrap_or(0));
             sensor.at_zero + counts as f32 * sensor.count + state.posterior.state[POSITION]
         })
     }
@@ -385,7 +288,7 @@ impl<'a> DriveEstimator<'a> {
 
     /// Position in 2^-16 counts.
     fn place(&self, state: &DriveState) -> i64 {
-        let counts = state.origin.wrapping_add(state.home.unwrap_or(0));
+        let counts = state.origin.wrapping_add(state.signals.home().unwrap_or(0));
         let count = self.model.position.map_or(1.0, |sensor| sensor.count);
         let part = state.posterior.state[POSITION] / count * PLACES;
         counts.wrapping_mul(PLACES as i64).wrapping_add(part as i64)
@@ -495,14 +398,17 @@ fn update_sensor(
         value: innovation,
         variance,
         nis,
-        ..
+        outcome,
     } = update(&mut state.posterior, row, nu, variance, &mut Gate::open());
     SensorEstimate {
         measured: value,
         innovation,
         innovation_variance: variance,
         nis,
-        fault: Fault::None,
+        fault: match outcome {
+            Outcome::Used => Fault::None,
+            Outcome::Gated | Outcome::Invalid => Fault::NotValid,
+        },
     }
 }
 

@@ -46,21 +46,7 @@ pub fn write(
     ] {
         balance.insert(key, value(rounded(number)));
     }
-    if !balance.contains_key("nominal") {
-        balance.insert("nominal", value(to_digits(levels.nominal, 3)));
-    }
-    balance.insert("model_std", value(to_digits(levels.model_std, 3)));
-    for key in ["drive", "position", "speed"] {
-        let signal = balance.get_mut(key).and_then(Item::as_table_like_mut);
-        let noise = signal.and_then(|signal| {
-            let name = signal.get("name")?.as_str()?;
-            let (_, std) = levels.noise.iter().find(|(column, _)| column == name)?;
-            Some((signal, *std))
-        });
-        if let Some((signal, std)) = noise {
-            signal.insert("noise_std", value(to_digits(std, 3)));
-        }
-    }
+    write_levels(balance, levels);
     // The recalibrated factor of a load goes into its gain.
     for (i, (load, factor)) in machine
         .balance
@@ -105,6 +91,25 @@ pub fn write(
         file.finish()
     };
     write().map_err(|e| failed(path, e.to_string()))
+}
+
+/// Rated drive where there is none, residual, and the noise of each column.
+fn write_levels(balance: &mut Table, levels: &Levels) {
+    if !balance.contains_key("nominal") {
+        balance.insert("nominal", value(to_digits(levels.nominal, 3)));
+    }
+    balance.insert("model_std", value(to_digits(levels.model_std, 3)));
+    for key in ["drive", "position", "speed"] {
+        let signal = balance.get_mut(key).and_then(Item::as_table_like_mut);
+        let noise = signal.and_then(|signal| {
+            let name = signal.get("name")?.as_str()?;
+            let (_, std) = levels.noise.iter().find(|(column, _)| column == name)?;
+            Some((signal, *std))
+        });
+        if let Some((signal, std)) = noise {
+            signal.insert("noise_std", value(to_digits(std, 3)));
+        }
+    }
 }
 
 fn rounded(x: f64) -> f64 {

@@ -96,16 +96,7 @@ impl Motion {
         } else {
             0
         };
-        let noise_of = |(signal, column): (&&Signal, &Vec<f64>)| {
-            let std = noise::white_noise_std(column)? / signal.gain.abs();
-            Some((signal.name.clone(), std))
-        };
-        // Rows of positions held are no course in time.
-        let in_time = balance.regime != Regime::Holding;
-        let noise = (signals.iter().zip(&columns))
-            .filter_map(noise_of)
-            .filter(|_| in_time)
-            .collect();
+        let noise = column_noise(balance, &signals, &columns);
         let mut next = columns.into_iter();
         let mut take = |is: bool| is.then(|| next.next()).flatten();
         let drive = take(true).unwrap_or_default();
@@ -239,6 +230,18 @@ impl Motion {
     pub fn is_empty(&self) -> bool {
         self.t.is_empty()
     }
+}
+
+/// The white noise of each column that has a course in time: rows of positions held have none.
+fn column_noise(balance: &Balance, signals: &[&Signal], columns: &[Vec<f64>]) -> Vec<(String, f64)> {
+    if balance.regime == Regime::Holding {
+        return Vec::new();
+    }
+    let of = |(signal, column): (&&Signal, &Vec<f64>)| {
+        let std = noise::white_noise_std(column)? / signal.gain.abs();
+        Some((signal.name.clone(), std))
+    };
+    signals.iter().zip(columns).filter_map(of).collect()
 }
 
 /// The index nearest to `i` with a value.

@@ -156,22 +156,7 @@ impl Samples {
                 _ => Encoding::Reading,
             })
             .collect();
-        let turns_freely = matches!(machine.kind(), Some(Kind::Bearing(_) | Kind::Rotor(_)));
-        // What the description says, as for all signals of a drive: a header may have no units.
-        let travel = (machine.travel_unit()).filter(|unit| unit.quantity() != Quantity::Counts);
-        let motions: Vec<Motion> = sensors
-            .encoders
-            .iter()
-            .map(
-                |e| match travel.map(|t| t.quantity()).or_else(|| quantity(&e.name)) {
-                    Some(Quantity::Angle) => Motion::Angle { unit: Unit::RADIAN },
-                    Some(Quantity::AngularSpeed) if turns_freely => Motion::Speed { turns: 0.0 },
-                    Some(Quantity::Length) => Motion::Angle { unit: Unit::METRE },
-                    _ => Motion::Count,
-                },
-            )
-            .collect();
-
+        let motions = motions(machine, sensors, quantity);
         let mut wanted = Vec::new();
         for (channel, encoding) in sensors.channels.iter().zip(&encodings) {
             let unit = match encoding {
@@ -361,6 +346,29 @@ impl Samples {
         self.fractional += fractional;
         raw
     }
+}
+
+/// How the recording has each encoder: counts, an angle or travel, a speed.
+fn motions(
+    machine: &Machine,
+    sensors: &Sensors,
+    quantity: impl Fn(&str) -> Option<Quantity>,
+) -> Vec<Motion> {
+    let turns_freely = matches!(machine.kind(), Some(Kind::Bearing(_) | Kind::Rotor(_)));
+    // What the description says, as for all signals of a drive: a header may have no units.
+    let travel = (machine.travel_unit())
+        .map(Unit::quantity)
+        .filter(|quantity| *quantity != Quantity::Counts);
+    let motion = |quantity| match quantity {
+        Some(Quantity::Angle) => Motion::Angle { unit: Unit::RADIAN },
+        Some(Quantity::AngularSpeed) if turns_freely => Motion::Speed { turns: 0.0 },
+        Some(Quantity::Length) => Motion::Angle { unit: Unit::METRE },
+        _ => Motion::Count,
+    };
+    let encoders = sensors.encoders.iter();
+    encoders
+        .map(|encoder| motion(travel.or_else(|| quantity(&encoder.name))))
+        .collect()
 }
 
 /// How the recordings of `machine` are laid out. Rows without a common clock, and recordings whose

@@ -48,18 +48,7 @@ pub fn image(machine: &Machine, balance: &Balance) -> Result<Vec<u8>, BuildError
         .as_ref()
         .map(|signal| position(machine, balance, signal, delays.motion));
     let tables: Vec<Vec<u8>> = effects.parts.iter().map(Part::bytes).collect();
-    let mut directions = heapless::Vec::new();
-    let mut terms = heapless::Vec::new();
-    for (part, table) in effects.parts.iter().zip(&tables) {
-        let term = Term {
-            coefficient: part.coefficient as f32,
-            factor: factor(&part.factor, table, position.as_ref())?,
-            direction: (part.direction)
-                .map(|direction| number(&mut directions, direction))
-                .transpose()?,
-        };
-        (terms.push(term)).map_err(|_| BuildError::TooLarge("the number of terms of effects"))?;
-    }
+    let (directions, terms) = terms(&effects, &tables, position.as_ref())?;
     let model_std =
         (balance.model_std).unwrap_or(machine.tuning.parameter_std.max(LEAST_MODEL_STD) * nominal);
     let noise = Noise::new(machine, balance, model_std, nominal);
@@ -92,6 +81,29 @@ pub fn image(machine: &Machine, balance: &Balance) -> Result<Vec<u8>, BuildError
         terms,
     };
     packed(machine, Model::Drive(model))
+}
+
+type Terms<'a, const D: usize, const T: usize> =
+    (heapless::Vec<Direction, D>, heapless::Vec<Term<'a>, T>);
+
+/// The effects as terms, and the directions that they share.
+fn terms<'a, const D: usize, const T: usize>(
+    effects: &Effects,
+    tables: &'a [Vec<u8>],
+    position: Option<&PositionSensor>,
+) -> Result<Terms<'a, D, T>, BuildError> {
+    let (mut directions, mut terms) = (heapless::Vec::new(), heapless::Vec::new());
+    for (part, table) in effects.parts.iter().zip(tables) {
+        let term = Term {
+            coefficient: part.coefficient as f32,
+            factor: factor(&part.factor, table, position)?,
+            direction: (part.direction)
+                .map(|direction| number(&mut directions, direction))
+                .transpose()?,
+        };
+        (terms.push(term)).map_err(|_| BuildError::TooLarge("the number of terms of effects"))?;
+    }
+    Ok((directions, terms))
 }
 
 /// Samples by which signals are delayed so that all are of one time.

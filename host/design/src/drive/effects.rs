@@ -114,57 +114,10 @@ impl Part {
 /// The terms of an effect; none where it has not the numbers that it needs.
 fn parts(balance: &Balance, effect: &BalanceEffect) -> Option<Vec<Part>> {
     let shape = |i: usize| effect.shape.get(i).copied();
-    let one = || match effect.coefficients[..] {
-        [coefficient] => Some(coefficient),
-        _ => None,
-    };
-    let single = |factor, direction| -> Option<Vec<Part>> {
-        Some(vec![Part {
-            coefficient: one()?,
-            factor: PartFactor::Plain(factor),
-            direction,
-        }])
-    };
-    let friction = |s: usize, v_r: usize| -> Option<Direction> {
-        Some(match shape(v_r)? {
-            speed if speed > 0.0 => Direction::Fading {
-                speed: speed as f32,
-            },
-            _ => sliding(balance, shape(s)?),
-        })
-    };
     match effect.name.as_str() {
-        "coulomb-friction" => single(Factor::One, Some(friction(0, 1)?)),
-        "stribeck-friction" => {
-            let factor = Factor::Stribeck {
-                per_speed: (1.0 / shape(0)?) as f32,
-                exponent: shape(1)? as f32,
-            };
-            single(factor, Some(friction(2, 3)?))
-        }
-        "presliding-hysteresis" => single(Factor::One, Some(sliding(balance, shape(0)?))),
-        "directional-friction" => single(Factor::Speed, None),
-        "nonlinear-drag" => {
-            let factor = Factor::Power {
-                per_speed: (1.0 / shape(1)?) as f32,
-                exponent: shape(0)? as f32,
-            };
-            single(factor, Some(Direction::Sign))
-        }
-        "held-at-rest" => {
-            let speed = shape(0)? as f32;
-            single(Factor::One, Some(Direction::Moving { speed }))
-        }
-        "backlash" => {
-            let half = (0.5 * shape(0)?) as f32;
-            single(Factor::One, Some(Direction::Gap { half }))
-        }
-        "load-dependent-friction" => {
-            let direction = Some(sliding(balance, shape(0)?));
-            if balance.loads.is_empty() {
-                return single(Factor::Acceleration, direction);
-            }
-            each_load(balance, effect, Factor::Load, direction)
+        "load-dependent-friction" if !balance.loads.is_empty() => {
+            let direction = sliding(balance, shape(0)?);
+            each_load(balance, effect, Factor::Load, Some(direction))
         }
         "load-nonlinearity" => each_load(balance, effect, Factor::LoadSquare, None),
         "position-dependent-torque" => powers(effect, [shape(0)?, shape(1)?, shape(2)?], None),
@@ -175,8 +128,64 @@ fn parts(balance: &Balance, effect: &BalanceEffect) -> Option<Vec<Part>> {
         "gravity" => waves(TAU, &effect.coefficients),
         "torque-ripple" => waves(shape(1)?, &effect.coefficients),
         "position-ripple" => waves(shape(0)?, &effect.coefficients),
-        _ => None,
+        _ => {
+            let (factor, direction) = single(balance, effect)?;
+            let [coefficient] = effect.coefficients[..] else {
+                return None;
+            };
+            Some(vec![Part {
+                coefficient,
+                factor: PartFactor::Plain(factor),
+                direction,
+            }])
+        }
     }
+}
+
+/// Factor and direction of an effect of one coefficient.
+fn single(
+    balance: &Balance,
+    effect: &BalanceEffect,
+) -> Option<(Factor<'static>, Option<Direction>)> {
+    let shape = |i: usize| effect.shape.get(i).copied();
+    let friction = |s: usize, v_r: usize| -> Option<Direction> {
+        Some(match shape(v_r)? {
+            speed if speed > 0.0 => Direction::Fading {
+                speed: speed as f32,
+            },
+            _ => sliding(balance, shape(s)?),
+        })
+    };
+    Some(match effect.name.as_str() {
+        "coulomb-friction" => (Factor::One, Some(friction(0, 1)?)),
+        "stribeck-friction" => {
+            let factor = Factor::Stribeck {
+                per_speed: (1.0 / shape(0)?) as f32,
+                exponent: shape(1)? as f32,
+            };
+            (factor, Some(friction(2, 3)?))
+        }
+        "presliding-hysteresis" => (Factor::One, Some(sliding(balance, shape(0)?))),
+        "directional-friction" => (Factor::Speed, None),
+        "nonlinear-drag" => {
+            let factor = Factor::Power {
+                per_speed: (1.0 / shape(1)?) as f32,
+                exponent: shape(0)? as f32,
+            };
+            (factor, Some(Direction::Sign))
+        }
+        "held-at-rest" => {
+            let speed = shape(0)? as f32;
+            (Factor::One, Some(Direction::Moving { speed }))
+        }
+        "backlash" => {
+            let half = (0.5 * shape(0)?) as f32;
+            (Factor::One, Some(Direction::Gap { half }))
+        }
+        // Without a measured load.
+        "load-dependent-friction" => (Factor::Acceleration, Some(sliding(balance, shape(0)?))),
+        _ => return None,
+    })
 }
 
 /// Friction over a distance; at constant speed that of the speed.
