@@ -45,6 +45,9 @@ const SPEED: usize = 1;
 const ACCELERATION: usize = 2;
 const LOAD: usize = 3;
 
+/// Standard deviations of a position that its noise spans: three to either side.
+const REVERSAL: f32 = 6.0;
+
 /// The estimator of one drive.
 #[derive(Clone, Debug)]
 pub struct DriveEstimator<'a> {
@@ -68,6 +71,8 @@ pub struct DriveState {
     directions: [DirectionState; MAX_DIRECTIONS],
     /// The position that directions have followed, in the state's frame.
     followed: f32,
+    /// The way that they came there, -1 or 1; 0 before any.
+    heading: f32,
     /// The last reading of each known load.
     known: [f32; MAX_KNOWN],
     /// Samples since every reading that the estimate needs was there.
@@ -125,6 +130,7 @@ impl<'a> DriveEstimator<'a> {
             posterior: self.initial,
             directions: [DirectionState::default(); MAX_DIRECTIONS],
             followed: 0.0,
+            heading: 0.0,
             known: [0.0; MAX_KNOWN],
             age: u16::MAX,
             started: false,
@@ -166,6 +172,7 @@ impl<'a> DriveEstimator<'a> {
         state.posterior = self.initial;
         state.directions = [DirectionState::default(); MAX_DIRECTIONS];
         state.followed = 0.0;
+        state.heading = 0.0;
         state.known = [0.0; MAX_KNOWN];
         state.age = u16::MAX;
         if let Ok(first) = state.signals.position(self.model.position.as_ref()) {
@@ -238,13 +245,24 @@ impl<'a> DriveEstimator<'a> {
         let _ = estimate.loads.push(load);
     }
 
-    /// Directions follow the position as far as it has left one count: noise is no motion.
+    /// Directions follow the position. It has turned back once it is further from its turning point
+    /// than its estimate is uncertain, and then has come the whole way from there: noise is no
+    /// motion, and a reversal loses nothing.
     fn follow(&self, state: &mut DriveState) {
-        let half = (self.model.position).map_or(0.0, |sensor| 0.5 * libm::fabsf(sensor.count));
         let x = state.posterior.state[POSITION];
         let ahead = x - state.followed;
-        let moved = ahead - ahead.clamp(-half, half);
-        state.followed += moved;
+        // A position that nothing measures is the integral of a speed, without noise of its own.
+        let uncertain = (self.model.position).map_or(0.0, |_| {
+            REVERSAL * libm::sqrtf(state.posterior.variances()[POSITION])
+        });
+        let onward = ahead * state.heading > 0.0;
+        let moved = if onward || libm::fabsf(ahead) > uncertain {
+            state.heading = libm::copysignf(1.0, ahead);
+            state.followed = x;
+            ahead
+        } else {
+            0.0
+        };
         let speed = state.posterior.state[SPEED];
         for (direction, z) in self.model.directions.iter().zip(&mut state.directions) {
             direction.follow(z, moved, speed);

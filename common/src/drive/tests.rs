@@ -144,6 +144,32 @@ fn a_drive_that_is_not_measured_is_estimated_from_motion_and_known_load() {
     assert!(rms(&errors) < 0.8, "{}", rms(&errors));
 }
 
+/// At rest after a motion, a counter that flickers by a count leaves the state of friction: the load
+/// that balances it stays.
+#[test]
+fn a_flickering_count_is_no_reversal() {
+    let mut model = model();
+    model.directions[0] = Direction::Sliding { distance: 1e-5 };
+    let estimator = DriveEstimator::try_build(model).unwrap();
+    let mut state = estimator.start();
+    let mut errors = std::vec::Vec::new();
+    for k in 0..3000_u32 {
+        // 0.05 m in the first second, then rest against friction that holds 4 N.
+        let x = 0.05 * (k.min(1000) as f32) / 1000.0 + 0.2 * COUNT;
+        let flicker = if k > 1000 && k % 3 == 0 {
+            0.7 * COUNT
+        } else {
+            0.0
+        };
+        let force = 0.5 + 4.0 + if k < 1000 { 3.0 * 0.05 } else { 0.0 };
+        let estimate = estimator.step(&mut state, &sample(k, x + flicker, force));
+        if k > 1500 {
+            errors.push(estimate.loads[0].value);
+        }
+    }
+    assert!(rms(&errors) < 0.3, "{}", rms(&errors));
+}
+
 /// A drive that is recorded 12.4 samples late: as good as on time where the model delays the rest.
 #[test]
 fn a_late_drive_is_met_by_a_delay_of_the_motion() {
@@ -294,4 +320,29 @@ fn numbers_out_of_range_are_refused() {
         }
     };
     assert_eq!(refused(late), Error::OutOfRange("delay"));
+}
+
+/// The head of an image and the number of its kind, as `docs/wire-format.md` states them.
+#[test]
+fn an_image_begins_as_the_wire_format_says() {
+    use crate::image::{Image, Model, VERSION};
+    const SPECIFICATION: &str = include_str!("../../../docs/wire-format.md");
+    let image = Image {
+        version: VERSION,
+        machine: "axis",
+        rate_hz: RATE_HZ,
+        can_base: 0x500,
+        model: Model::Drive(model()),
+    };
+    let mut room = [0; 2000];
+    let bytes = postcard::to_slice(&image, &mut room).unwrap();
+    let line: std::vec::Vec<_> = bytes[..13]
+        .iter()
+        .map(|b| std::format!("{b:02X}"))
+        .collect();
+    let line = line.join(" ");
+    assert!(SPECIFICATION.contains(&line), "{line}");
+    assert_eq!(Image::from_bytes(bytes), Ok(image));
+    bytes[12] = 4;
+    assert_eq!(Image::from_bytes(bytes), Err(Error::Malformed("image")));
 }

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, value};
+use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, TableLike, value};
 
 use crate::noise::Levels;
 use crate::{BalanceError, Linear};
@@ -94,7 +94,7 @@ pub fn write(
 }
 
 /// Rated drive where there is none, residual, and the noise of each column.
-fn write_levels(balance: &mut Table, levels: &Levels) {
+fn write_levels(balance: &mut dyn TableLike, levels: &Levels) {
     if !balance.contains_key("nominal") {
         balance.insert("nominal", value(to_digits(levels.nominal, 3)));
     }

@@ -6,7 +6,7 @@ use crate::BalanceError;
 use crate::noise;
 use crate::outliers;
 use crate::savitzky_golay::Smoother;
-use loadtwin_machine::{Balance, Machine, Regime, Signal};
+use loadtwin_machine::{Balance, Machine, QUANTISATION, Regime, Signal};
 use loadtwin_recording::{Reader, Timing, Wanted};
 
 /// Motion is smoothed this many times less than what is explained by it, so that
@@ -37,8 +37,8 @@ pub struct Motion {
     pub loads: Vec<Vec<f64>>,
     /// [K].
     pub temperature: Option<Vec<f64>>,
-    /// Half a count of the position [rad, m]: a motion within it is none.
-    pub half_count: f64,
+    /// Standard deviation of the smoothed position [rad, m].
+    pub position_std: f64,
     /// Travel of one turn.
     pub turn: Option<f64>,
     /// Whether the position is a recorded angle.
@@ -112,8 +112,7 @@ impl Motion {
             acceleration: vec![0.0; t.len()],
             drive,
             temperature,
-            half_count: (balance.position.as_ref())
-                .map_or(0.0, |p| 0.5 * (p.gain * balance.lsb(p)).abs()),
+            position_std: 0.0,
             turn: balance.turn,
             is_angle: balance.is_angle(),
             spikes,
@@ -131,7 +130,12 @@ impl Motion {
         }
         match balance.regime {
             Regime::Moving => {
-                motion.derive(position.as_deref(), speed.as_deref(), period_s, cutoff_hz);
+                motion.derive(
+                    balance,
+                    [position.as_deref(), speed.as_deref()],
+                    period_s,
+                    cutoff_hz,
+                );
             }
             Regime::Holding => {
                 motion.position = position.unwrap_or_default();
@@ -147,13 +151,18 @@ impl Motion {
     /// Position, speed and acceleration from whichever of them was recorded.
     fn derive(
         &mut self,
-        position: Option<&[f64]>,
-        speed: Option<&[f64]>,
+        balance: &Balance,
+        [position, speed]: [Option<&[f64]>; 2],
         period_s: f64,
         cutoff_hz: f64,
     ) {
         // A kernel of fewer than about ten samples determines no acceleration.
         let motion = Smoother::new((MOTION_BAND * cutoff_hz).min(0.08 / period_s));
+        if let (Some(position), Some(signal)) = (position, &balance.position) {
+            let rounding = QUANTISATION * (signal.gain * balance.lsb(signal)).abs();
+            let noise = noise::white_noise_std(position).map_or(rounding, |std| std.max(rounding));
+            self.position_std = noise * motion.noise_gain(period_s);
+        }
         for i in 0..self.t.len() {
             if let Some(position) = position {
                 let nearest = finite_near(position, i);
@@ -233,7 +242,11 @@ impl Motion {
 }
 
 /// The white noise of each column that has a course in time: rows of positions held have none.
-fn column_noise(balance: &Balance, signals: &[&Signal], columns: &[Vec<f64>]) -> Vec<(String, f64)> {
+fn column_noise(
+    balance: &Balance,
+    signals: &[&Signal],
+    columns: &[Vec<f64>],
+) -> Vec<(String, f64)> {
     if balance.regime == Regime::Holding {
         return Vec::new();
     }
@@ -242,6 +255,31 @@ fn column_noise(balance: &Balance, signals: &[&Signal], columns: &[Vec<f64>]) ->
         Some((signal.name.clone(), std))
     };
     signals.iter().zip(columns).filter_map(of).collect()
+}
+
+#[cfg(test)]
+impl Motion {
+    /// A recording without rows.
+    pub(crate) fn at_rest(regime: Regime) -> Self {
+        Self {
+            path: PathBuf::new(),
+            regime,
+            t: Vec::new(),
+            position: Vec::new(),
+            speed: Vec::new(),
+            acceleration: Vec::new(),
+            drive: Vec::new(),
+            loads: Vec::new(),
+            temperature: None,
+            position_std: 0.0,
+            turn: None,
+            is_angle: false,
+            spikes: 0,
+            noise: Vec::new(),
+            judged: Vec::new(),
+            smoother: Smoother::new(f64::INFINITY),
+        }
+    }
 }
 
 /// The index nearest to `i` with a value.

@@ -71,6 +71,22 @@ impl Smoother {
         [origin + c[0], c[1] / s, 2.0 * c[2] / (s * s)]
     }
 
+    /// Standard deviation of [`Self::cubic`]'s value where that of white noise is 1, of samples
+    /// `period_s` apart.
+    pub fn noise_gain(self, period_s: f64) -> f64 {
+        let half = (self.reach_s() / period_s).ceil().max(2.0) as usize;
+        let t: Vec<f64> = (0..=2 * half).map(|i| i as f64 * period_s).collect();
+        let mut impulse = vec![0.0; t.len()];
+        let mut square = 0.0;
+        for i in 0..t.len() {
+            impulse[i] = 1.0;
+            let [value, ..] = self.cubic(&t, &impulse, half);
+            square += value * value;
+            impulse[i] = 0.0;
+        }
+        square.sqrt()
+    }
+
     /// Shows index, scaled time and weight of each sample near `at`.
     fn around(self, t: &[f64], at: usize, mut each: impl FnMut(usize, f64, f64)) {
         let near = |i: &usize| (t[*i] - t[at]).abs() <= self.reach_s();
@@ -154,6 +170,29 @@ mod tests {
             .sum::<f64>()
             / 2000.0;
         assert!((power - 0.25).abs() < 0.002, "{power}");
+    }
+
+    /// Between the mean of all samples in the kernel and a single sample; against the deviation of
+    /// smoothed noise.
+    #[test]
+    fn noise_is_smoothed_by_its_gain() {
+        let mut state = 1_u64;
+        let mut uniform = || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+        };
+        let t: Vec<f64> = (0..6000).map(|i| f64::from(i) * 1e-3).collect();
+        let x: Vec<f64> = t.iter().map(|_| uniform() * 12.0_f64.sqrt()).collect();
+        for cutoff_hz in [20.0, 80.0] {
+            let smoother = Smoother::new(cutoff_hz);
+            let square: f64 = (500..5500)
+                .map(|at| smoother.cubic(&t, &x, at)[0].powi(2))
+                .sum::<f64>();
+            let ratio = (square / 5000.0).sqrt() / smoother.noise_gain(1e-3);
+            assert!((ratio - 1.0).abs() < 0.05, "{cutoff_hz} {ratio}");
+        }
     }
 
     #[test]

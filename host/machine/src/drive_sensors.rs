@@ -2,7 +2,9 @@
 
 use std::f64::consts::TAU;
 
-use super::{Adc, Balance, Channel, Encoder, Estimated, Machine, Reference, Senses, Signal};
+use super::{
+    Adc, Balance, Channel, Encoder, Estimated, Machine, QUANTISATION, Reference, Senses, Signal,
+};
 use loadtwin_recording::{Quantity, Unit};
 
 /// Part of nominal that one code is of a drive or load of which it is not given: 20 bits.
@@ -14,9 +16,6 @@ const FINE_MOTION: f64 = 1e-6;
 /// Noise of a drive of which it is not given, as part of nominal: that of an industrial torque or
 /// current measurement of class 1 (IEC 60688).
 const DRIVE_NOISE: f64 = 0.01;
-
-/// Standard deviation of a reading that is rounded, in codes.
-const ROUNDING: f64 = 0.288_675_134_594_812_9;
 
 impl Signal {
     /// Factor of the column in SI to the quantity: `quantity = gain_si (column - zero)`.
@@ -47,7 +46,7 @@ impl Balance {
 
     /// Standard deviation of a signal's reading [the quantity it stands for].
     pub fn noise_std(&self, signal: &Signal) -> f64 {
-        let rounding = ROUNDING * self.lsb(signal);
+        let rounding = QUANTISATION * self.lsb(signal);
         let is_drive = signal.name == self.drive.name;
         match (signal.noise_std, self.nominal) {
             (Some(noise), _) => noise.max(rounding) * signal.gain.abs(),

@@ -193,29 +193,33 @@ fn geometric(least: f64, most: f64, count: usize) -> Vec<f64> {
         .collect()
 }
 
+/// Standard deviations of the position that noise spans: three to either side.
+const REVERSAL: f64 = 6.0;
+
 /// `z` in [-1, 1]: friction's state over a distance `s` of sliding.
 ///
 /// `dz = (sgn(dx) - z) |dx| / s`, Dahl's model of exponent 1, integrated exactly
-/// over each step; `s = 0` is the sign of the motion, which it keeps at rest. The position has
-/// moved as far as it has left half a count, as in the estimator: noise is no motion, and would
-/// let `z` fade.
+/// over each step; `s = 0` is the sign of the motion, which it keeps at rest. As in the estimator
+/// the position has turned back once it is further from its turning point than its estimate is
+/// uncertain: noise is no motion, and would let `z` fade.
 ///
 /// Source: Dahl 1968, A solid friction model.
 fn sliding_state(motion: &Motion, s: f64) -> Vec<f64> {
     if motion.regime == Regime::Steady {
         return each(&motion.speed, sign);
     }
-    let mut z = 0.0;
+    let uncertain = REVERSAL * motion.position_std;
+    let (mut z, mut heading) = (0.0, 0.0);
     let mut before = motion.position.first().copied().unwrap_or(0.0);
     motion
         .position
         .iter()
         .map(|&x| {
-            let ahead = x - before;
-            let dx = ahead - ahead.clamp(-motion.half_count, motion.half_count);
-            if dx.is_finite() && dx != 0.0 {
-                z = dx.signum() - (dx.signum() - z) * (-dx.abs() / s).exp();
-                before += dx;
+            let dx = x - before;
+            if dx * heading > 0.0 || dx.abs() > uncertain {
+                heading = dx.signum();
+                z = heading - (heading - z) * (-dx.abs() / s).exp();
+                before = x;
             } else if before.is_nan() {
                 before = x;
             }
@@ -262,5 +266,20 @@ mod tests {
         names.sort_unstable();
         names.dedup();
         assert_eq!(names.len(), EFFECTS.len());
+    }
+
+    /// Noise at rest leaves the state of friction; a way back is counted from its turning point.
+    #[test]
+    fn noise_is_no_reversal_and_a_reversal_loses_nothing() {
+        let mut motion = Motion::at_rest(Regime::Moving);
+        motion.position_std = 0.01;
+        motion.position = vec![0.0, 1.0, 0.97, 1.0, 0.96, 0.95, 0.5];
+        let z = sliding_state(&motion, 0.5);
+        let slid = 1.0 - (-2.0_f64).exp();
+        for held in &z[1..=5] {
+            assert!((held - slid).abs() < 1e-12, "{z:?}");
+        }
+        let back = -1.0 + (1.0 + slid) * (-1.0_f64).exp();
+        assert!((z[6] - back).abs() < 1e-12, "{z:?}");
     }
 }
