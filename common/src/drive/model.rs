@@ -37,7 +37,7 @@ pub struct DriveModel<'a> {
     pub speed: Option<Signal>,
     /// Measured loads that the drive works against.
     pub known: Vec<Signal, MAX_KNOWN>,
-    /// Drive at rest.
+    /// Drive at standstill, without load.
     pub offset: f32,
     /// Drive per acceleration.
     pub inertia: f32,

@@ -82,7 +82,7 @@ pub enum Factor<'a> {
 pub enum Direction {
     /// `sgn(v)`.
     Sign,
-    /// `dz = (sgn(dx) - z) |dx| / s`, exact over each step; kept at rest.
+    /// `dz = (sgn(dx) - z) |dx| / s`, exact over each step; kept at standstill.
     ///
     /// Source: Dahl 1968, A solid friction model.
     Sliding {

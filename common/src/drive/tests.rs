@@ -144,7 +144,7 @@ fn a_drive_that_is_not_measured_is_estimated_from_motion_and_known_load() {
     assert!(rms(&errors) < 0.8, "{}", rms(&errors));
 }
 
-/// At rest after a motion, a counter that flickers by a count leaves the state of friction: the load
+/// At standstill after a motion, a counter that flickers by a count leaves the state of friction: the load
 /// that balances it stays.
 #[test]
 fn a_flickering_count_is_no_reversal() {
@@ -154,7 +154,7 @@ fn a_flickering_count_is_no_reversal() {
     let mut state = estimator.start();
     let mut errors = std::vec::Vec::new();
     for k in 0..3000_u32 {
-        // 0.05 m in the first second, then rest against friction that holds 4 N.
+        // 0.05 m in the first second, then standstill against friction that holds 4 N.
         let x = 0.05 * (k.min(1000) as f32) / 1000.0 + 0.2 * COUNT;
         let flicker = if k > 1000 && k % 3 == 0 {
             0.7 * COUNT
@@ -170,7 +170,7 @@ fn a_flickering_count_is_no_reversal() {
     assert!(rms(&errors) < 0.3, "{}", rms(&errors));
 }
 
-/// A drive that is recorded 12.4 samples late: as good as on time where the model delays the rest.
+/// A drive that is recorded 12.4 samples late: as good as on time where the model delays the motion.
 #[test]
 fn a_late_drive_is_met_by_a_delay_of_the_motion() {
     let run = |delay: f32| {

@@ -199,7 +199,7 @@ const REVERSAL: f64 = 6.0;
 /// `z` in [-1, 1]: friction's state over a distance `s` of sliding.
 ///
 /// `dz = (sgn(dx) - z) |dx| / s`, Dahl's model of exponent 1, integrated exactly
-/// over each step; `s = 0` is the sign of the motion, which it keeps at rest. As in the estimator
+/// over each step; `s = 0` is the sign of the motion, which it keeps at standstill. As in the estimator
 /// the position has turned back once it is further from its turning point than its estimate is
 /// uncertain: noise is no motion, and would let `z` fade.
 ///
@@ -268,7 +268,7 @@ mod tests {
         assert_eq!(names.len(), EFFECTS.len());
     }
 
-    /// Noise at rest leaves the state of friction; a way back is counted from its turning point.
+    /// Noise at standstill leaves the state of friction; a way back is counted from its turning point.
     #[test]
     fn noise_is_no_reversal_and_a_reversal_loses_nothing() {
         let mut motion = Motion::at_rest(Regime::Moving);
