@@ -358,21 +358,18 @@ impl<'a> DriveEstimator<'a> {
             state.started = false;
             return;
         }
-        match &self.model.position {
-            Some(sensor) => {
-                let counts = libm::rintf(x / sensor.count);
-                let by = counts * sensor.count;
-                state.origin = state.origin.wrapping_add(counts as i64);
-                state.posterior.state[POSITION] -= by;
-                state.followed -= by;
-            }
+        if let Some(sensor) = &self.model.position {
+            let counts = libm::rintf(x / sensor.count);
+            let by = counts * sensor.count;
+            state.origin = state.origin.wrapping_add(counts as i64);
+            state.posterior.state[POSITION] -= by;
+            state.followed -= by;
+        } else {
             // Nothing measures the position, and nothing depends on it but how far it moved.
-            None => {
-                let variance = self.initial.variances()[POSITION];
-                state.posterior.reset_variance(POSITION, variance);
-                state.posterior.state[POSITION] = 0.0;
-                state.followed -= x;
-            }
+            let variance = self.initial.variances()[POSITION];
+            state.posterior.reset_variance(POSITION, variance);
+            state.posterior.state[POSITION] = 0.0;
+            state.followed -= x;
         }
         if self.model.drive.is_none() {
             let variance = self.initial.variances()[LOAD];

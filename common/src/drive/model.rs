@@ -140,7 +140,7 @@ impl DriveModel<'_> {
         finite(&[self.offset, self.inertia, self.drag], 3, "linear part")?;
         self.signals().try_for_each(Signal::check)?;
         self.position.iter().try_for_each(PositionSensor::check)?;
-        self.directions.iter().try_for_each(Direction::check)?;
+        (self.directions.iter()).try_for_each(|direction| direction.check())?;
         let (loads, directions) = (self.known.len(), self.directions.len());
         let has_position = self.position.is_some();
         (self.terms.iter()).try_for_each(|term| term.check(loads, directions, has_position))

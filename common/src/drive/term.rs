@@ -231,7 +231,7 @@ pub(crate) struct DirectionState {
 
 impl Direction {
     /// Follows a motion at `speed` that came by `moved` [rad, m].
-    pub(crate) fn follow(&self, state: &mut DirectionState, moved: f32, speed: f32) {
+    pub(crate) fn follow(self, state: &mut DirectionState, moved: f32, speed: f32) {
         state.z = match self {
             Self::Sign if speed == 0.0 => 0.0,
             Self::Sign => libm::copysignf(1.0, speed),
@@ -246,10 +246,10 @@ impl Direction {
             }
             Self::Gap { half } => {
                 let far = state.far - moved;
-                state.far = far.clamp(-*half, *half);
-                if far < -*half {
+                state.far = far.clamp(-half, half);
+                if far < -half {
                     1.0
-                } else if far > *half {
+                } else if far > half {
                     -1.0
                 } else {
                     state.z
@@ -259,12 +259,12 @@ impl Direction {
     }
 
     /// Checks its range.
-    pub(crate) fn check(&self) -> Result<(), Error> {
+    pub(crate) fn check(self) -> Result<(), Error> {
         let fits = match self {
             Self::Sign => true,
-            Self::Sliding { distance: x } | Self::Gap { half: x } => *x >= 0.0 && x.is_finite(),
+            Self::Sliding { distance: x } | Self::Gap { half: x } => x >= 0.0 && x.is_finite(),
             Self::Fading { speed } | Self::Moving { speed } => {
-                *speed >= LEAST_SPEED && speed.is_finite()
+                speed >= LEAST_SPEED && speed.is_finite()
             }
         };
         if fits {

@@ -142,7 +142,7 @@ impl Consistency {
             return Some(cause);
         }
         let contradicted = !self.contradicting().is_empty();
-        let by_reference = self.by_reference();
+        let by_reference = self.by_reference(machine);
         let mostly_faulty = self
             .sensors
             .iter()
@@ -166,12 +166,14 @@ impl Consistency {
 
     /// The load that is most often outside its band; or biased, where that is by no sensor that is
     /// flagged.
-    fn by_reference(&self) -> Option<Cause> {
+    fn by_reference(&self, machine: &Machine) -> Option<Cause> {
         let flagged = self.sensors.iter().any(|s| s.is_flagged(self.samples));
         let mut worst: Vec<&ReferenceConsistency> = self.references.iter().collect();
         worst.retain(|reference| reference.is_outside() || !flagged);
         worst.sort_by(|a, b| b.part_beyond().total_cmp(&a.part_beyond()));
-        worst.into_iter().find_map(ReferenceConsistency::cause)
+        worst
+            .into_iter()
+            .find_map(|reference| reference.cause(machine))
     }
 
     /// Sensors whose readings contradict the description, the worst first.

@@ -119,7 +119,7 @@ impl ReferenceConsistency {
     }
 
     /// What the reference says against the load, if anything.
-    pub fn cause(&self) -> Option<Cause> {
+    pub fn cause(&self, machine: &Machine) -> Option<Cause> {
         let load = &self.reference.load;
         let [error, deviations] = self.sums.map(|sum| sum / self.compared.max(1) as f64);
         let what = if self.is_outside() {
@@ -136,14 +136,16 @@ impl ReferenceConsistency {
         } else {
             return None;
         };
+        let remedy = if machine.balance.is_some() {
+            "find what the model lacks with `loadtwin diagnose`"
+        } else {
+            "fit sensitivities with `loadtwin calibrate`"
+        };
         Some(Cause {
             kind: "calibration",
             what,
             corrected_percent: None,
-            remedy:
-                "fit sensitivities with `loadtwin calibrate`, or check sign, zero and unit of the \
-                     reference"
-                    .into(),
+            remedy: format!("{remedy}, or check sign, zero and unit of the reference"),
         })
     }
 }
