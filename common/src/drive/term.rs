@@ -246,7 +246,7 @@ impl Direction {
             }
             Self::Gap { half } => {
                 let far = state.far - moved;
-                state.far = far.clamp(-half, half);
+                state.far = libm::fmaxf(libm::fminf(far, half), -half);
                 if far < -half {
                     1.0
                 } else if far > half {
