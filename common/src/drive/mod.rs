@@ -78,6 +78,8 @@ pub struct DriveState {
     /// Samples since every reading that the estimate needs was there.
     age: u16,
     started: bool,
+    /// Before that the position of the last sample (counts).
+    before: Option<i64>,
 }
 
 impl<'a> DriveEstimator<'a> {
@@ -134,6 +136,7 @@ impl<'a> DriveEstimator<'a> {
             known: [0.0; MAX_KNOWN],
             age: u16::MAX,
             started: false,
+            before: None,
         }
     }
 
@@ -152,12 +155,12 @@ impl<'a> DriveEstimator<'a> {
         }
         if !m.stale {
             state.signals.push(&self.model, &m, raw);
-        }
-        if !state.started {
-            self.begin(state);
-        } else if !m.stale {
-            for _ in 0..=m.lost {
-                predict(&mut state.posterior, &self.transition, &self.process_noise);
+            if state.started {
+                for _ in 0..=m.lost {
+                    predict(&mut state.posterior, &self.transition, &self.process_noise);
+                }
+            } else {
+                self.begin(state, m.lost == 0);
             }
         }
         let readings = (state.signals).readings(&self.model, state.origin, m.stale);
@@ -167,16 +170,33 @@ impl<'a> DriveEstimator<'a> {
         estimate
     }
 
-    /// The state before the first sample, from the first position on that there is.
-    fn begin(&self, state: &mut DriveState) {
+    /// The state before the first sample, at the position and speed that are measured then; without
+    /// a sensor of speed, at that between the first two positions that follow each other.
+    ///
+    /// Source: Bar-Shalom, Li, Kirubarajan 2001, section 5.5.3, two-point differencing.
+    fn begin(&self, state: &mut DriveState, follows: bool) {
         state.posterior = self.initial;
         state.directions = [DirectionState::default(); MAX_DIRECTIONS];
         state.followed = 0.0;
         state.heading = 0.0;
         state.known = [0.0; MAX_KNOWN];
         state.age = u16::MAX;
-        if let Ok(first) = state.signals.position(self.model.position.as_ref()) {
-            state.origin = first;
+        let before = state.before.take().filter(|_| follows);
+        let Ok(position) = state.signals.position(self.model.position.as_ref()) else {
+            return;
+        };
+        state.origin = position;
+        state.before = Some(position);
+        if self.model.speed.is_some() {
+            if let Ok(speed) = state.signals.speed(&self.model) {
+                state.posterior.state[SPEED] = speed;
+                state.started = true;
+            }
+        } else if let (Some(before), Some(sensor)) = (before, &self.model.position) {
+            let per_count = sensor.count / self.model.sample_s;
+            let std = sensor.noise_std / self.model.sample_s;
+            state.posterior.state[SPEED] = position.wrapping_sub(before) as f32 * per_count;
+            state.posterior.reset_variance(SPEED, 2.0 * std * std);
             state.started = true;
         }
     }
@@ -336,7 +356,7 @@ impl<'a> DriveEstimator<'a> {
             Fault::NotValid
         } else if limits.is_some_and(|l| libm::fabsf(value) > l.full_scale) {
             Fault::Implausible
-        } else if limits.is_some_and(|l| std > l.valid_std) {
+        } else if !state.started || limits.is_some_and(|l| std > l.valid_std) {
             Fault::NotValid
         } else if self.needs_homing && !homed {
             Fault::NotHomed

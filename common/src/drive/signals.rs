@@ -90,6 +90,11 @@ impl SignalHistory {
         })
     }
 
+    /// The latest speed at the time of the readings; missing where none is measured.
+    pub(super) fn speed(&self, model: &DriveModel<'_>) -> Measured<f32> {
+        self.readings(model, 0, false).speed
+    }
+
     /// Counts from the start to where the position is 0; none until the index pulse.
     pub(super) fn home(&self) -> Option<i64> {
         self.home

@@ -258,6 +258,38 @@ fn it_begins_with_the_first_position() {
     }
 }
 
+/// Started in motion against drag, by a position and by a speed: the load is right from the first
+/// sample on in which it is valid.
+#[test]
+fn it_begins_in_motion() {
+    for by_speed in [false, true] {
+        let mut model = model();
+        model.terms.clear();
+        if by_speed {
+            model.position = None;
+            model.speed = Some(Signal {
+                noise_std: 0.01,
+                ..signal(1.0)
+            });
+        }
+        let estimator = DriveEstimator::try_build(model).unwrap();
+        let mut state = estimator.start();
+        let mut valid = 0;
+        for k in 0..1000_u32 {
+            // 0.3 m/s.
+            let force = 0.5 + 3.0 * 0.3;
+            let mut raw = sample(k, 0.1 + 0.3 * k as f32 / RATE_HZ, force);
+            raw.set_word(1, libm::rintf(0.3 / LSB) as i32);
+            let load = estimator.step(&mut state, &raw).loads[0];
+            if load.fault.is_none() {
+                valid += 1;
+                assert!(load.value.abs() < 0.05 + 2.0 * load.std, "{k} {load:?}");
+            }
+        }
+        assert!(valid > 900, "{valid}");
+    }
+}
+
 /// Without readings the deviation grows; after a long gap the estimator starts anew.
 #[test]
 fn gaps_widen_the_deviation_and_leave_no_trace() {
