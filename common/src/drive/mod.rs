@@ -45,7 +45,7 @@ const SPEED: usize = 1;
 const ACCELERATION: usize = 2;
 const LOAD: usize = 3;
 
-/// Standard deviations of a position that its noise spans: three to either side.
+/// Standard deviations of a reading that its noise spans: three to either side.
 const REVERSAL: f32 = 6.0;
 
 /// The estimator of one drive.
@@ -222,7 +222,7 @@ impl<'a> DriveEstimator<'a> {
                 signal.noise_std,
             )
         });
-        self.follow(state);
+        self.follow(state, readings.position);
         let mut complete =
             position.is_none_or(|s| s.fault.is_none()) && speed.is_none_or(|s| s.fault.is_none());
         for (held, reading) in (state.known.iter_mut().zip(&readings.known)).take(model.known.len())
@@ -265,16 +265,20 @@ impl<'a> DriveEstimator<'a> {
         let _ = estimate.loads.push(load);
     }
 
-    /// Directions follow the position. It has turned back once it is further from its turning point
-    /// than its estimate is uncertain, and then has come the whole way from there: noise is no
-    /// motion, and a reversal loses nothing.
-    fn follow(&self, state: &mut DriveState) {
-        let x = state.posterior.state[POSITION];
-        let ahead = x - state.followed;
+    /// Directions follow the position as it is read. It has turned back once it is further from its
+    /// turning point than its noise spans, and then has come the whole way from there: noise is no
+    /// motion, and a reversal loses nothing. The estimated position overshoots where a motion stops
+    /// faster than the filter's band, and its return is no reversal either.
+    fn follow(&self, state: &mut DriveState, position: Measured<f32>) {
         // A position that nothing measures is the integral of a speed, without noise of its own.
-        let uncertain = (self.model.position).map_or(0.0, |_| {
-            REVERSAL * libm::sqrtf(state.posterior.variances()[POSITION])
-        });
+        let (x, uncertain) = match &self.model.position {
+            Some(sensor) => (
+                position.unwrap_or(state.followed),
+                REVERSAL * sensor.noise_std,
+            ),
+            None => (state.posterior.state[POSITION], 0.0),
+        };
+        let ahead = x - state.followed;
         let onward = ahead * state.heading > 0.0;
         let moved = if onward || libm::fabsf(ahead) > uncertain {
             state.heading = libm::copysignf(1.0, ahead);
