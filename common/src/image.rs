@@ -3,7 +3,7 @@
 //! Made by `loadtwin build`, read by the firmware and by the host. It is
 //! postcard; its tables are borrowed from the bytes, so that they stay in flash.
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::Error;
 use crate::bearing::BearingModel;
@@ -40,16 +40,28 @@ pub struct Image<'a> {
 )]
 pub enum Model<'a> {
     /// A torsional drivetrain with strain gauges.
-    #[serde(borrow)]
+    #[serde(borrow, deserialize_with = "apart")]
     Gearbox(GearboxModel<'a>),
     /// A flexible rotor with displacement sensors.
-    #[serde(borrow)]
+    #[serde(borrow, deserialize_with = "apart")]
     Rotor(RotorModel<'a>),
     /// A wheel bearing with strain gauges on its outer ring.
+    #[serde(deserialize_with = "apart")]
     Bearing(BearingModel),
     /// An axis whose drive and motion are measured.
-    #[serde(borrow)]
+    #[serde(borrow, deserialize_with = "apart")]
     Drive(DriveModel<'a>),
+}
+
+/// Reads a machine in a call of its own: inlined, the stack would hold the temporaries of all kinds
+/// at once.
+#[inline(never)]
+fn apart<'de, D, T>(deserializer: D) -> Result<T, D::Error>
+where
+    D: Deserializer<'de>,
+    T: Deserialize<'de>,
+{
+    T::deserialize(deserializer)
 }
 
 impl<'a> Model<'a> {
