@@ -89,6 +89,7 @@ fn missing(columns: &[Column], name: &str) -> Problem {
     const LISTED: usize = 20;
     let mut found: Vec<_> = columns
         .iter()
+        .filter(|c| !c.name.is_empty())
         .take(LISTED)
         .map(|c| shown(&c.name))
         .collect();

@@ -24,9 +24,10 @@ use crate::simulate::{
 pub struct Simulate {
     /// Machine description (TOML).
     machine: PathBuf,
-    /// What the bench does; see the list below.
-    #[arg(long, value_name = "NAME", default_value = "start-stop")]
-    scenario: String,
+    /// What the bench does; see the list below. Where absent: start-stop; of a rotor constant, of
+    /// a bearing lc1.
+    #[arg(long, value_name = "NAME")]
+    scenario: Option<String>,
     /// Draws the noise, and the machine's individual where that is not given.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -62,7 +63,7 @@ impl Simulate {
             }
             _ => {}
         }
-        let mut scenario = Scenario::by_name(&self.scenario)?;
+        let mut scenario = Scenario::by_name(self.scenario_or("start-stop"))?;
         if let Some(duration_s) = self.duration_s {
             scenario.duration_s = duration_s;
         }
@@ -87,11 +88,7 @@ impl Simulate {
             .map(|text| text.parse())
             .collect::<Result<Vec<RotorEffect>, _>>()?;
         let individual = self.individual.unwrap_or(self.seed);
-        let name = if self.scenario == "start-stop" {
-            "constant"
-        } else {
-            &self.scenario
-        };
+        let name = self.scenario_or("constant");
         let scenario = RotorScenario {
             seed: self.seed,
             ..RotorScenario::by_name(name, rotor, individual, self.duration_s)?
@@ -112,7 +109,8 @@ impl Simulate {
         started: Instant,
         as_json: bool,
     ) -> anyhow::Result<()> {
-        let (scenario, usual_s) = BearingScenario::by_name(&self.scenario)?;
+        let name = self.scenario_or("lc1");
+        let (scenario, usual_s) = BearingScenario::by_name(name)?;
         let effects = (self.effect.iter())
             .map(|text| text.parse())
             .collect::<Result<Vec<BearingEffect>, _>>()?;
@@ -128,8 +126,12 @@ impl Simulate {
         let rows = simulation.rows();
         let progress = Progress::new("simulate");
         simulation.write(&self.output, |part| progress.show(part))?;
-        self.say(machine, &self.scenario, rows, started, as_json);
+        self.say(machine, name, rows, started, as_json);
         Ok(())
+    }
+
+    fn scenario_or<'a>(&'a self, usual: &'a str) -> &'a str {
+        self.scenario.as_deref().unwrap_or(usual)
     }
 
     fn say(&self, machine: &Machine, scenario: &str, rows: u64, started: Instant, as_json: bool) {

@@ -3,7 +3,7 @@
 use loadtwin_common::io::estimate::Estimate;
 use loadtwin_machine::Machine;
 
-use super::{BEYOND, CONTRADICTING, Cause};
+use super::{BEYOND, CONTRADICTING, Cause, SETTLED};
 
 /// Part of the nominal load by which a reference and a valid estimate may differ, one standard
 /// deviation beside that of the estimate, where causes are compared: a transducer of class 0.5 and
@@ -115,7 +115,7 @@ impl ReferenceConsistency {
 
     /// Whether the load is outside its band more often than [`CONTRADICTING`].
     pub fn is_outside(&self) -> bool {
-        self.part_beyond() > CONTRADICTING
+        self.beyond >= SETTLED && self.part_beyond() > CONTRADICTING
     }
 
     /// What the reference says against the load, if anything.
@@ -127,7 +127,7 @@ impl ReferenceConsistency {
                 "{load} is outside its band beside the reference in {:.0} % of its valid samples",
                 100.0 * self.part_beyond()
             )
-        } else if deviations.abs() > BIASED && error.abs() > MARGIN {
+        } else if self.compared > SETTLED && deviations.abs() > BIASED && error.abs() > MARGIN {
             format!(
                 "{load} is {:.1} % of nominal {} its reference on average",
                 100.0 * error.abs(),

@@ -142,7 +142,9 @@ impl SensorConsistency {
     /// Whether its readings contradict the description.
     pub(super) fn disagrees(&self) -> bool {
         let biased = self.used > SETTLED && self.bias.is_some_and(|bias| bias.abs() > BIASED);
-        biased || self.part_contradicting() > CONTRADICTING
+        let contradicts =
+            self.contradicting >= SETTLED && self.part_contradicting() > CONTRADICTING;
+        biased || contradicts
     }
 
     /// By how much they do, in words.
