@@ -14,7 +14,6 @@
 //!
 //! Source: Bosmans et al. 2023 for the augmented filter; Singer 1970 for the motion.
 
-mod conversion;
 mod delay_line;
 mod model;
 mod signals;
@@ -23,7 +22,6 @@ pub mod term;
 use heapless::Vec;
 use nalgebra::{RowSVector, SMatrix, SVector};
 
-use crate::drive::conversion::{to_f32, to_i64};
 use crate::drive::signals::{LONGEST_GAP, Readings, SignalHistory};
 use crate::drive::term::{DirectionState, MAX_DIRECTIONS, Motion};
 use crate::error::Error;
@@ -197,7 +195,7 @@ impl<'a> DriveEstimator<'a> {
         } else if let (Some(before), Some(sensor)) = (before, &self.model.position) {
             let per_count = sensor.count / self.model.sample_s;
             let std = sensor.noise_std / self.model.sample_s;
-            state.posterior.state[SPEED] = to_f32(position.wrapping_sub(before)) * per_count;
+            state.posterior.state[SPEED] = position.wrapping_sub(before) as f32 * per_count;
             state.posterior.reset_variance(SPEED, 2.0 * std * std);
             state.started = true;
         }
@@ -299,7 +297,7 @@ impl<'a> DriveEstimator<'a> {
     fn absolute(&self, state: &DriveState) -> f32 {
         self.model.position.map_or(0.0, |sensor| {
             let counts = state.origin.wrapping_add(state.signals.home().unwrap_or(0));
-            sensor.at_zero + to_f32(counts) * sensor.count + state.posterior.state[POSITION]
+            sensor.at_zero + counts as f32 * sensor.count + state.posterior.state[POSITION]
         })
     }
 
@@ -335,9 +333,7 @@ impl<'a> DriveEstimator<'a> {
         let counts = state.origin.wrapping_add(state.signals.home().unwrap_or(0));
         let count = self.model.position.map_or(1.0, |sensor| sensor.count);
         let part = state.posterior.state[POSITION] / count * PLACES;
-        counts
-            .wrapping_mul(PLACES as i64)
-            .wrapping_add(to_i64(part))
+        counts.wrapping_mul(PLACES as i64).wrapping_add(part as i64)
     }
 
     fn load(
@@ -389,7 +385,7 @@ impl<'a> DriveEstimator<'a> {
         if let Some(sensor) = &self.model.position {
             let counts = libm::rintf(x / sensor.count);
             let by = counts * sensor.count;
-            state.origin = state.origin.wrapping_add(to_i64(counts));
+            state.origin = state.origin.wrapping_add(counts as i64);
             state.posterior.state[POSITION] -= by;
             state.followed -= by;
         } else {

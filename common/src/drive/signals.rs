@@ -1,6 +1,5 @@
 //! The signals of a drive: counts unwrapped and homed, early signals delayed to the latest.
 
-use crate::drive::conversion::to_f32;
 use crate::drive::delay_line::DelayLine;
 use crate::drive::model::{DriveModel, MAX_KNOWN, PositionSensor, Signal};
 use crate::io::fault::Fault;
@@ -116,8 +115,8 @@ impl SignalHistory {
         }
         let position = match &model.position {
             Some(sensor) if !stale => self.position.at(sensor.delay, |new, old, part| {
-                let whole = to_f32(new.wrapping_sub(origin));
-                (whole + part * to_f32(old.wrapping_sub(new))) * sensor.count
+                let whole = new.wrapping_sub(origin) as f32;
+                (whole + part * old.wrapping_sub(new) as f32) * sensor.count
             }),
             _ => Err(Fault::Missing),
         };
