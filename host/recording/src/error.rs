@@ -108,10 +108,10 @@ pub enum Problem {
         name: String,
     },
     /// A column that the caller cannot do without.
-    #[error("column `{name}` is missing; found: {found}{}", .nearest.as_ref().map(|n| format!("; did you mean `{n}`?")).unwrap_or_default())]
+    #[error("column {column} is missing; found: {found}{}", .nearest.as_ref().map(|n| format!("; did you mean `{n}`?")).unwrap_or_default())]
     Missing {
-        /// The name.
-        name: String,
+        /// Its name in the file in backquotes, and the channel where that is called otherwise.
+        column: String,
         /// The columns there.
         found: String,
         /// The column there with the most similar name.

@@ -128,19 +128,7 @@ impl Reader {
         let names: Vec<_> = wanted.iter().map(|w| (w.name, w.required)).collect();
         let opened = Opened::open(path, layout, &names)?;
         let columns = opened.columns;
-        let selection = Selection::try_new(&columns, wanted, roles).map_err(|problem| {
-            // By the name that the layout gives it in the file.
-            match problem {
-                Problem::Missing { name, found, .. } if layout.column_of(&name) != name => {
-                    Problem::Missing {
-                        name: format!("{}` of the channel `{name}", layout.column_of(&name)),
-                        found,
-                        nearest: None,
-                    }
-                }
-                other => other,
-            }
-        })?;
+        let selection = Selection::try_new(&columns, wanted, roles, layout)?;
         let source = Source::start(opened.format, selection.picks.clone())?;
         let mut last_t = None;
         let first = read_rows(&source, &selection, 0, &mut last_t)?;

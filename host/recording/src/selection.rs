@@ -1,6 +1,6 @@
 //! The columns that the caller wants, found among those of the recording.
 use super::error::Problem;
-use super::layout::{Column, Role, Wanted};
+use super::layout::{Column, CsvLayout, Role, Wanted};
 use super::unit::{Conversion, Unit};
 use super::{TIME, shown};
 
@@ -23,13 +23,14 @@ impl Selection {
         columns: &[Column],
         wanted: &[Wanted<'_>],
         roles: &[Role],
+        layout: &CsvLayout,
     ) -> Result<Self, Problem> {
         let find = |name: &str| {
             let mut same = (0..columns.len()).filter(|&i| columns[i].name == name);
             match (same.next(), same.next()) {
                 (Some(i), None) => Ok(i),
                 (Some(_), Some(_)) => Err(Problem::Duplicate { name: shown(name) }),
-                (None, _) => Err(missing(columns, name)),
+                (None, _) => Err(missing(columns, name, layout)),
             }
         };
         let time = find(TIME)?;
@@ -85,8 +86,10 @@ fn conversion(column: &Column, wanted: Unit) -> Result<Conversion, Problem> {
         })
 }
 
-fn missing(columns: &[Column], name: &str) -> Problem {
+/// `channel`: its name; in the file it may have another.
+fn missing(columns: &[Column], channel: &str, layout: &CsvLayout) -> Problem {
     const LISTED: usize = 20;
+    let name = layout.column_of(channel);
     let mut found: Vec<_> = columns
         .iter()
         .filter(|c| !c.name.is_empty())
@@ -108,7 +111,11 @@ fn missing(columns: &[Column], name: &str) -> Problem {
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, c)| shown(&c.name));
     Problem::Missing {
-        name: shown(name),
+        column: if name == channel {
+            format!("`{}`", shown(name))
+        } else {
+            format!("`{}` of the channel `{}`", shown(name), shown(channel))
+        },
         found: found.join(", "),
         nearest,
     }

@@ -158,7 +158,7 @@ impl<'a> Planner<'a> {
         });
         let Some(best) = best else {
             return Err(Problem::Missing {
-                name: TIME.into(),
+                column: format!("`{TIME}`"),
                 found: "no channel group with a time channel".into(),
                 nearest: None,
             });
