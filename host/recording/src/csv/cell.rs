@@ -1,7 +1,7 @@
 //! What a cell of text may hold besides a number.
 use std::cell::Cell as Remembered;
 
-use chrono::{DateTime, NaiveDate, NaiveDateTime};
+use chrono::{DateTime, FixedOffset, NaiveDateTime};
 
 use super::number;
 use crate::layout::{ChannelLayout, ColumnType};
@@ -123,46 +123,57 @@ pub(crate) struct Stamp {
     has_zone: bool,
 }
 
+/// Dates and times of day that are recognised; a zone may follow.
+const FORMS: [&str; 8] = [
+    "%Y-%m-%dT%H:%M:%S%.f",
+    "%Y-%m-%d %H:%M:%S%.f",
+    "%Y/%m/%dT%H:%M:%S%.f",
+    "%Y/%m/%d %H:%M:%S%.f",
+    "%d.%m.%YT%H:%M:%S%.f",
+    "%d.%m.%Y %H:%M:%S%.f",
+    "%Y%m%dT%H%M%S%.f",
+    "%Y%m%dT%H:%M:%S%.f",
+];
+
 fn timestamp(text: &str, format: Option<&str>) -> Option<Stamp> {
-    let text = text.replace(',', ".");
-    // Chrono reads no names of zones.
-    let text = (text.strip_suffix("UTC").or(text.strip_suffix("GMT")))
-        .map_or_else(|| text.clone(), |clock| format!("{}Z", clock.trim_end()));
-    let stamp = |format: &str| {
-        let zoned = DateTime::parse_from_str(&text, format).map(|stamp| stamp.to_utc());
-        let has_zone = zoned.is_ok();
-        let plain = || NaiveDateTime::parse_from_str(&text, format).map(|stamp| stamp.and_utc());
-        let ns = zoned.or_else(|_| plain()).ok()?.timestamp_nanos_opt()?;
-        Some(Stamp { ns, has_zone })
-    };
+    let text = &*text.replace(',', ".");
     if let Some(format) = format {
-        return stamp(format);
+        let zoned = DateTime::parse_from_str(text, format).map(|stamp| stamp.to_utc());
+        let has_zone = zoned.is_ok();
+        let plain = || NaiveDateTime::parse_from_str(text, format).map(|stamp| stamp.and_utc());
+        let ns = zoned.or_else(|_| plain()).ok()?.timestamp_nanos_opt()?;
+        return Some(Stamp { ns, has_zone });
     }
-    // A date first: years have four digits, and no number is written so.
-    let starts_with = |length, format| {
-        let date = text.get(..length);
-        date.is_some_and(|date| NaiveDate::parse_from_str(date, format).is_ok())
-    };
-    let (date, separators) = if starts_with(10, "%Y-%m-%d") {
-        ("%Y-%m-%d", ["T", " "])
-    } else if starts_with(10, "%Y/%m/%d") {
-        ("%Y/%m/%d", ["T", " "])
-    } else if starts_with(10, "%d.%m.%Y") {
-        ("%d.%m.%Y", ["T", " "])
-    } else if starts_with(8, "%Y%m%d") && text.get(8..9) == Some("T") {
-        ("%Y%m%d", ["T", "T"])
-    } else {
+    // A date of eight digits first: years have four, and no number is written so.
+    let digits = |from: &str| from.bytes().filter(u8::is_ascii_digit).count();
+    let is_compact = text.get(8..9) == Some("T");
+    if digits(text.get(..if is_compact { 8 } else { 10 })?) != 8 {
         return None;
-    };
-    let clock = if date == "%Y%m%d" && !text.contains(':') {
-        "%H%M%S%.f"
+    }
+    let parsed = |form| NaiveDateTime::parse_and_remainder(text, form).ok();
+    let (stamp, zone) = FORMS.into_iter().find_map(parsed)?;
+    let has_zone = !zone.is_empty();
+    let offset_s = if has_zone {
+        zone_s(zone.trim_start())?
     } else {
-        "%H:%M:%S%.f"
+        0
     };
-    separators.iter().find_map(|separator| {
-        let zoned = format!("{date}{separator}{clock}%#z");
-        stamp(&zoned).or_else(|| stamp(&format!("{date}{separator}{clock}")))
+    let ns = stamp.and_utc().timestamp_nanos_opt()?;
+    Some(Stamp {
+        ns: ns.checked_sub(i64::from(offset_s) * 1_000_000_000)?,
+        has_zone,
     })
+}
+
+/// Seconds by which a zone is ahead of UTC.
+fn zone_s(zone: &str) -> Option<i32> {
+    let offset = |zone: &str| zone.parse::<FixedOffset>().ok();
+    match zone {
+        "Z" | "z" | "UTC" | "GMT" => Some(0),
+        _ => offset(zone)
+            .or_else(|| offset(&format!("{zone}:00")))
+            .map(|offset| offset.local_minus_utc()),
+    }
 }
 
 /// Whether a text is a date and a time of day, such as `03/31/2026 1:30:00 PM`.
@@ -229,6 +240,7 @@ mod tests {
             "2026-03-31T12:00:00.002Z",
             "2026-03-31T14:00:00.002+02:00",
             "2026-03-31T14:00:00.002+0200",
+            "2026-03-31T14:00:00.002+02",
             "2026-03-31 14:00:00.002 +02:00",
             "2026-03-31 12:00:00.002 UTC",
             "2026-03-31 12:00:00.002Z",
