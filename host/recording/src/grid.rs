@@ -273,7 +273,7 @@ impl Grid {
                 since.clear();
             }
             self.watch_rate(row, t_row, ticks)?;
-            let beside = (t_row - self.tick_s) / self.period_s - ticks as f64;
+            let beside = self.error(t_row) - ticks as f64;
             self.beside += (beside - self.beside) / WANDERING;
             if self.memory.is_some() && self.beside.abs() > WANDERS {
                 return Err(Misplaced::Wander { row });
