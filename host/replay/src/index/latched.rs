@@ -65,8 +65,8 @@ impl IndexColumn {
 
     /// Whether most new values are counts that the encoder passed lately; an error where some
     /// are, or where they are counts beside those of the encoder.
-    pub(super) fn latches(&self) -> Result<bool, String> {
-        let changes = self.changes();
+    pub(super) fn latches(&self, latched: Latched) -> Result<bool, String> {
+        let changes = self.changes(latched);
         if self.encoder.is_none() {
             return Ok(false);
         }
@@ -99,8 +99,8 @@ impl IndexColumn {
         }
     }
 
-    fn changes(&self) -> Vec<Change> {
-        let mut pulses = Pulses::new(Kind::Latched(self.latched()));
+    fn changes(&self, latched: Latched) -> Vec<Change> {
+        let mut pulses = Pulses::new(Kind::Latched(latched));
         let rows = self.values.iter().zip(&self.absent).enumerate();
         let mut changes = Vec::new();
         for (row, (&value, &absent)) in rows {

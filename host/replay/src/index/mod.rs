@@ -122,12 +122,13 @@ impl Pulses {
             column: index.name.clone(),
             found,
         };
+        let latched = column.latched();
         let is_latched = match index.signal {
             Some(signal) => signal == IndexSignal::Latched,
-            None => column.latches().map_err(fail)?,
+            None => column.latches(latched).map_err(fail)?,
         };
         let mut pulses = if is_latched {
-            Self::new(Kind::Latched(column.latched()))
+            Self::new(Kind::Latched(latched))
         } else {
             let active_low = index.signal.map(|s| s == IndexSignal::ActiveLow);
             let level = column.level(active_low).map_err(fail)?;
