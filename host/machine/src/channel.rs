@@ -80,6 +80,33 @@ pub struct Channel {
 }
 
 impl Channel {
+    /// A channel that reads what its converter has, without gauge, noise or effects.
+    pub(crate) fn plain(name: &str, unit: Unit, senses: Senses, adc: Adc) -> Self {
+        Self {
+            name: name.into(),
+            unit,
+            senses,
+            offset: 0.0,
+            sensitivity: None,
+            sensitivity_map: None,
+            place: None,
+            patch_map: None,
+            noise_std: 0.0,
+            noise_map: None,
+            drift: None,
+            bending: 0.0,
+            nonlinearity: 0.0,
+            creep: None,
+            hysteresis: None,
+            late_s: 0.0,
+            thermal: None,
+            runout: Vec::new(),
+            group: None,
+            adc,
+            bridge: None,
+        }
+    }
+
     /// A value in the channel's unit, in SI.
     pub fn to_si(&self, value: f64) -> f64 {
         self.unit.to_si(value)
@@ -402,31 +429,14 @@ impl Auxiliary {
     pub fn sampled(&self) -> Option<Channel> {
         let adc = self.adc.as_ref()?;
         let zero = (self.unit.to_si(0.0) / adc.lsb).round() as i32;
+        let adc = Adc {
+            zero: adc.zero.saturating_sub(zero),
+            ..adc.clone()
+        };
         Some(Channel {
-            name: self.name.clone(),
-            unit: self.unit.si(),
-            senses: Senses::Temperature,
-            offset: 0.0,
             sensitivity: Some(1.0),
-            sensitivity_map: None,
-            place: None,
-            patch_map: None,
             noise_std: adc.lsb.abs(),
-            noise_map: None,
-            drift: None,
-            bending: 0.0,
-            nonlinearity: 0.0,
-            creep: None,
-            hysteresis: None,
-            late_s: 0.0,
-            thermal: None,
-            runout: Vec::new(),
-            group: None,
-            adc: Adc {
-                zero: adc.zero.saturating_sub(zero),
-                ..adc.clone()
-            },
-            bridge: None,
+            ..Channel::plain(&self.name, self.unit.si(), Senses::Temperature, adc)
         })
     }
 }

@@ -62,34 +62,15 @@ impl Balance {
     }
 
     fn channel(&self, signal: &Signal) -> Channel {
-        let lsb = self.lsb(signal);
+        let adc = Adc {
+            lsb: self.lsb(signal),
+            zero: 0,
+            bits: 32,
+            stuck_after: Some(0),
+        };
         Channel {
-            name: signal.name.clone(),
-            unit: signal.unit,
-            senses: Senses::Drive(String::new()),
-            offset: 0.0,
-            sensitivity: None,
-            sensitivity_map: None,
-            place: None,
-            patch_map: None,
             noise_std: self.noise_std(signal) / signal.gain.abs(),
-            noise_map: None,
-            drift: None,
-            bending: 0.0,
-            nonlinearity: 0.0,
-            creep: None,
-            hysteresis: None,
-            late_s: 0.0,
-            thermal: None,
-            runout: Vec::new(),
-            group: None,
-            adc: Adc {
-                lsb,
-                zero: 0,
-                bits: 32,
-                stuck_after: Some(0),
-            },
-            bridge: None,
+            ..Channel::plain(&signal.name, signal.unit, Senses::Drive(String::new()), adc)
         }
     }
 
