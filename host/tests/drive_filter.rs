@@ -5,6 +5,9 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
 use serde_json::Value;
 
 /// An axis of 0.5 kg with drag, of which friction and cogging are to be found.
@@ -29,19 +32,11 @@ unit = "N"
 
 /// 30 s at 200 Hz; `pull` acts on the axis from the tenth second on, and no column says so but the
 /// reference.
-fn recording(path: &Path, pull: f64, seed: u32) {
+fn recording(path: &Path, pull: f64, seed: u64) {
     let mut text = String::from("t [s],x [m],f [N],pull [N]\n");
-    let mut random = seed;
-    let mut noise = || {
-        let sum: f64 = (0..12)
-            .map(|_| {
-                random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                f64::from(random >> 8) / f64::from(1 << 24)
-            })
-            .sum();
-        0.03 * (sum - 6.0)
-    };
-    let phase = 0.7 * f64::from(seed);
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut noise = || 0.03 * random.sample::<f64, _>(StandardNormal);
+    let phase = 0.7 * seed as f64;
     for i in 0..6000 {
         let t = f64::from(i) * 5e-3;
         let wave = |size: f64, w: f64, phase: f64| {

@@ -50,16 +50,13 @@ pub fn noise(motions: &[Motion]) -> Vec<(String, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
 
     #[test]
     fn noise_is_found_beside_a_motion_and_a_step() {
-        let mut state = 1_u64;
-        let mut uniform = || {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1);
-            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-        };
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut uniform = || random.random_range(-0.5..0.5);
         let values: Vec<f64> = (0..4000)
             .map(|i| {
                 let step = if i > 2222 { 50.0 } else { 0.0 };

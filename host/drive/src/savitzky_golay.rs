@@ -133,6 +133,8 @@ fn solve(moments: &[f64; 7], right: [f64; 4]) -> Option<[f64; 4]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
 
     /// Irregular steps, a missing sample and the end: a cubic is exact everywhere.
     #[test]
@@ -176,13 +178,8 @@ mod tests {
     /// smoothed noise.
     #[test]
     fn noise_is_smoothed_by_its_gain() {
-        let mut state = 1_u64;
-        let mut uniform = || {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1);
-            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-        };
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut uniform = || random.random_range(-0.5..0.5);
         let t: Vec<f64> = (0..6000).map(|i| f64::from(i) * 1e-3).collect();
         let x: Vec<f64> = t.iter().map(|_| uniform() * 12.0_f64.sqrt()).collect();
         for cutoff_hz in [20.0, 80.0] {
