@@ -2,5 +2,6 @@
 //! refused with a line that says why.
 mod clock;
 mod index;
+mod reported;
 mod table;
 mod time;
