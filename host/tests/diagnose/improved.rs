@@ -5,7 +5,7 @@ use std::path::Path;
 use loadtwin::machine::Machine;
 use serde_json::Value;
 
-use super::{diagnosed, diagnosed_as, loadtwin, machine, recorded, recorded_of};
+use super::{diagnosed, diagnosed_as, example, loadtwin, machine, recorded, recorded_of};
 
 /// Error of the main shaft's torque by the filter [% of nominal].
 pub fn nmae(machine: &str, recording: &str, sensors: &str) -> f64 {
@@ -149,14 +149,16 @@ struct Improved {
     errors: [f64; 2],
 }
 
-fn improved(effect: &str, sensors: &str) -> Improved {
+fn improved(machine: &Path, effect: &str, sensors: &str) -> Improved {
     let folder = tempfile::tempdir().unwrap();
     let effect = [effect];
-    let recording = recorded(folder.path(), "fitted.parquet", "reversals", "60", &effect);
+    let record =
+        |name, scenario| recorded_of(machine, folder.path(), name, scenario, "60", &effect);
+    let recording = record("fitted.parquet", "reversals");
     let out = folder.path().join("improved.toml").display().to_string();
-    let said = diagnosed(&recording, &["--out", &out]);
-    let unseen = recorded(folder.path(), "unseen.parquet", "start-stop", "60", &effect);
-    let described = machine().display().to_string();
+    let said = diagnosed_as(machine, &recording, &["--out", &out]);
+    let unseen = record("unseen.parquet", "start-stop");
+    let described = machine.display().to_string();
     Improved {
         said,
         machine: Machine::load(Path::new(&out)).unwrap(),
@@ -169,7 +171,7 @@ fn improved(effect: &str, sensors: &str) -> Improved {
 /// to explain it. The line runs it, as one inertia more.
 #[test]
 fn a_gear_with_inertia_is_named_alone_with_its_inertia() {
-    let improved = improved("torsional-resonance=1", "torque-arm-3");
+    let improved = improved(&machine(), "torsional-resonance=1", "torque-arm-3");
     let said = &improved.said;
     assert_eq!(said["verdict"], "effect", "{said}");
     let found = &said["effects"][0];
@@ -186,7 +188,7 @@ fn a_gear_with_inertia_is_named_alone_with_its_inertia() {
 /// Where its map varies much over the angle, a gauge suffers most from an angle that errs.
 #[test]
 fn an_eccentric_encoder_is_set_right_in_the_line() {
-    let improved = improved("encoder-eccentricity=1", "ring-gear-3");
+    let improved = improved(&example(), "encoder-eccentricity=1", "ring-gear-3");
     let name = &improved.said["effects"][0]["name"];
     assert_eq!(name, "encoder-eccentricity", "{}", improved.said);
     let encoder = improved.machine.homed_encoder().unwrap();
@@ -200,7 +202,7 @@ fn an_eccentric_encoder_is_set_right_in_the_line() {
 /// The same of an angle that is old: at nominal speed the carrier turns by 3 degrees in 20 ms.
 #[test]
 fn a_gauge_that_comes_late_is_compared_with_where_the_carrier_was() {
-    let improved = improved("channel-delay@rg2=1", "ring-gear-3");
+    let improved = improved(&example(), "channel-delay@rg2=1", "ring-gear-3");
     let name = &improved.said["effects"][0]["name"];
     assert_eq!(name, "channel-delay", "{}", improved.said);
     for channel in &improved.machine.channels {

@@ -61,7 +61,7 @@ fn loads_that_contradict_the_description_get_a_reason() {
 fn recordings_with_different_channels_are_not_diagnosed_together() {
     let folder = tempfile::tempdir().unwrap();
     let both = recorded(folder.path(), "both.parquet", "start-stop", "30", &[]);
-    let one = only(folder.path(), |block| {
+    let one = only(&machine(), folder.path(), |block| {
         !block.contains("name = \"torque_hss\"")
     });
     let one = recorded_of(&one, folder.path(), "one.parquet", "start-stop", "30", &[]);

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 use super::improved::nmae;
-use super::{diagnosed, diagnosed_as, machine, recorded, recorded_of, rewritten};
+use super::{diagnosed, diagnosed_as, example, machine, recorded, recorded_of, rewritten};
 
 /// The example with `from` written as `to`.
 fn described(folder: &Path, from: &str, to: &str) -> PathBuf {
@@ -72,7 +72,14 @@ fn a_gain_that_warmth_changes_is_named_where_the_torque_swings() {
 #[test]
 fn angles_read_half_a_sample_late_are_no_drag() {
     let folder = tempfile::tempdir().unwrap();
-    let mut recording = recorded(folder.path(), "clean.csv", "reversals", "60", &[]);
+    let mut recording = recorded_of(
+        &example(),
+        folder.path(),
+        "clean.csv",
+        "reversals",
+        "60",
+        &[],
+    );
     for encoder in ["encoder_main", "encoder_hss"] {
         let late = folder.path().join(format!("{encoder}.csv"));
         let mut before = None;
@@ -87,7 +94,7 @@ fn angles_read_half_a_sample_late_are_no_drag() {
         });
         recording = late.display().to_string();
     }
-    let said = diagnosed(&recording, &[]);
+    let said = diagnosed_as(&example(), &recording, &[]);
     assert_eq!(said["verdict"], "effect", "{said}");
     assert_eq!(said["effects"][0]["name"], "channel-delay");
 }
