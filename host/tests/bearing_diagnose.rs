@@ -16,7 +16,7 @@ fn example() -> PathBuf {
 }
 
 fn record(scenario: &str, seed: u64, effects: &[BearingEffect], folder: &Path) -> PathBuf {
-    const DURATION_S: f64 = 24.0;
+    const DURATION_S: f64 = 20.0;
     let machine = Machine::load(&example()).unwrap();
     let Some(Kind::Bearing(bearing)) = machine.kind() else {
         unreachable!("the example is a bearing");
