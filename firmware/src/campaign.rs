@@ -5,7 +5,7 @@
 //! the samples that follow, and compares with what the clean line says of the
 //! same samples. It ends when all alarms are gone, or after [`LONGEST`]
 //! samples. The same code runs on the host and on the emulated board; the
-//! digest over all outputs tells whether both computed the same bits.
+//! digest over all outputs shows whether both computed the same bits.
 
 use heapless::Vec;
 use loadtwin_common::estimator::Estimator;
@@ -154,7 +154,7 @@ pub struct Machine {
     pub ends: [i32; 2],
 }
 
-/// What of an estimate a run is judged by.
+/// What of an estimate a run is evaluated by.
 #[derive(Clone, Copy, Debug, Default)]
 struct Summary {
     flags: u32,

@@ -51,7 +51,7 @@ impl<F: NorFlash, const N: usize> Models<F, N> {
         if let Some(active) = self.store.active().copied() {
             let (at, len) = (active.payload, active.header.length);
             let image = read(self.store.flash_mut(), at, len, room);
-            // It was judged before it became the active one.
+            // It was checked before it became the active one.
             let _ = image.map(|image| app.load(image, name(&active.header)));
         }
         app.set_refused(self.store.passed_over().map_or(0, ImageError::code));
@@ -66,7 +66,7 @@ impl<F: NorFlash, const N: usize> Models<F, N> {
     }
 
     /// Works on the upload; gives the frame to send, and the refusal's code
-    /// for the status frame where an image was judged (0: accepted).
+    /// for the status frame where an image was checked (0: accepted).
     pub fn poll(&mut self) -> (Option<Frame>, Option<u8>) {
         let progress = self.upload.poll(&mut self.store, self.room, is_accepted);
         let refused = progress.event.map(|event| match event {

@@ -1,6 +1,6 @@
 //! What the watchdog is fed for: samples that were processed.
 
-/// Tells whether a wrapping count has gone on.
+/// Detects whether a wrapping count has gone on.
 ///
 /// A board's thread feeds the watchdog only then, so that a converter, a sample
 /// clock or an estimator that stands still starts the board over, as a thread that

@@ -1,4 +1,4 @@
-//! What a test tells the emulated board: the world that its sensors see.
+//! What a test sends to the emulated board: the readings of its sensors.
 //!
 //! Postcard messages in COBS frames, each ended by a zero byte.
 

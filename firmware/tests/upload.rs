@@ -354,7 +354,7 @@ fn a_million_forged_or_replayed_frames_are_refused() {
     assert!(answered > 10_000, "the board listened: {answered}");
     assert!(
         board.events.len() > 1000,
-        "uploads were judged: {}",
+        "uploads were checked: {}",
         board.events.len()
     );
     assert!(board.events.iter().all(|e| matches!(e, Event::Refused(_))));

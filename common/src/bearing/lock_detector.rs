@@ -4,7 +4,7 @@ use crate::bearing::ekf::BlockInnovation;
 use crate::bearing::{GAUGES, GaugeModel};
 
 /// Part of the local strain's mean square that may stay unexplained, and the
-/// blocks over which it is judged.
+/// blocks over which it is evaluated.
 const UNEXPLAINED: f32 = 0.06;
 const FITTED_BLOCKS: f32 = 16.0;
 

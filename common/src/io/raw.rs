@@ -9,7 +9,7 @@ pub const MAX_CHANNELS: usize = 8;
 pub const MAX_ENCODERS: usize = 2;
 
 /// One sample as the board took it: converter words and latched counters,
-/// nothing converted, nothing judged.
+/// neither converted nor checked.
 ///
 /// A channel whose bit in `valid` is 0 was not delivered (converter time-out,
 /// failed CRC, empty cell of a recording); its word is not looked at.

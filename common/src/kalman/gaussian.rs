@@ -29,7 +29,7 @@ pub struct Gaussian<const NX: usize> {
 }
 
 impl<const NX: usize> Gaussian<NX> {
-    /// Belief with mean `state` and covariance `P` (`NX` x `NX`).
+    /// Estimate with mean `state` and covariance `P` (`NX` x `NX`).
     ///
     /// # Errors
     /// `NotFinite("state")`, `NotFinite("covariance")`,
@@ -54,7 +54,7 @@ impl<const NX: usize> Gaussian<NX> {
         Ok(Self { state, upper: *p })
     }
 
-    /// Belief in independent states with the given variances, [state unit]^2.
+    /// Estimate of independent states with the given variances, [state unit]^2.
     ///
     /// # Errors
     /// As [`Gaussian::try_new`].

@@ -136,8 +136,8 @@ mod tests {
     #[test]
     fn a_gate_opens_after_its_patience_and_closes_when_the_filter_has_caught_up() {
         let mut gate = Gate::try_new(9.0, 3).unwrap();
-        let judged = [100.0, 100.0, 100.0, 100.0, 50.0, 8.0, 10.0].map(|nis| gate.accepts(nis));
-        assert_eq!(judged, [false, false, false, true, true, true, false]);
+        let accepted = [100.0, 100.0, 100.0, 100.0, 50.0, 8.0, 10.0].map(|nis| gate.accepts(nis));
+        assert_eq!(accepted, [false, false, false, true, true, true, false]);
         assert_eq!((gate.rejections(), gate.is_exhausted()), (1, false));
         gate.accepts(10.0);
         gate.accepts(10.0);

@@ -166,14 +166,14 @@ pub fn update<const NX: usize>(
     if !(inverse > 0.0 && nis <= f32::MAX) {
         return Innovation::INVALID;
     }
-    let judged = |outcome| Innovation {
+    let innovation_with = |outcome| Innovation {
         value: innovation,
         variance: s,
         nis,
         outcome,
     };
     if !gate.accepts(nis) {
-        return judged(Outcome::Gated);
+        return innovation_with(Outcome::Gated);
     }
     if NX <= UNROLLED {
         unroll!(j in 0..NX {
@@ -183,7 +183,7 @@ pub fn update<const NX: usize>(
                 p[j][i] -= w[i] * k_j;
             }
         });
-        return judged(Outcome::Used);
+        return innovation_with(Outcome::Used);
     }
     for (x, w) in posterior.state.iter_mut().zip(&w) {
         *x += w * inverse * innovation;
@@ -204,7 +204,7 @@ pub fn update<const NX: usize>(
             *p -= w * k;
         }
     }
-    judged(Outcome::Used)
+    innovation_with(Outcome::Used)
 }
 
 /// A nonlinear set of `NY` channels over `NX` states.

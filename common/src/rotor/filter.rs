@@ -30,7 +30,7 @@ pub const BIASES: usize = 4;
 /// Rows of `D` that are multiplied at once: as many as share a loaded column.
 const ROWS: usize = 4;
 
-/// A floating-point number: `f32` on the line, `f64` where it is judged.
+/// A floating-point number: `f32` on the line, `f64` where accuracy is evaluated.
 pub trait Real:
     Copy
     + PartialOrd

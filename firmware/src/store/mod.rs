@@ -153,7 +153,7 @@ impl<F: NorFlash> Store<F> {
             _ => [a, b],
         };
         for candidate in newer_first.into_iter().flatten() {
-            match store.judge(candidate.slot, &candidate.header, &mut accept) {
+            match store.check(candidate.slot, &candidate.header, &mut accept) {
                 Ok(()) => {
                     store.active = Some(candidate);
                     break;
@@ -401,7 +401,7 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    fn judge(
+    fn check(
         &mut self,
         slot: Slot,
         header: &Header,

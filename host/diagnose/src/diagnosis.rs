@@ -56,7 +56,7 @@ pub enum DiagnoseError {
     Sensors(#[from] BuildError),
     /// A load that can imitate any effect.
     #[error(
-        "rotor.load[{0}].kind: found \"walk\", allowed: \"unbalance\"; beside a load that may be anything no effect can be told"
+        "rotor.load[{0}].kind: found \"walk\", allowed: \"unbalance\"; beside a load that may be anything no effect can be distinguished"
     )]
     AnyLoad(usize),
     /// The rotor cannot be computed.

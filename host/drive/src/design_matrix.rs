@@ -8,7 +8,7 @@ use crate::motion::Motion;
 /// Groups of blocks that are left out in turn.
 const FOLDS: usize = 10;
 
-/// Judged values that are left out together: two periods of the cut-off.
+/// Decimated values that are left out together: two periods of the cut-off.
 const BLOCK_ROWS: usize = 8;
 
 /// From so many recordings on, whole ones are left out: an effect has to hold
@@ -25,7 +25,7 @@ pub const OFFSET_PRIOR: f64 = 0.1;
 /// Rows a recording, on average, from which on an offset leaves something of it.
 const FEWEST_ROWS_WITH_OFFSET: usize = 10;
 
-/// What recordings say about a balance, judged value by judged value.
+/// What recordings say about a balance, decimated value by decimated value.
 pub struct Dataset {
     /// The drive [its unit].
     pub drive: Vec<f64>,
@@ -57,7 +57,7 @@ impl Dataset {
         let parts = STRETCHES.div_ceil(motions.len().max(1));
         let mut first_stretch = 0;
         for (k, motion) in motions.iter().enumerate() {
-            let drive = motion.judged(&motion.drive);
+            let drive = motion.decimated(&motion.drive);
             let n = drive.len();
             let parts = parts.min(n);
             for i in 0..n {
@@ -73,7 +73,7 @@ impl Dataset {
                 table.recording.push(k);
             }
             first_stretch += parts;
-            table.t.extend(motion.judged_times());
+            table.t.extend(motion.decimated_times());
             table.drive.extend(drive);
         }
         if by_recording && table.has_offsets(motions.len()) {
@@ -133,7 +133,7 @@ pub fn linear(motions: &[Motion]) -> Vec<Vec<f64>> {
 fn joined(motions: &[Motion], of: impl Fn(&Motion) -> Vec<Vec<f64>> + Sync) -> Vec<Vec<f64>> {
     let each: Vec<Vec<Vec<f64>>> = motions
         .par_iter()
-        .map(|motion| of(motion).iter().map(|c| motion.judged(c)).collect())
+        .map(|motion| of(motion).iter().map(|c| motion.decimated(c)).collect())
         .collect();
     let count = each.first().map_or(0, Vec::len);
     (0..count)

@@ -28,7 +28,7 @@ pub struct Diagnosis {
     pub notes: Vec<String>,
     /// Values that jumped out of their column alone and were left out.
     pub spikes: usize,
-    /// The drive is judged below this (Hz).
+    /// The balance is evaluated below this (Hz).
     pub cutoff_hz: f64,
     /// Recordings that were fitted.
     pub fitted_on: Vec<String>,

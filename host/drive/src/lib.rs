@@ -53,7 +53,7 @@ use crate::stepwise::{LINEAR_PRIOR, Selection};
 use loadtwin_machine::{Balance, BalanceEffect, Machine, MachineError, Regime, Violation};
 use loadtwin_recording::RecordingError;
 
-/// Fewest judged values that a diagnosis rests on.
+/// Fewest decimated values that a diagnosis rests on.
 const FEWEST: usize = 60;
 
 /// Fewest recordings at steady speed.
@@ -112,7 +112,7 @@ pub struct Request<'a> {
     pub fit: &'a [PathBuf],
     /// Recordings to report on; a third of each fitted one where empty.
     pub validate: &'a [PathBuf],
-    /// The drive is judged below this (Hz).
+    /// The balance is evaluated below this (Hz).
     pub cutoff_hz: f64,
     /// Where the improved description goes.
     pub machine_out: Option<&'a Path>,
@@ -143,9 +143,9 @@ pub fn diagnose(
     } else {
         (read(request.fit)?, read(request.validate)?)
     };
-    let (table, judge) = (Dataset::new(&fitted), Dataset::new(&validation));
+    let (table, held_out) = (Dataset::new(&fitted), Dataset::new(&validation));
     enough(&fitted, &table, balance)?;
-    enough_to_judge(&judge)?;
+    check_length(&held_out)?;
 
     let base = base(balance, &fitted);
     let scale = Scale::new(&fitted, request.cutoff_hz);
@@ -165,7 +165,7 @@ pub fn diagnose(
         &selection,
         &base,
         (&fitted, &table),
-        (&validation, &judge),
+        (&validation, &held_out),
     );
 
     let machine_out = request.machine_out.map(Path::to_owned);
@@ -221,7 +221,7 @@ fn enough(motions: &[Motion], table: &Dataset, balance: &Balance) -> Result<(), 
     Ok(())
 }
 
-fn enough_to_judge(table: &Dataset) -> Result<(), BalanceError> {
+fn check_length(table: &Dataset) -> Result<(), BalanceError> {
     if table.len() < 3 {
         return Err(BalanceError::TooLittle {
             what: "values to validate on",

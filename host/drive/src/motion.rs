@@ -47,8 +47,8 @@ pub struct Motion {
     pub spikes: usize,
     /// Columns with the standard deviation of their white noise [the column's unit].
     pub noise: Vec<(String, f64)>,
-    /// Samples at which the balance is judged, and the low-pass applied there.
-    judged: Vec<usize>,
+    /// Samples at which the low-pass is evaluated: four a period of the cut-off.
+    decimated: Vec<usize>,
     smoother: Smoother,
 }
 
@@ -117,7 +117,7 @@ impl Motion {
             is_angle: balance.is_angle(),
             spikes,
             noise,
-            judged: Vec::new(),
+            decimated: Vec::new(),
             smoother: Smoother::new(f64::INFINITY),
             t,
         };
@@ -139,7 +139,7 @@ impl Motion {
             }
             Regime::Holding => {
                 motion.position = position.unwrap_or_default();
-                motion.judged = (0..motion.t.len())
+                motion.decimated = (0..motion.t.len())
                     .filter(|&i| motion.is_whole(i))
                     .collect();
             }
@@ -188,7 +188,7 @@ impl Motion {
         let step = (0.25 / (cutoff_hz * period_s)).round().max(1.0) as usize;
         let reach = self.smoother.reach_s();
         let (first, last) = (self.t[0] + reach, self.t[self.t.len() - 1] - reach);
-        self.judged = (0..self.t.len())
+        self.decimated = (0..self.t.len())
             .step_by(step)
             .filter(|&i| (first..=last).contains(&self.t[i]) && self.is_whole(i))
             .collect();
@@ -207,7 +207,7 @@ impl Motion {
         self.t = vec![0.0];
         self.position = vec![0.0];
         self.acceleration = vec![0.0];
-        self.judged = vec![0];
+        self.decimated = vec![0];
     }
 
     fn is_whole(&self, i: usize) -> bool {
@@ -217,14 +217,14 @@ impl Motion {
             .all(|x| x[i].is_finite())
     }
 
-    /// Time at which each judged value stands [s].
-    pub fn judged_times(&self) -> Vec<f64> {
-        self.judged.iter().map(|&i| self.t[i]).collect()
+    /// Time at which each decimated value stands [s].
+    pub fn decimated_times(&self) -> Vec<f64> {
+        self.decimated.iter().map(|&i| self.t[i]).collect()
     }
 
-    /// A signal as it is judged: below the cut-off, four values a period of it.
-    pub fn judged(&self, signal: &[f64]) -> Vec<f64> {
-        self.judged
+    /// A signal below the cut-off, with four values a period of it.
+    pub fn decimated(&self, signal: &[f64]) -> Vec<f64> {
+        self.decimated
             .iter()
             .map(|&i| self.smoother.mean(&self.t, signal, i))
             .collect()
@@ -276,7 +276,7 @@ impl Motion {
             is_angle: false,
             spikes: 0,
             noise: Vec::new(),
-            judged: Vec::new(),
+            decimated: Vec::new(),
             smoother: Smoother::new(f64::INFINITY),
         }
     }
@@ -292,13 +292,13 @@ fn finite_near(x: &[f64], i: usize) -> usize {
 }
 
 impl Motion {
-    /// The same motion twice, judged in two parts: without and with the last third;
+    /// The same motion twice, decimated in two parts: without and with the last third;
     /// of positions held, without and with each third.
     #[must_use]
     pub fn split(self) -> (Self, Self) {
         let mut rest = self.clone();
         let mut fit = self;
-        let n = fit.judged.len();
+        let n = fit.decimated.len();
         let regime = fit.regime;
         let is_rest = |i: usize| match regime {
             Regime::Moving => 3 * i >= 2 * n,
@@ -307,10 +307,10 @@ impl Motion {
         let part = |rest: bool| {
             (0..n)
                 .filter(|&i| is_rest(i) == rest)
-                .map(|i| fit.judged[i])
+                .map(|i| fit.decimated[i])
                 .collect()
         };
-        (rest.judged, fit.judged) = (part(true), part(false));
+        (rest.decimated, fit.decimated) = (part(true), part(false));
         (fit, rest)
     }
 

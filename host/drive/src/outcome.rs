@@ -23,7 +23,7 @@ const FAR_BEYOND: f64 = 2.0;
 /// The same for the position, where a polynomial soon leaves what it was fitted to.
 const POSITION_BEYOND: f64 = 1.2;
 
-/// Part of the drive's RMS above which a contribution of the wrong sign is told.
+/// Part of the drive's RMS above which a contribution of the wrong sign is reported.
 const WRONG_SIGN: f64 = 0.1;
 
 /// Everything that was fitted, and its errors.
@@ -47,7 +47,7 @@ impl Outcome {
         selection: &Selection<'_>,
         base: &Columns,
         (fitted, table): (&[Motion], &Dataset),
-        (validation, judge): (&[Motion], &Dataset),
+        (validation, held_out): (&[Motion], &Dataset),
     ) -> Self {
         let noise = selection.noise_variance();
         let with_offsets = selection.base();
@@ -72,26 +72,26 @@ impl Outcome {
         beside.truncate(count);
         // What each of the four models leaves of recordings that it never saw.
         let base_there = crate::base(balance, validation);
-        let rows = judge.len();
+        let rows = held_out.len();
         let none = vec![0.0; effects_there.len()];
         let residual = |linear: &[f64], effects: &[f64]| -> Vec<f64> {
-            let rest = without(&judge.drive, &base_there.times(linear, rows));
+            let rest = without(&held_out.drive, &base_there.times(linear, rows));
             without(&rest, &effects_there.times(effects, rows))
         };
         let before = residual(&plain, &none);
         let after = residual(known, found);
         let error = Errors {
             nominal: BeforeAfter {
-                before: figure(&residual(&nominal, &none), judge),
-                after: figure(&residual(&nominal, &beside), judge),
+                before: figure(&residual(&nominal, &none), held_out),
+                after: figure(&residual(&nominal, &beside), held_out),
             },
             recalibrated: BeforeAfter {
-                before: figure(&before, judge),
-                after: figure(&after, judge),
+                before: figure(&before, held_out),
+                after: figure(&after, held_out),
             },
             recalibrated_own_offset: BeforeAfter {
-                before: figure_about_means(&before, judge),
-                after: figure_about_means(&after, judge),
+                before: figure_about_means(&before, held_out),
+                after: figure_about_means(&after, held_out),
             },
         };
         let loads = balance.loads.len();
@@ -116,7 +116,7 @@ impl Outcome {
             effects,
             model_std: (selection.fitted().left_out_squares() / table.len() as f64).sqrt(),
             error,
-            validated: validated(validation, judge, &before, &after),
+            validated: validated(validation, held_out, &before, &after),
             remainder: Remainder::new(fitted, table, &left),
             beyond,
             spikes,
@@ -238,7 +238,7 @@ fn notes(
         });
     }
     let power = |x: &mut dyn Iterator<Item = f64>| x.map(|x| x * x).sum::<f64>();
-    let accelerations = fitted.iter().flat_map(|m| m.judged(&m.acceleration));
+    let accelerations = fitted.iter().flat_map(|m| m.decimated(&m.acceleration));
     let inertial = power(&mut accelerations.map(|a| a * linear.inertia));
     let drive = power(&mut table.drive.iter().copied());
     if linear.inertia < 0.0 && inertial > WRONG_SIGN * WRONG_SIGN * drive {
@@ -330,12 +330,12 @@ fn effects(balance: &Balance, selection: &Selection<'_>, c: &[f64]) -> Vec<Balan
 }
 
 /// The error on each recording, from the residuals `before` and `after`.
-fn validated(motions: &[Motion], judge: &Dataset, before: &[f64], after: &[f64]) -> Vec<Validated> {
+fn validated(motions: &[Motion], held_out: &Dataset, before: &[f64], after: &[f64]) -> Vec<Validated> {
     let power = |x: &[f64], k: usize| -> f64 {
-        let here = judge.recording.iter().zip(x).filter(|(r, _)| **r == k);
+        let here = held_out.recording.iter().zip(x).filter(|(r, _)| **r == k);
         here.map(|(_, x)| x * x).sum()
     };
-    let percent = |rest: &[f64], k| 100.0 * (power(rest, k) / power(&judge.drive, k)).sqrt();
+    let percent = |rest: &[f64], k| 100.0 * (power(rest, k) / power(&held_out.drive, k)).sqrt();
     motions
         .iter()
         .enumerate()
@@ -350,7 +350,7 @@ fn validated(motions: &[Motion], judge: &Dataset, before: &[f64], after: &[f64])
 /// Where the validation goes far beyond what was fitted.
 fn beyond(fitted: &[Motion], validation: &[Motion]) -> Vec<Beyond> {
     let greatest = |motions: &[Motion], of: fn(&Motion) -> &Vec<f64>| {
-        let values = motions.iter().flat_map(|m| m.judged(of(m)));
+        let values = motions.iter().flat_map(|m| m.decimated(of(m)));
         values.fold(0.0, |a: f64, b| a.max(b.abs()))
     };
     let compared = |what, of: fn(&Motion) -> &Vec<f64>| Beyond {
@@ -359,7 +359,7 @@ fn beyond(fitted: &[Motion], validation: &[Motion]) -> Vec<Beyond> {
         validated: greatest(validation, of),
     };
     let positions = |motions: &[Motion]| -> (f64, f64) {
-        let values = motions.iter().flat_map(|m| m.judged(&m.position));
+        let values = motions.iter().flat_map(|m| m.decimated(&m.position));
         values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
             (a.min(x), b.max(x))
         })

@@ -6,7 +6,7 @@ const FAR: f64 = 10.0;
 /// Values on either side that a value is compared with.
 const BESIDE: usize = 2;
 
-/// Replaces by NaN what jumps out alone, and tells how many values that were.
+/// Replaces by NaN what jumps out alone, and returns how many values that were.
 ///
 /// `|x_i - m| > 10 max(q, r)`, with `m` the median of two values on either side and
 /// `r` their range, so that neither a step nor a sharp turn is one; `q` is the 99th

@@ -104,7 +104,7 @@ pub struct Selection<'a> {
 }
 
 impl<'a> Selection<'a> {
-    /// Looks for effects beyond `base`; tells the part done, 0 to 1.
+    /// Looks for effects beyond `base`; reports the part done, 0 to 1.
     pub fn find(
         motions: &'a [Motion],
         table: &'a Dataset,
@@ -143,7 +143,7 @@ impl<'a> Selection<'a> {
                 break;
             }
         }
-        selection.judge(&candidates, kinds);
+        selection.evaluate(&candidates, kinds);
         selection
     }
 
@@ -257,7 +257,7 @@ impl<'a> Selection<'a> {
     }
 
     /// Takes the shape on trial that is best now: what was noise beside a missing
-    /// effect may be told from it once that is there.
+    /// effect may be distinguished from it once that is there.
     fn rescan(&mut self, candidates: &[Part]) {
         for k in 0..self.parts.len() {
             let others = self.columns(Some(k));
@@ -335,7 +335,7 @@ impl<'a> Selection<'a> {
     }
 
     /// Evidence of each part, and what would do in its place.
-    fn judge(&mut self, candidates: &[Part], kinds: usize) {
+    fn evaluate(&mut self, candidates: &[Part], kinds: usize) {
         let current = self.fitted();
         for k in 0..self.parts.len() {
             let others = self.columns(Some(k));

@@ -32,9 +32,9 @@ const UNKNOWN_PERCENT: f64 = 10.0;
 pub struct Remainder {
     /// Its RMS [% of the drive's].
     pub percent: f64,
-    /// Correlation of one judged value with the next; about 0.4 for noise below the cut-off.
+    /// Correlation of one decimated value with the next; about 0.4 for noise below the cut-off.
     pub neighbours: f64,
-    /// Greatest correlation, in size, of judged values further apart; 0 for noise.
+    /// Greatest correlation, in size, of decimated values further apart; 0 for noise.
     pub lasting: f64,
     /// Whether it is large, and anything but noise: something unknown acts.
     pub unknown: bool,
@@ -55,7 +55,7 @@ impl Remainder {
             if power > 0.0 { pairs / power } else { 0.0 }
         };
         let variable = |of: fn(&Motion) -> &Vec<f64>| -> f64 {
-            let values: Vec<f64> = motions.iter().flat_map(|m| m.judged(of(m))).collect();
+            let values: Vec<f64> = motions.iter().flat_map(|m| m.decimated(of(m))).collect();
             explained(&values, rest)
         };
         let mut function_of = vec![

@@ -99,7 +99,7 @@ impl Named {
         for (name, rate) in [
             (what, self.all),
             ("  where the recording shows it", self.shown),
-            ("  there, or told to be inseparable", self.among),
+            ("  there, or reported as inseparable", self.among),
         ] {
             writeln!(f, "{name:<36}{rate}")?;
         }

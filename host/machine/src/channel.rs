@@ -207,7 +207,7 @@ fn patch() -> f64 {
 /// Drift of a channel's zero, or of a load that channels share: `b+ = a b + w`, `a = exp(-dt / time_s)`,
 /// `var w = std^2 (1 - a^2)`.
 ///
-/// The deviation is bounded by `std`, so that where nothing tells the drift from
+/// The deviation is bounded by `std`, so that where nothing separates the drift from
 /// a load, the load takes the change and its standard deviation grows by no
 /// more than the drift's; where the sensitivity varies over the carrier angle,
 /// or another sensor contradicts, the drift is found and taken out.

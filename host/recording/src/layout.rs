@@ -14,7 +14,7 @@ use super::unit::Unit;
 ///
 /// The defaults read what `loadtwin` writes: comma-separated, `#` comments, a
 /// header `t [s],ta1 [µm/m],...`. What is absent is recognised where the file
-/// leaves no doubt, and reported. `delimiter`, `comment`, `skip_lines`,
+/// leaves one possibility, and reported. `delimiter`, `comment`, `skip_lines`,
 /// `columns`, `decimal_comma`, `encoding` and `row_period_ms` are for text; the
 /// others hold for Parquet and MDF4 as well.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

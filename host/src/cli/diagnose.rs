@@ -33,8 +33,8 @@ pub struct Diagnose {
     /// Recordings (CSV, Parquet or MDF4).
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
-    /// Recordings that take no part in the fit and on which the error is told.
-    /// Without them it is told on the fitted recordings (of a measured drive on
+    /// Recordings that take no part in the fit and on which the error is reported.
+    /// Without them it is reported on the fitted recordings (of a measured drive on
     /// their last third, which is then left out).
     #[arg(long, num_args = 1.., value_name = "RECORDING")]
     validate: Vec<PathBuf>,
@@ -44,7 +44,7 @@ pub struct Diagnose {
     /// Write a page with plots to FILE.html.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-    /// Judge the balance of a measured drive below this frequency [Hz]; the
+    /// Evaluate the balance of a measured drive below this frequency [Hz]; the
     /// description's `tuning.cutoff_hz` where absent.
     #[arg(long, value_name = "HZ")]
     cutoff_hz: Option<f64>,

@@ -21,7 +21,7 @@ use crate::tables::{
 /// Reproduce tables 2 and 3 of Bosmans et al. 2023 on simulated individuals.
 ///
 /// Each individual of the shipped gearbox is calibrated and tuned on
-/// recordings of its own and judged on another one. The paper's figure stands
+/// recordings of its own and evaluated on another one. The paper's figure stands
 /// beside ours, mean +- standard deviation over the individuals.
 #[derive(Debug, Args)]
 pub struct Tables {

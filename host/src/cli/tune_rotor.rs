@@ -160,7 +160,7 @@ fn print(choices: &[(Choice, Evaluation)], recording: &Path, is_tuned_on: bool) 
     } else {
         ""
     };
-    say!("judged on {}{note}", recording.display());
+    say!("evaluated on {}{note}", recording.display());
 }
 
 /// The description with the noise of `tuned`, without a name yet.

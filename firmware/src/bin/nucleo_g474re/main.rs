@@ -324,7 +324,7 @@ async fn receive(mut rx: CanRx<'static>, mut inbox: Producer<'static, Frame>) {
                 // A full inbox drops a frame of an upload, which then fails by its own checks.
                 let _ = inbox.enqueue(Frame { id, data });
             }
-            // Told by the counters in `watch`; a pause keeps a dead bus from taking the thread.
+            // Reported by the counters in `watch`; a pause keeps a dead bus from taking the thread.
             Err(_) => Timer::after_millis(1).await,
         }
     }

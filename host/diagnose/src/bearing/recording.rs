@@ -55,7 +55,7 @@ impl BearingRecording {
             return Err(DiagnoseError::TooLittle {
                 recording: path.to_owned(),
                 reason: format!(
-                    "the phases of ball passing were followed for {followed_s:.1} s, too little to tell an effect from chance; at least {SHORTEST_S} s are needed, with all loads told and the wheel turning"
+                    "the phases of ball passing were followed for {followed_s:.1} s, too little to distinguish an effect from chance; at least {SHORTEST_S} s are needed, with all loads given and the wheel turning"
                 ),
             });
         }

@@ -93,11 +93,11 @@ impl Diagnosable for DrivetrainResiduals {
         let lacks = match self.torque_source {
             TorqueSource::References => None,
             TorqueSource::Gauges => Some(
-                "no reference load: what all gauges have in common cannot be told from the torque"
+                "no reference load: what all gauges have in common cannot be distinguished from the torque"
                     .into(),
             ),
             TorqueSource::Filter => Some(format!(
-                "no reference load and no shaft with {MIN_GAUGES} gauges: only innovations are judged; \
+                "no reference load and no shaft with {MIN_GAUGES} gauges: only innovations are tested; \
                  what the estimated load takes up is not seen, and no effect can be named",
             )),
         };
@@ -354,7 +354,7 @@ fn read(machine: &Machine, paths: &[PathBuf]) -> Result<Vec<DrivetrainResiduals>
         let first = (&paths[0], &recordings[0]);
         if let Some((has, lacks, what)) = differing(first, (path, recording)) {
             let reason = format!(
-                "has no {what}, as {} has; paths that are judged together need the same columns",
+                "has no {what}, as {} has; recordings that are diagnosed together need the same columns",
                 has.display()
             );
             return Err(DiagnoseError::TooLittle {

@@ -98,7 +98,7 @@ impl Diagnosable for RotorResiduals {
         let silent = cannot_show(selection);
         (self.one_speed() && !silent.is_empty()).then(|| {
             format!(
-                "at one speed an unbalance does the same as {}: not to be told apart; {} would",
+                "at one speed an unbalance does the same as {}: not to be distinguished; {} would",
                 silent.join(", "),
                 effect::RUN_UP
             )

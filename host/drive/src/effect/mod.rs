@@ -93,16 +93,16 @@ pub struct Scale {
     pub turn: Option<f64>,
     /// Whether the position is a recorded angle.
     pub is_angle: bool,
-    /// Resolution in time of what is judged (s).
+    /// Resolution in time of decimated values (s).
     pub resolution_s: f64,
-    /// Judged values in all recordings.
+    /// Decimated values in all recordings.
     pub rows: usize,
     /// Greatest duration of a recording (s).
     pub duration_s: f64,
 }
 
 impl Scale {
-    /// Sizes of `motions`, judged below `cutoff_hz`.
+    /// Sizes of `motions`, decimated below `cutoff_hz`.
     pub fn new(motions: &[Motion], cutoff_hz: f64) -> Self {
         let all = |f: fn(&Motion) -> &Vec<f64>| {
             motions
@@ -134,7 +134,7 @@ impl Scale {
             turn: motions.first().and_then(|m| m.turn),
             is_angle: motions.first().is_some_and(|m| m.is_angle),
             resolution_s: 0.5 / cutoff_hz,
-            rows: motions.iter().map(|m| m.judged_times().len()).sum(),
+            rows: motions.iter().map(|m| m.decimated_times().len()).sum(),
             duration_s: motions
                 .iter()
                 .filter_map(|m| Some(m.t.last()? - m.t.first()?))

@@ -8,7 +8,7 @@ use loadtwin_report::{Report, Table};
 pub fn page(machine: &Machine, choices: &[(Choice, Evaluation)], recording: &str) -> Report {
     Report {
         title: format!("Tuning of {}", machine.name),
-        facts: vec![["Judged on".into(), recording.into()]],
+        facts: vec![["Evaluated on".into(), recording.into()]],
         tables: vec![noise(machine, choices), evaluation(choices)],
         ..Report::default()
     }
@@ -75,7 +75,7 @@ fn evaluation(choices: &[(Choice, Evaluation)]) -> Table {
     });
     Table {
         caption:
-            "On the recording that it is judged on: largest error at any node, error of the loads"
+            "On the recording that it is evaluated on: largest error at any node, error of the loads"
                 .into(),
         rows: rows.collect(),
         head,

@@ -16,7 +16,7 @@ const BODY: NonlinearParameter = NonlinearParameter {
 /// Part of the vibration it excites that is modelled: 0 where it sticks and slips otherwise than
 /// the chain would respond to a known torque, 1 where the chain responds so.
 const SETS_OFF: NonlinearParameter = NonlinearParameter {
-    name: "what it sets off is told",
+    name: "vibration modelled",
     unit: "part",
     bounds: (0.0, 1.0),
     step: 0.0,
