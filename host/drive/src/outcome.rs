@@ -330,7 +330,12 @@ fn effects(balance: &Balance, selection: &Selection<'_>, c: &[f64]) -> Vec<Balan
 }
 
 /// The error on each recording, from the residuals `before` and `after`.
-fn validated(motions: &[Motion], held_out: &Dataset, before: &[f64], after: &[f64]) -> Vec<Validated> {
+fn validated(
+    motions: &[Motion],
+    held_out: &Dataset,
+    before: &[f64],
+    after: &[f64],
+) -> Vec<Validated> {
     let power = |x: &[f64], k: usize| -> f64 {
         let here = held_out.recording.iter().zip(x).filter(|(r, _)| **r == k);
         here.map(|(_, x)| x * x).sum()

@@ -10,7 +10,7 @@ use crate::drivetrain::common_mode::remove_common_mode;
 use crate::drivetrain::context::{RecordingContext, SMOOTHING_S};
 use crate::drivetrain::decimation::{Decimator, forward_filled};
 use crate::drivetrain::gauge_median;
-use crate::drivetrain::inverse_dynamics::{InertiaMotion, torques};
+use crate::drivetrain::inverse_dynamics::{AppliedTorques, InertiaMotion, torques};
 use crate::drivetrain::known_torques::{
     drives, loads, operating_profile, operating_profile_from_shaft,
 };
@@ -85,12 +85,15 @@ pub(crate) fn read_residuals_given(
     }
     let drives = drives(machine, drivetrain, &recorded);
     let by_loads = |known: &[Option<Vec<f64>>]| {
+        let applied = AppliedTorques {
+            loads: known,
+            drives: &drives,
+        };
         torques(
             drivetrain,
             &torsion,
             &motion,
-            known,
-            &drives,
+            &applied,
             width,
             recorded.dt_s,
         )

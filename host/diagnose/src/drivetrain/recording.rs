@@ -28,10 +28,6 @@ pub(crate) struct DrivetrainRecording {
 const STUCK_AFTER: usize = 8;
 
 impl DrivetrainRecording {
-    #[allow(
-        clippy::too_many_lines,
-        reason = "one column after another, in the order of the file"
-    )]
     pub(crate) fn read(machine: &Machine, path: &Path) -> Result<Self, DiagnoseError> {
         let motion = Motion::read(machine, path, |_| ())?;
         let n = motion.len();
@@ -41,110 +37,147 @@ impl DrivetrainRecording {
         if !motion.homed() {
             angle.fill(f64::NAN);
         }
-        let drivetrain = machine.drivetrain.as_ref();
-        let loads = drivetrain.map_or(0, |d| d.loads.len());
+        let loads = machine.drivetrain.as_ref().map_or(0, |d| d.loads.len());
         let loads = (0..loads)
             .map(|j| (0..n).map(|i| motion.load(j, i)).collect())
             .collect();
+        let columns = SensorColumns::find(machine, path)?;
+        let readings = columns.read(path, n)?;
+        let warming = (machine.thermometer().zip(readings.temperature))
+            .map(|(thermometer, column)| thermometer.warming(&column, 1.0 / machine.rate_hz));
+        Ok(Self {
+            dt_s: 1.0 / machine.rate_hz,
+            encoders: columns.encoder_angles(&readings.encoders, &angle),
+            angle,
+            loads,
+            channels: readings.channels,
+            warming,
+        })
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.angle.len()
+    }
+}
+
+/// The columns of channels, encoders and thermometer in one file, and the units they are read in.
+struct SensorColumns<'a> {
+    machine: &'a Machine,
+    /// Unit of each channel: counts where the file has words.
+    channels: Vec<Unit>,
+    /// Unit of each encoder: radians where the file has angles.
+    encoders: Vec<Unit>,
+}
+
+/// Values of [`SensorColumns`], NaN where missing.
+struct SensorReadings {
+    channels: Vec<Vec<f64>>,
+    encoders: Vec<Vec<f64>>,
+    temperature: Option<Vec<f64>>,
+}
+
+impl<'a> SensorColumns<'a> {
+    /// # Errors
+    /// When the file lacks a channel or an encoder.
+    fn find(machine: &'a Machine, path: &Path) -> Result<Self, DiagnoseError> {
         let channels = machine.channels.iter().map(|c| &c.name);
         let names: Vec<_> = (channels.chain(machine.encoders.iter().map(|e| &e.name)))
             .map(|name| (name.as_str(), true))
             .collect();
         let found = columns(path, &machine.recording, &names)?;
-        let unit = |name: &str, si: Unit| {
+        let written = |name: &str| {
             let column = found.iter().find(|c| c.name == name);
-            let written = column
-                .and_then(|c| c.unit.as_deref())
-                .and_then(|u| u.parse::<Unit>().ok());
-            match written.map(Unit::quantity) {
-                Some(Quantity::Counts) => Unit::COUNTS,
-                _ => si,
+            column.and_then(|c| c.unit.as_deref())
+        };
+        let holds_counts = |name: &str| {
+            let unit = written(name).and_then(|unit| unit.parse::<Unit>().ok());
+            unit.is_some_and(|unit| unit.quantity() == Quantity::Counts)
+        };
+        let channel = |name: &str, si| if holds_counts(name) { Unit::COUNTS } else { si };
+        let encoder = |name: &str| {
+            if holds_counts(name) || written(name).is_none() {
+                Unit::COUNTS
+            } else {
+                Unit::RADIAN
             }
         };
-        let mut wanted: Vec<Wanted<'_>> = machine
-            .channels
-            .iter()
-            .map(|c| Wanted {
-                name: &c.name,
-                unit: unit(&c.name, c.unit.si()),
-                required: true,
-            })
-            .collect();
-        let is_angle = |e: &Encoder| {
-            unit(&e.name, Unit::RADIAN) != Unit::COUNTS
-                && found.iter().any(|c| c.name == e.name && c.unit.is_some())
+        Ok(Self {
+            machine,
+            channels: (machine.channels.iter())
+                .map(|c| channel(&c.name, c.unit.si()))
+                .collect(),
+            encoders: machine.encoders.iter().map(|e| encoder(&e.name)).collect(),
+        })
+    }
+
+    /// `n` is the number of samples, to reserve space for.
+    ///
+    /// # Errors
+    /// When the file cannot be read or has another rate.
+    fn read(&self, path: &Path, n: usize) -> Result<SensorReadings, DiagnoseError> {
+        let machine = self.machine;
+        let required = |(name, unit): (&'a String, &Unit)| Wanted {
+            name,
+            unit: *unit,
+            required: true,
         };
-        let angles: Vec<bool> = machine.encoders.iter().map(is_angle).collect();
-        let mut roles = vec![Role::Continuous; wanted.len()];
-        roles.extend(
-            machine
-                .encoders
-                .iter()
-                .zip(&angles)
-                .map(|(e, a)| e.role(*a)),
-        );
-        for (encoder, is_angle) in machine.encoders.iter().zip(&angles) {
-            wanted.push(Wanted {
-                name: &encoder.name,
-                unit: if *is_angle {
-                    Unit::RADIAN
-                } else {
-                    Unit::COUNTS
-                },
-                required: true,
-            });
-        }
-        let thermometer = machine.thermometer();
-        if let Some(thermometer) = thermometer {
-            wanted.push(Wanted {
-                name: &thermometer.name,
-                unit: thermometer.unit.si(),
-                required: false,
-            });
-        }
-        let words: Vec<bool> = wanted[..machine.channels.len()]
-            .iter()
-            .map(|w| w.unit == Unit::COUNTS)
-            .collect();
+        let channels = machine.channels.iter().map(|c| &c.name).zip(&self.channels);
+        let encoders = machine.encoders.iter().map(|e| &e.name).zip(&self.encoders);
+        let mut wanted: Vec<Wanted<'_>> = channels.chain(encoders).map(required).collect();
+        let mut roles = vec![Role::Continuous; machine.channels.len()];
+        let encoders = machine.encoders.iter().zip(&self.encoders);
+        roles.extend(encoders.map(|(e, unit)| e.role(*unit == Unit::RADIAN)));
+        let sensors = wanted.len();
+        wanted.extend(machine.thermometer().map(|thermometer| Wanted {
+            name: &thermometer.name,
+            unit: thermometer.unit.si(),
+            required: false,
+        }));
         let reader = Reader::open_as(path, &machine.recording, &wanted, &roles)?
             .expect_period(1.0 / machine.rate_hz)?;
         let mut columns: Vec<Vec<f64>> = vec![Vec::with_capacity(n); wanted.len()];
-        let mut has_temperature = thermometer.is_some();
+        let mut has_temperature = machine.thermometer().is_some();
         for block in reader {
             let block = block?;
             for (k, (store, column)) in columns.iter_mut().zip(&block.columns).enumerate() {
                 if let Some(column) = column {
                     store.extend(column);
                 } else {
-                    has_temperature &= k + 1 != wanted.len();
+                    has_temperature &= k != sensors;
                     store.resize(store.len() + block.len(), f64::NAN);
                 }
             }
         }
-        let temperature = thermometer.filter(|_| has_temperature).zip(columns.last());
-        let warming = temperature
-            .map(|(thermometer, column)| thermometer.warming(column, 1.0 / machine.rate_hz));
-        columns.truncate(machine.channels.len() + machine.encoders.len());
-        let counts = columns.split_off(machine.channels.len());
-        for ((channel, words), column) in machine.channels.iter().zip(words).zip(&mut columns) {
-            if words {
+        let temperature = columns.split_off(sensors).pop();
+        let encoders = columns.split_off(machine.channels.len());
+        for ((channel, unit), column) in
+            (machine.channels.iter().zip(&self.channels)).zip(&mut columns)
+        {
+            if *unit == Unit::COUNTS {
                 for value in column {
                     *value = channel.reading(*value);
                 }
             }
         }
+        Ok(SensorReadings {
+            channels: columns,
+            encoders,
+            temperature: temperature.filter(|_| has_temperature),
+        })
+    }
+
+    /// Angle of each encoder, referred, from `readings`; `carrier` is the homed angle.
+    fn encoder_angles(&self, readings: &[Vec<f64>], carrier: &[f64]) -> Vec<Vec<f64>> {
+        let drivetrain = self.machine.drivetrain.as_ref();
         let ratio = |encoder: &Encoder| {
             drivetrain
                 .and_then(|d| d.inertias.iter().find(|i| i.name == encoder.inertia))
                 .map_or(1.0, |i| i.speed_ratio)
         };
-        let encoders = machine
-            .encoders
-            .iter()
-            .zip(&counts)
-            .zip(&angles)
-            .map(|((encoder, counts), is_angle)| {
-                let (modulus, step) = if *is_angle {
+        (self.machine.encoders.iter().zip(&self.encoders))
+            .zip(readings)
+            .map(|((encoder, unit), readings)| {
+                let (modulus, step) = if *unit == Unit::RADIAN {
                     (f64::INFINITY, 1.0 / ratio(encoder))
                 } else {
                     (
@@ -152,25 +185,13 @@ impl DrivetrainRecording {
                         TAU / (encoder.counts_per_turn * ratio(encoder)),
                     )
                 };
-                let mut read = unwrapped(counts, modulus, step);
+                let mut angle = unwrapped(readings, modulus, step);
                 if encoder.eccentricity.is_some() {
-                    remove_eccentricity(&mut read, &angle, machine);
+                    remove_eccentricity(&mut angle, carrier, self.machine);
                 }
-                read
+                angle
             })
-            .collect();
-        Ok(Self {
-            dt_s: 1.0 / machine.rate_hz,
-            angle,
-            loads,
-            channels: columns,
-            encoders,
-            warming,
-        })
-    }
-
-    pub(crate) fn len(&self) -> usize {
-        self.angle.len()
+            .collect()
     }
 }
 
