@@ -23,67 +23,7 @@ impl Machine {
             &format!("more than two samples a turn, {:.1}", 2.0 * turns_hz),
         )?;
         for (i, channel) in self.channels.iter().enumerate() {
-            let field = |name: &str| format!("channel[{}].{name}", i + 1);
-            let Senses::Displacement(at) = &channel.senses else {
-                return refuse(&field("senses"), "another quantity", "displacement");
-            };
-            rotor.check_node(&field("senses.displacement.node"), at.node)?;
-            finite(
-                &field("senses.displacement.direction_deg"),
-                at.direction_deg,
-            )?;
-            let length = channel.unit.quantity() == Quantity::Length;
-            within(
-                &field("unit"),
-                channel.unit,
-                length,
-                "a unit of length: m, mm, µm",
-            )?;
-            positive(&field("noise_std"), channel.noise_std)?;
-            finite(&field("offset"), channel.offset)?;
-            self.check_runout(&field("runout"), channel)?;
-            nonzero(&field("adc.lsb"), channel.adc.lsb)?;
-            within(
-                &field("adc.bits"),
-                channel.adc.bits,
-                (8..=32).contains(&channel.adc.bits),
-                "8 to 32",
-            )?;
-            if let Some(sensitivity) = channel.sensitivity {
-                positive(&field("sensitivity"), sensitivity)?;
-            }
-            // A value in mm under the unit m is too large by a thousand.
-            if let Some(drift) = &channel.drift {
-                within(
-                    &field("drift.std"),
-                    format!("{} {}", drift.std, channel.unit),
-                    channel.to_si(drift.std) <= COARSEST_M,
-                    "at most 1 mm: is it in another unit than `unit`?",
-                )?;
-            }
-            let noise_m = channel.to_si(channel.noise_std);
-            let unit = channel.unit;
-            within(
-                &field("noise_std"),
-                format!("{} {unit}", channel.noise_std),
-                noise_m <= COARSEST_M,
-                "at most 1 mm: is it in another unit than `unit`?",
-            )?;
-            let count_m = channel.to_si(channel.adc.lsb).abs();
-            let range_m = count_m * 2.0_f64.powi(channel.adc.bits as i32 - 1);
-            within(
-                &field("adc.lsb"),
-                format!("{} {unit}, a range of {range_m} m", channel.adc.lsb),
-                count_m <= COARSEST_M && range_m <= LONGEST_RANGE_M,
-                "a range of at most 0.1 m: is it in another unit than `unit`?",
-            )?;
-            for (name, given) in [
-                ("sensitivity_map", channel.sensitivity_map.is_some()),
-                ("noise_map", channel.noise_map.is_some()),
-                ("bridge", channel.bridge.is_some()),
-            ] {
-                within(&field(name), "one", !given, "nothing: this is a rotor")?;
-            }
+            self.check_displacement(i, channel, rotor)?;
         }
         within(
             "channel",
@@ -111,6 +51,47 @@ impl Machine {
         Ok(())
     }
 
+    /// Channel `i` as a displacement at a node of `rotor`.
+    fn check_displacement(&self, i: usize, channel: &Channel, rotor: &Rotor) -> Checked {
+        let field = |name: &str| format!("channel[{}].{name}", i + 1);
+        let Senses::Displacement(at) = &channel.senses else {
+            return refuse(&field("senses"), "another quantity", "displacement");
+        };
+        rotor.check_node(&field("senses.displacement.node"), at.node)?;
+        finite(
+            &field("senses.displacement.direction_deg"),
+            at.direction_deg,
+        )?;
+        let length = channel.unit.quantity() == Quantity::Length;
+        within(
+            &field("unit"),
+            channel.unit,
+            length,
+            "a unit of length: m, mm, µm",
+        )?;
+        positive(&field("noise_std"), channel.noise_std)?;
+        finite(&field("offset"), channel.offset)?;
+        self.check_runout(&field("runout"), channel)?;
+        nonzero(&field("adc.lsb"), channel.adc.lsb)?;
+        within(
+            &field("adc.bits"),
+            channel.adc.bits,
+            (8..=32).contains(&channel.adc.bits),
+            "8 to 32",
+        )?;
+        if let Some(sensitivity) = channel.sensitivity {
+            positive(&field("sensitivity"), sensitivity)?;
+        }
+        for (name, given) in [
+            ("sensitivity_map", channel.sensitivity_map.is_some()),
+            ("noise_map", channel.noise_map.is_some()),
+            ("bridge", channel.bridge.is_some()),
+        ] {
+            within(&field(name), "one", !given, "nothing: this is a rotor")?;
+        }
+        check_range(channel, field)
+    }
+
     /// Waves that an image has room for, about an angle that is known.
     fn check_runout(&self, field: &str, channel: &Channel) -> Checked {
         let waves = &channel.runout;
@@ -135,4 +116,32 @@ impl Machine {
             "at most 1 mm: is it in another unit than `unit`?",
         )
     }
+}
+
+/// Drift, noise and range of a channel: a value in mm under the unit m is too large by a thousand.
+fn check_range(channel: &Channel, field: impl Fn(&str) -> String) -> Checked {
+    if let Some(drift) = &channel.drift {
+        within(
+            &field("drift.std"),
+            format!("{} {}", drift.std, channel.unit),
+            channel.to_si(drift.std) <= COARSEST_M,
+            "at most 1 mm: is it in another unit than `unit`?",
+        )?;
+    }
+    let noise_m = channel.to_si(channel.noise_std);
+    let unit = channel.unit;
+    within(
+        &field("noise_std"),
+        format!("{} {unit}", channel.noise_std),
+        noise_m <= COARSEST_M,
+        "at most 1 mm: is it in another unit than `unit`?",
+    )?;
+    let count_m = channel.to_si(channel.adc.lsb).abs();
+    let range_m = count_m * 2.0_f64.powi(channel.adc.bits as i32 - 1);
+    within(
+        &field("adc.lsb"),
+        format!("{} {unit}, a range of {range_m} m", channel.adc.lsb),
+        count_m <= COARSEST_M && range_m <= LONGEST_RANGE_M,
+        "a range of at most 0.1 m: is it in another unit than `unit`?",
+    )
 }

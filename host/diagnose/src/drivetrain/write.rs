@@ -7,12 +7,14 @@ use crate::diagnosis::DiagnoseError;
 use crate::diagnosis::Diagnosis;
 use crate::drivetrain::common_mode;
 use crate::drivetrain::effect::GaugeModel;
-use crate::drivetrain::residuals::{DrivetrainResiduals, Kind};
+use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, ResidualSignal};
 use crate::effect::Scope;
+use crate::effect::fitted::FittedEffect;
+
 use loadtwin_identification::calibrate::{CalibrateError, Description, map_file};
 use loadtwin_machine::{
-    Creep, Drift, Encoder, Hysteresis, Inertia, MAP_ENTRIES, Machine, Shaft, Thermal, resampled,
-    six_digits,
+    Channel, Creep, Drift, Encoder, Hysteresis, Inertia, MAP_ENTRIES, Machine, Shaft, Thermal,
+    resampled, six_digits,
 };
 
 /// Writes `machine` with the effects found to `path`, maps beside it; gives
@@ -136,7 +138,6 @@ pub fn corrected(
     let mut applied = vec![false; selection.found.len()];
     let strains = residuals.iter().filter(|s| s.kind == Kind::Strain);
     let weights: f64 = strains.map(common_mode::weight).sum();
-    let sampled = machine.thermometer().is_some_and(|t| t.adc.is_some());
     for (k, signal) in residuals.iter().enumerate() {
         let Some(number) = machine.channels.iter().position(|c| c.name == signal.name) else {
             continue;
@@ -145,62 +146,17 @@ pub fn corrected(
             continue;
         }
         let channel = &machine.channels[number];
-        let described = channel.thermal.unwrap_or_default();
-        let mut gauge = GaugeModel {
-            offset: channel.to_si(channel.offset)
-                + selection.nuisance[k].first().copied().unwrap_or(0.0),
-            map: channel.sensitivity_over_angle(machine)?,
-            full_scale: signal.scale,
-            nonlinearity: channel.nonlinearity,
-            creep: channel.creep.map(|creep| Creep {
-                at_nominal: channel.to_si(creep.at_nominal),
-                ..creep
-            }),
-            hysteresis: channel.hysteresis.map(|hysteresis| Hysteresis {
-                half_width: channel.to_si(hysteresis.half_width),
-                ..hysteresis
-            }),
-            bending: channel.to_si(channel.bending),
-            late_s: channel.late_s,
-            weight: common_mode::weight(signal) / weights,
-            thermal: sampled.then(|| Thermal {
-                zero_per_k: channel.to_si(described.zero_per_k),
-                ..described
-            }),
-        };
+        let mut gauge = described(machine, channel, signal)?;
+        gauge.offset += selection.nuisance[k].first().copied().unwrap_or(0.0);
+        gauge.weight = common_mode::weight(signal) / weights;
         let mut moved = false;
         for (found, applied) in selection.found.iter().zip(&mut applied) {
-            let own = &found.parameters[k];
-            if !own.is_empty() && found.effect.scope() == Scope::PerSignal {
-                let before = gauge.map.clone();
-                let mut changes = found.effect.apply_to(&found.shape, own, &mut gauge);
-                // Over an angle that nothing homes the phase is lost at the next start.
-                if machine.index.is_none() && gauge.map.len() > 1 {
-                    gauge.map = before;
-                    changes = false;
-                }
-                *applied |= changes;
-                moved |= changes;
-            }
+            let changes = apply(found, k, &mut gauge, machine.index.is_some());
+            *applied |= changes;
+            moved |= changes;
         }
         let slot = &mut changed.channels[number];
-        slot.offset = slot.unit.from_si(gauge.offset);
-        slot.nonlinearity = gauge.nonlinearity;
-        slot.late_s = gauge.late_s;
-        slot.bending = slot.unit.from_si(gauge.bending);
-        slot.creep = gauge.creep.map(|creep| Creep {
-            at_nominal: slot.unit.from_si(creep.at_nominal),
-            ..creep
-        });
-        slot.hysteresis = gauge.hysteresis.map(|hysteresis| Hysteresis {
-            half_width: slot.unit.from_si(hysteresis.half_width),
-            ..hysteresis
-        });
-        let known = gauge.thermal.filter(|t| *t != Thermal::default());
-        slot.thermal = known.map(|thermal| Thermal {
-            zero_per_k: slot.unit.from_si(thermal.zero_per_k),
-            ..thermal
-        });
+        set_gauge(slot, &gauge);
         if moved {
             let own: Vec<f64> = gauge.map.iter().map(|m| slot.unit.from_si(*m)).collect();
             if own.len() == 1 {
@@ -226,4 +182,78 @@ pub fn corrected(
         }
     }
     Ok((changed, absent, folder))
+}
+
+/// The gauge of `channel` as described, in SI units, with no weight.
+fn described(
+    machine: &Machine,
+    channel: &Channel,
+    signal: &ResidualSignal,
+) -> Result<GaugeModel, DiagnoseError> {
+    let sampled = machine.thermometer().is_some_and(|t| t.adc.is_some());
+    let thermal = channel.thermal.unwrap_or_default();
+    Ok(GaugeModel {
+        offset: channel.to_si(channel.offset),
+        map: channel.sensitivity_over_angle(machine)?,
+        full_scale: signal.scale,
+        nonlinearity: channel.nonlinearity,
+        creep: channel.creep.map(|creep| Creep {
+            at_nominal: channel.to_si(creep.at_nominal),
+            ..creep
+        }),
+        hysteresis: channel.hysteresis.map(|hysteresis| Hysteresis {
+            half_width: channel.to_si(hysteresis.half_width),
+            ..hysteresis
+        }),
+        bending: channel.to_si(channel.bending),
+        late_s: channel.late_s,
+        weight: 0.0,
+        thermal: sampled.then(|| Thermal {
+            zero_per_k: channel.to_si(thermal.zero_per_k),
+            ..thermal
+        }),
+    })
+}
+
+/// Adds what was found of signal `k` to its gauge; whether that changes it.
+fn apply(
+    found: &FittedEffect<DrivetrainResiduals>,
+    k: usize,
+    gauge: &mut GaugeModel,
+    is_homed: bool,
+) -> bool {
+    let own = &found.parameters[k];
+    if own.is_empty() || found.effect.scope() != Scope::PerSignal {
+        return false;
+    }
+    let before = gauge.map.clone();
+    let changes = found.effect.apply_to(&found.shape, own, gauge);
+    // Over an angle that nothing homes the phase is lost at the next start.
+    if !is_homed && gauge.map.len() > 1 {
+        gauge.map = before;
+        return false;
+    }
+    changes
+}
+
+/// Writes all of `gauge` but its map, in the units of the channel.
+fn set_gauge(channel: &mut Channel, gauge: &GaugeModel) {
+    let unit = channel.unit;
+    channel.offset = unit.from_si(gauge.offset);
+    channel.nonlinearity = gauge.nonlinearity;
+    channel.late_s = gauge.late_s;
+    channel.bending = unit.from_si(gauge.bending);
+    channel.creep = gauge.creep.map(|creep| Creep {
+        at_nominal: unit.from_si(creep.at_nominal),
+        ..creep
+    });
+    channel.hysteresis = gauge.hysteresis.map(|hysteresis| Hysteresis {
+        half_width: unit.from_si(hysteresis.half_width),
+        ..hysteresis
+    });
+    let known = gauge.thermal.filter(|t| *t != Thermal::default());
+    channel.thermal = known.map(|thermal| Thermal {
+        zero_per_k: unit.from_si(thermal.zero_per_k),
+        ..thermal
+    });
 }

@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use loadtwin_common::drivetrain::GearboxModel;
 use loadtwin_common::image::{Image, Model};
 use rayon::prelude::*;
 
@@ -11,7 +12,7 @@ use crate::tune::pattern_search::pattern_search;
 use crate::tune::trial::{Outcome, Training, Trial};
 use loadtwin_design::build::{self, Sensors};
 use loadtwin_design::gearbox::OperatingPoint;
-use loadtwin_machine::Machine;
+use loadtwin_machine::{Drivetrain, Machine};
 use loadtwin_replay::ReplayError;
 
 /// Carrier angles at which the frequency response is tuned.
@@ -146,36 +147,14 @@ pub fn tune_loads(
         return Err(crate::calibrate::CalibrateError::NoDrivetrain.into());
     };
     let nominal: Vec<f64> = drivetrain.loads.iter().map(|l| l.nominal_nm).collect();
-    let responses: Vec<FrequencyResponse> = (0..ANGLES)
-        .into_par_iter()
-        .map(|i| {
-            let angle = TAU * i as f64 / ANGLES as f64;
-            let point = OperatingPoint::new(&model, drivetrain, angle);
-            FrequencyResponse::new(point, machine.rate_hz, cutoff_hz)
-        })
-        .collect();
-    // Half the nominal load in a second.
-    let start = vec![0.25 / machine.rate_hz; nominal.len()];
-    if responses.iter().all(|r| r.magnitudes(&start).is_none()) {
-        return Err(TuneError::NoSteadyFilter);
-    }
-    let by_response = |weighting| -> Vec<f64> {
-        let tuned: Vec<Vec<f64>> = responses
-            .par_iter()
-            .filter(|r| r.objective(&start, weighting).is_finite())
-            .map(|r| r.tuned(&start, weighting))
-            .collect();
-        (0..nominal.len())
-            .map(|j| median(tuned.iter().map(|q| q[j]).collect()))
-            .collect()
-    };
-    let standard = by_response(Weighting::Literal);
+    let responses = Responses::new(machine, drivetrain, &model, cutoff_hz)?;
     let tries = methods
         .iter()
         .any(|m| !matches!(m, Method::Frf | Method::FrfPerBand));
     let trial = tries
         .then(|| Trial::new(machine, sensors, &payload, training))
         .transpose()?;
+    let standard = responses.tuned(Weighting::Literal);
     let described: Vec<f64> = (model.load_noise.iter().take(nominal.len()))
         .map(|variance| f64::from(*variance))
         .collect();
@@ -184,7 +163,7 @@ pub fn tune_loads(
     for (k, method) in methods.iter().enumerate() {
         progress((k as f64 + 0.5) / (methods.len() as f64 + 0.5));
         let variance = match (method, &trial) {
-            (Method::FrfPerBand, _) => by_response(Weighting::PerBand),
+            (Method::FrfPerBand, _) => responses.tuned(Weighting::PerBand),
             (Method::Innovation, Some(trial)) => search(&starts, |q| trial.run(q).innovation),
             (Method::Likelihood, Some(trial)) => search(&starts, |q| trial.run(q).misfit),
             (Method::Reference, Some(trial)) => {
@@ -199,21 +178,19 @@ pub fn tune_loads(
             _ => standard.clone(),
         };
         let qd = |j: usize| variance[j] * nominal[j] * nominal[j];
-        found.push((
-            *method,
-            LoadNoise {
-                walk: (0..nominal.len())
-                    .map(|j| (qd(j) * machine.rate_hz).sqrt())
-                    .collect(),
-                log10_qd: (0..nominal.len()).map(|j| qd(j).log10()).collect(),
-                outcome: trial.as_ref().map(|trial| trial.run(&variance)),
-            },
-        ));
+        let noise = LoadNoise {
+            walk: (0..nominal.len())
+                .map(|j| (qd(j) * machine.rate_hz).sqrt())
+                .collect(),
+            log10_qd: (0..nominal.len()).map(|j| qd(j).log10()).collect(),
+            outcome: trial.as_ref().map(|trial| trial.run(&variance)),
+        };
+        found.push((*method, noise));
     }
     let mut tuned = Tuned {
         methods: found,
         response: Vec::new(),
-        responses,
+        responses: responses.over_angle,
         nominal,
         rate_hz: machine.rate_hz,
     };
@@ -221,6 +198,50 @@ pub fn tune_loads(
         tuned.response = tuned.response_with(&noise.walk);
     }
     Ok(tuned)
+}
+
+/// Frequency responses of the filter over the carrier angle.
+struct Responses {
+    over_angle: Vec<FrequencyResponse>,
+    /// Variances of the loads, parts of nominal, from which they are tuned.
+    start: Vec<f64>,
+}
+
+impl Responses {
+    /// # Errors
+    /// When the sensors do not observe the loads at any angle.
+    fn new(
+        machine: &Machine,
+        drivetrain: &Drivetrain,
+        model: &GearboxModel<'_>,
+        cutoff_hz: f64,
+    ) -> Result<Self, TuneError> {
+        let over_angle: Vec<FrequencyResponse> = (0..ANGLES)
+            .into_par_iter()
+            .map(|i| {
+                let angle = TAU * i as f64 / ANGLES as f64;
+                let point = OperatingPoint::new(model, drivetrain, angle);
+                FrequencyResponse::new(point, machine.rate_hz, cutoff_hz)
+            })
+            .collect();
+        // Half the nominal load in a second.
+        let start = vec![0.25 / machine.rate_hz; drivetrain.loads.len()];
+        if over_angle.iter().all(|r| r.magnitudes(&start).is_none()) {
+            return Err(TuneError::NoSteadyFilter);
+        }
+        Ok(Self { over_angle, start })
+    }
+
+    /// The variance of each load, parts of nominal: the median over the angle.
+    fn tuned(&self, weighting: Weighting) -> Vec<f64> {
+        let tuned: Vec<Vec<f64>> = (self.over_angle.par_iter())
+            .filter(|r| r.objective(&self.start, weighting).is_finite())
+            .map(|r| r.tuned(&self.start, weighting))
+            .collect();
+        (0..self.start.len())
+            .map(|j| median(tuned.iter().map(|q| q[j]).collect()))
+            .collect()
+    }
 }
 
 /// Least `value` over the logarithms of the variances, from the best of `starts`.
