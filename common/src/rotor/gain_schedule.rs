@@ -39,6 +39,11 @@ impl<const NZ: usize, const NX: usize> ScheduledModel<NZ, NX> {
         }
     }
 
+    /// The speed that the tables are at, in their steps from the lowest.
+    pub fn place(&self) -> f32 {
+        self.place
+    }
+
     /// Follows the tables of another noise from now on.
     pub fn reset(&mut self, model: &RotorModel<'_>, noise: &NoiseModel<'_>, speed: f32) {
         self.place = f32::MAX;

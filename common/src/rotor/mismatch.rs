@@ -7,6 +7,10 @@
 //! while. A sensor that errs alone does not raise the level: the largest of the correlations is
 //! left out where there are three sensors or more.
 //!
+//! A level that has been consistent for long at one speed is established. A model that errs does so from the start, or
+//! as the speed changes: what then contradicts is a fault of several sensors, or a load that jumped. The loads are
+//! contradicted until a level that was allowed for before explains the readings again.
+//!
 //! Source: Mehra, On the identification of variances and adaptive Kalman filtering, IEEE Trans.
 //! Autom. Control 15 (1970), section II; Page, Continuous inspection schemes, Biometrika 41 (1954).
 
@@ -100,6 +104,13 @@ pub struct Mismatch {
     times: u32,
     lowered: bool,
     unexplained: bool,
+    /// Where the speed was last, in steps of the tables, and the windows since it moved by one.
+    place: f32,
+    constant: u32,
+    /// Windows since a reading that contradicts was used.
+    quiet: u32,
+    /// Highest level that was allowed for before an established level was contradicted.
+    reference: Option<u8>,
 }
 
 impl Mismatch {
@@ -119,9 +130,32 @@ impl Mismatch {
         self.lowered && self.since < PROBATION
     }
 
-    /// Whether the innovations contradict even the largest noise.
-    pub fn unexplained(&self) -> bool {
-        self.unexplained
+    /// Whether the innovations contradict even the largest noise, or an established level.
+    pub fn is_contradicted(&self) -> bool {
+        self.unexplained || self.reference.is_some()
+    }
+
+    /// Whether the level has been consistent for long at this speed.
+    pub fn is_established(&self) -> bool {
+        let shortest = self.since.min(self.quiet).min(self.constant);
+        self.windows > STARTING && shortest >= PROBATION && self.reference.is_none()
+    }
+
+    /// Readings that contradict the prediction were used.
+    #[cold]
+    pub fn contradict(&mut self) {
+        if self.is_established() {
+            self.reference = Some(self.allowed());
+        }
+        self.quiet = 0;
+    }
+
+    /// The speed is at this step of the tables.
+    fn follow_speed(&mut self, place: f32) {
+        self.constant = self.constant.saturating_add(1);
+        if (place - self.place).abs() > 1.0 {
+            (self.place, self.constant) = (place, 0);
+        }
     }
 
     /// Samples are missing: the next innovation has no neighbour before it.
@@ -129,8 +163,9 @@ impl Mismatch {
         self.last_used = 0;
     }
 
-    /// Takes in the innovations of a sample, of `levels` that there are; what became of the level.
-    pub fn push(&mut self, sensors: &[SensorEstimate], levels: u8) -> Option<Change> {
+    /// Takes in the innovations of a sample, of `levels` that there are, at a `place` of the speed in steps of the
+    /// tables; what became of the level.
+    pub fn push(&mut self, sensors: &[SensorEstimate], levels: u8, place: f32) -> Option<Change> {
         let mut used = 0;
         for (k, (sums, sensor)) in self.sums.iter_mut().zip(sensors).enumerate() {
             if !sensor.fault.is_none() {
@@ -153,6 +188,7 @@ impl Mismatch {
         if self.samples < WINDOW {
             return None;
         }
+        self.follow_speed(place);
         self.evaluate(levels)
     }
 
@@ -182,6 +218,10 @@ impl Mismatch {
         self.samples = 0;
         self.windows = self.windows.saturating_add(1);
         self.since = self.since.saturating_add(1);
+        self.quiet = self.quiet.saturating_add(1);
+        if self.since.min(self.quiet) >= PROBATION {
+            self.reference = self.reference.filter(|reference| self.level > *reference);
+        }
         if known > 2.5 {
             (sum, known) = (sum - largest, known - 1.0);
         }
@@ -262,7 +302,7 @@ mod tests {
                     ..SensorEstimate::default()
                 }
             });
-            if let Some(change) = mismatch.push(&sensors, LEVELS) {
+            if let Some(change) = mismatch.push(&sensors, LEVELS, 0.0) {
                 return (k / u32::from(WINDOW) + 1, Some(change));
             }
         }
@@ -318,7 +358,30 @@ mod tests {
         for _ in 0..3 {
             run(&mut mismatch, 5, |_, k| 10.0 * turning(k));
         }
-        assert!(mismatch.level() == LEVELS - 1 && mismatch.unexplained());
+        assert!(mismatch.level() == LEVELS - 1 && mismatch.is_contradicted());
+    }
+
+    #[test]
+    fn an_established_level_is_contradicted_until_it_stands_again() {
+        let mut mismatch = Mismatch::default();
+        run(&mut mismatch, PROBATION - 1, |_, _| 0.0);
+        mismatch.contradict();
+        assert!(!mismatch.is_contradicted());
+        run(&mut mismatch, PROBATION, |_, _| 0.0);
+        mismatch.contradict();
+        assert!(mismatch.is_contradicted());
+        while mismatch.level() == 0 {
+            run(&mut mismatch, 100, |_, k| 2.0 * turning(k));
+        }
+        // The raised level explains the readings, and another one did before.
+        run(&mut mismatch, SHORTEST, |_, _| 0.0);
+        assert!(mismatch.is_contradicted());
+        while mismatch.level() > 0 {
+            run(&mut mismatch, 100, |_, _| 0.0);
+            assert!(mismatch.is_contradicted());
+        }
+        run(&mut mismatch, PROBATION, |_, _| 0.0);
+        assert!(!mismatch.is_contradicted());
     }
 
     #[test]
@@ -332,7 +395,7 @@ mod tests {
             ..SensorEstimate::default()
         };
         for _ in 0..20 * u32::from(WINDOW) {
-            assert_eq!(mismatch.push(&[refused; 4], LEVELS), None);
+            assert_eq!(mismatch.push(&[refused; 4], LEVELS, 0.0), None);
         }
     }
 }

@@ -229,7 +229,11 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
         if m.lost > 0 {
             state.mismatch.skip();
         }
-        if let Some(change) = state.mismatch.push(sensors, levels) {
+        if state.votes.admitted() {
+            state.mismatch.contradict();
+        }
+        let place = state.scheduled.place();
+        if let Some(change) = state.mismatch.push(sensors, levels, place) {
             self.switch_noise_model(state, change);
         }
     }
@@ -260,6 +264,13 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
         state.smoothed_samples = 0;
         state.votes = Votes::default();
         state.scheduled.reset(&self.model, noise, state.shaft.speed);
+    }
+
+    /// Whether every load turns with the shaft: a jump of one reaches all sensors within a turn, and a fault of half of
+    /// them is none.
+    fn has_turning_loads_only(&self) -> bool {
+        let pairs = self.constant.pairs as u32;
+        u32::from(self.model.synchronous_mask).trailing_ones() >= pairs
     }
 
     /// Whether the forces and their variances are numbers.
@@ -416,7 +427,8 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
         estimate: &mut Estimate,
     ) {
         let sensors = self.rows.len();
-        state.votes.begin(sensors);
+        let established = self.has_turning_loads_only() && state.mismatch.is_established();
+        state.votes.begin(sensors, established);
         if !m.stale {
             state.smoothed_samples = 0;
         }
@@ -441,7 +453,7 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
                 row,
                 value - runout_offsets[i % MAX_CHANNELS],
                 channel.variance,
-                |nis| votes.accepts(i, sensors, nis <= self.model.gate_nis),
+                |nis| votes.accepts(i, nis <= self.model.gate_nis),
             );
             if used {
                 state.age = 0;

@@ -69,7 +69,7 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
             let finite = value.is_finite() && std.is_finite();
             let fault = if !finite || std > signal.valid_std || !inside || Self::silent(state) {
                 Fault::NotValid
-            } else if state.mismatch.unexplained() {
+            } else if state.mismatch.is_contradicted() {
                 Fault::Contradicted
             } else {
                 Fault::None

@@ -3,7 +3,8 @@
 //! A reading outside of its gate is refused. A sensor whose readings are refused again and again
 //! is held out, until its readings have stayed inside for a while: passing through the right value
 //! once a turn is no agreement. Sensors are held out only while they are a minority; where half of
-//! them contradict at once, the model errs and not they, and all readings are used.
+//! them contradict at once, the model errs and not they, and all readings are used. A prediction that
+//! has long been consistent has a vote of its own: half of the sensors are held out where it agrees with the others.
 
 use crate::io::raw::MAX_CHANNELS;
 
@@ -24,28 +25,39 @@ pub struct Votes {
     /// Sensors outside of their gates in the sample under way, and in the one before.
     contradicting: usize,
     before: usize,
+    /// Sensors that may be held out at once.
+    most: usize,
+    /// Whether a reading outside of its gate was used in the sample under way.
+    admitted: bool,
 }
 
 impl Votes {
-    /// A sample of `sensors` sensors begins.
-    pub fn begin(&mut self, sensors: usize) {
+    /// A sample of `sensors` sensors begins; `established`: whether the prediction has been consistent for long.
+    pub fn begin(&mut self, sensors: usize, established: bool) {
+        self.most = (sensors + usize::from(established)).saturating_sub(1) / 2;
         self.before = self.contradicting;
         self.contradicting = 0;
+        self.admitted = false;
         let held = self.scores.iter().filter(|score| **score >= HELD).count();
-        if 2 * held >= sensors {
+        if held > self.most {
             self.scores = [0; MAX_CHANNELS];
             self.before = sensors;
         }
     }
 
     /// Whether so many sensors contradict that it is the model that errs.
-    pub fn open(&self, sensors: usize) -> bool {
-        self.before > 0 && 2 * self.before >= sensors
+    pub fn open(&self) -> bool {
+        self.before > self.most
+    }
+
+    /// Whether a reading that contradicts was used in this sample.
+    pub fn admitted(&self) -> bool {
+        self.admitted
     }
 
     /// Takes the vote on a reading, `within` its gate or not; whether it may be used.
-    pub fn accepts(&mut self, sensor: usize, sensors: usize, within: bool) -> bool {
-        let open = self.open(sensors);
+    pub fn accepts(&mut self, sensor: usize, within: bool) -> bool {
+        let open = self.open();
         let Some(score) = self.scores.get_mut(sensor) else {
             return within;
         };
@@ -56,6 +68,7 @@ impl Votes {
             self.contradicting += 1;
             score.saturating_add(REFUSED).min(MOST)
         };
+        self.admitted |= open && !within;
         (within && !held) || open
     }
 }
@@ -66,11 +79,20 @@ mod tests {
 
     /// How many of `samples` samples use sensor 0 of four, of which `wrong` are outside.
     fn used(votes: &mut Votes, samples: u32, wrong: impl Fn(usize, u32) -> bool) -> u32 {
+        used_where(votes, samples, false, wrong)
+    }
+
+    fn used_where(
+        votes: &mut Votes,
+        samples: u32,
+        established: bool,
+        wrong: impl Fn(usize, u32) -> bool,
+    ) -> u32 {
         let mut used = 0;
         for k in 0..samples {
-            votes.begin(4);
+            votes.begin(4, established);
             for i in 0..4 {
-                let admitted = votes.accepts(i, 4, !wrong(i, k));
+                let admitted = votes.accepts(i, !wrong(i, k));
                 used += u32::from(i == 0 && admitted);
             }
         }
@@ -98,13 +120,23 @@ mod tests {
     }
 
     #[test]
+    fn an_established_prediction_outvotes_half_of_the_sensors_but_no_more() {
+        let mut votes = Votes::default();
+        assert_eq!(used_where(&mut votes, 1000, true, |i, _| i < 2), 0);
+        assert!(!votes.admitted());
+        let mut votes = Votes::default();
+        assert!(used_where(&mut votes, 1000, true, |i, _| i < 3) >= 999);
+        assert!(votes.admitted());
+    }
+
+    #[test]
     fn of_two_sensors_none_can_be_outvoted() {
         let mut votes = Votes::default();
         let mut used = 0;
         for _ in 0..100 {
-            votes.begin(2);
-            used += u32::from(votes.accepts(0, 2, false));
-            votes.accepts(1, 2, true);
+            votes.begin(2, false);
+            used += u32::from(votes.accepts(0, false));
+            votes.accepts(1, true);
         }
         assert!(used >= 99, "{used}");
     }
