@@ -114,6 +114,10 @@ pub(crate) struct Vote {
     moments: [Moments; MAX_CHANNELS],
     /// Directions whose gauges contradict each other without a culprit.
     contradicted: u8,
+    /// Gauges that nothing but two others accused when they were left out.
+    outvoted: u8,
+    /// Directions where two gauges with the same gain explain the readings as simply as the one that is left out.
+    ambiguous: u8,
     turn: u8,
     /// Samples for which the gauges of a direction were sound since the start.
     sound: [u16; MAX_CHANNELS],
@@ -134,6 +138,8 @@ impl Default for Vote {
             kinds: [Fault::None; MAX_CHANNELS],
             moments: [Moments::default(); MAX_CHANNELS],
             contradicted: 0,
+            outvoted: 0,
+            ambiguous: 0,
             turn: 0,
             sound: [0; MAX_CHANNELS],
         }
@@ -152,9 +158,9 @@ impl Vote {
         self.contradicted & (1 << (d % MAX_CHANNELS)) != 0
     }
 
-    /// Whether any do.
+    /// Whether any do, or whether another hypothesis is as simple as the one that was chosen.
     pub(crate) fn contradicted(&self) -> bool {
-        self.contradicted != 0
+        self.contradicted | self.ambiguous != 0
     }
 }
 

@@ -45,6 +45,7 @@ impl Voting {
             && vote.none[d] <= limit * self.limit(members.len());
         if sound && before == 0 {
             vote.contradicted &= !bit(d);
+            vote.ambiguous &= !bit(d);
             vote.sound[d] = vote.sound[d].saturating_add(1);
             return;
         }
@@ -63,6 +64,45 @@ impl Voting {
             let i = at(*i);
             self.name(vote, i, chosen, before, &gauges[i]);
         }
+        self.test_alternative(vote, d, members, chosen, before);
+    }
+
+    /// Of three gauges, two with the same gain explain the readings as simply as one with the inverse gain, unless the
+    /// prediction accuses the one alone when it is left out.
+    fn test_alternative(
+        &self,
+        vote: &mut Vote,
+        d: usize,
+        members: &[u8],
+        chosen: Hypothesis,
+        before: u8,
+    ) {
+        vote.ambiguous &= !bit(d);
+        if members.len() != 3 || chosen.left_out.count_ones() != 1 {
+            return;
+        }
+        let out = chosen.left_out;
+        if before != out {
+            let against = self.against(vote, d, members);
+            vote.outvoted = vote.outvoted & !out | if against == out { 0 } else { out };
+        }
+        let gain = members
+            .iter()
+            .any(|i| out & bit((*i).into()) != 0 && vote.kinds[at(*i)] == Fault::Gain);
+        if gain && vote.outvoted & out != 0 {
+            vote.ambiguous |= bit(d);
+        }
+    }
+
+    /// Gauges that contradict a prediction that was sound.
+    fn against(&self, vote: &Vote, d: usize, members: &[u8]) -> u8 {
+        (members.iter())
+            .filter(|i| self.is_anchored(vote, d) && vote.prior[at(**i)] > RETURN)
+            .fold(0, |set, i| set | bit((*i).into()))
+    }
+
+    fn is_anchored(&self, vote: &Vote, d: usize) -> bool {
+        f32::from(vote.sound[d]) * self.consistency.forgetting >= ANCHORED
     }
 
     /// The cost that `voters` gauges do not exceed: the first of their residuals is at the limit,
@@ -80,10 +120,8 @@ impl Voting {
             })
         };
         // A jump away from a prediction that was sound.
-        let anchored = f32::from(vote.sound[d]) * self.consistency.forgetting >= ANCHORED;
-        let against = (members.iter())
-            .filter(|i| anchored && vote.prior[at(**i)] > RETURN)
-            .fold(0, |set, i| set | bit((*i).into()));
+        let anchored = self.is_anchored(vote, d);
+        let against = self.against(vote, d, members);
         let rest = n - against.count_ones() as usize;
         if against != 0 && rest > 1 && self.remain(vote, members, against) {
             return leave(against);

@@ -156,6 +156,19 @@ fn where_nothing_isolates_the_culprit_the_direction_is_contradicted() {
 }
 
 #[test]
+fn of_three_gauges_one_gain_is_as_simple_as_two_unless_the_prediction_accuses_one() {
+    for sound in [0, 1000] {
+        let mut rig = Rig::new(3, 1);
+        rig.run(sound, |_, _| ());
+        rig.run(500, |y, _| y[1] *= 0.6);
+        assert_eq!(rig.faults()[..3], [None, Some(Fault::Gain), None]);
+        assert_eq!(rig.vote.contradicted(), sound == 0);
+        rig.run(1000, |_, _| ());
+        assert!(!rig.vote.contradicted());
+    }
+}
+
+#[test]
 fn disagreement_grows_the_deviation() {
     let mut rig = Rig::new(3, 1);
     rig.errors = [1.0; 4];
