@@ -242,12 +242,17 @@ impl Mismatch {
         if correlated && self.level < highest {
             let by = if far && !self.lowered { 2 } else { 1 };
             self.level = (self.level + by).min(highest);
-            self.times = self.times.saturating_add(1);
+            if self.reference.is_none() {
+                self.times = self.times.saturating_add(1);
+            }
             self.turn(false);
             return Some(Change::Raised);
         }
         if self.level > 0 && self.since > self.until {
-            self.lasted = self.lasted.max(self.level);
+            // What an established level is contradicted by is no error of the model.
+            if self.reference.is_none() {
+                self.lasted = self.lasted.max(self.level);
+            }
             self.level -= 1;
             self.turn(true);
             return Some(Change::Lowered);
@@ -262,7 +267,10 @@ impl Mismatch {
         self.lowered = lowered;
         self.above = 0.0;
         self.since = 0;
-        self.until = SHORTEST << self.times.saturating_sub(1).min(DOUBLINGS);
+        self.until = match self.reference {
+            None => SHORTEST << self.times.saturating_sub(1).min(DOUBLINGS),
+            Some(_) => SHORTEST,
+        };
         self.unexplained = false;
     }
 }
@@ -381,7 +389,7 @@ mod tests {
             assert!(mismatch.is_contradicted());
         }
         run(&mut mismatch, PROBATION, |_, _| 0.0);
-        assert!(!mismatch.is_contradicted());
+        assert!(!mismatch.is_contradicted() && mismatch.allowed() == 0);
     }
 
     #[test]
