@@ -24,6 +24,7 @@ mod reader;
 mod resample;
 mod selection;
 mod source;
+mod survey;
 mod unit;
 mod writer;
 
@@ -32,6 +33,7 @@ pub use error::{Problem, RecordingError, Row};
 pub use layout::{ChannelLayout, Column, ColumnType, CsvLayout, Role, Timing, Wanted, WrittenNan};
 pub use reader::{Block, Reader};
 pub use source::columns;
+pub use survey::{Change, Survey, SurveyedColumn, survey};
 pub use unit::{Conversion, Quantity, Unit, UnknownUnit};
 pub use writer::{OutputColumn, SIMULATED, SUFFIXES, Writer};
 

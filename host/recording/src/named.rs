@@ -3,7 +3,7 @@ use super::TIME;
 use super::layout::{Column, CsvLayout};
 
 /// Names of a time column that is not called `t`, in lower case.
-const TIMES: [&str; 4] = ["timestamps", "timestamp", "time", "zeit"];
+pub(super) const TIMES: [&str; 4] = ["timestamps", "timestamp", "time", "zeit"];
 
 /// Renames the columns that `layout` gives to channels, and sets their units. A
 /// column that bears the name of a channel read from another one loses it.

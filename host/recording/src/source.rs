@@ -136,7 +136,11 @@ pub fn columns(
 
 impl Format {
     /// Recognises the format by the first bytes of the file, not by its name.
-    fn open(path: &Path, layout: &CsvLayout, wanted: &[(&str, bool)]) -> Result<Self, Problem> {
+    pub(super) fn open(
+        path: &Path,
+        layout: &CsvLayout,
+        wanted: &[(&str, bool)],
+    ) -> Result<Self, Problem> {
         let file = File::open(path)?;
         // A pipe can only be read once, and neither of these through a pipe.
         let mut start = Vec::new();
@@ -168,7 +172,15 @@ impl Format {
         }
     }
 
-    fn name(&self) -> &'static str {
+    /// Names of all columns that it may be asked for.
+    pub(super) fn names(&self) -> Result<Vec<String>, Problem> {
+        match self {
+            Self::Mdf(mdf) => contained("MDF4", || mdf.names()),
+            other => Ok(other.columns().iter().map(|c| c.name.clone()).collect()),
+        }
+    }
+
+    pub(super) fn name(&self) -> &'static str {
         match self {
             Self::Csv(_) => "CSV",
             Self::Parquet(_) => "Parquet",

@@ -7,7 +7,7 @@ use super::cells::Cells;
 use super::number;
 
 /// Delimiters that are recognised, the usual one first.
-const DELIMITERS: [u8; 4] = [b',', b';', b'\t', b'|'];
+pub(super) const DELIMITERS: [u8; 4] = [b',', b';', b'\t', b'|'];
 
 /// Rows by which the delimiter is recognised.
 const ROWS: usize = 50;

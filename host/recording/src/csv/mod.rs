@@ -8,6 +8,7 @@ mod dialect;
 mod header;
 mod lines;
 mod number;
+mod outline;
 
 use std::path::Path;
 
@@ -18,6 +19,7 @@ use super::{BLOCK_ROWS, shown};
 pub(super) use cell::Kind;
 use cells::Cells;
 use lines::Lines;
+pub(super) use outline::outline;
 
 pub(super) struct Csv {
     lines: Lines,

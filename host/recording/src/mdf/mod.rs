@@ -21,6 +21,7 @@ use falcon_mdf::{Mf4Error, Mf4File, OpenOptions};
 use super::error::{Problem, clipped};
 use super::layout::{Column, CsvLayout, WrittenNan};
 use super::source::{Output, Rows};
+use group::Group;
 use plan::{Plan, Planner};
 use side::Side;
 use track::Stream;
@@ -72,6 +73,23 @@ impl Mdf {
             nan_is_missing: layout.written_nan == WrittenNan::Missing,
             file,
         })
+    }
+
+    /// Names of the channels of all groups that have a time, each once; without those that a group
+    /// has twice, which cannot be asked for.
+    pub(super) fn names(&self) -> Result<Vec<String>, Problem> {
+        let mut names: Vec<String> = Vec::new();
+        for group in Group::all(&self.file)? {
+            let channels = &group.block.channels;
+            for channel in channels {
+                let is_once = channels.iter().filter(|c| c.name == channel.name).count() == 1;
+                let is_time = channel.name == group.time.name;
+                if is_once && !is_time && !names.contains(&channel.name) {
+                    names.push(channel.name.clone());
+                }
+            }
+        }
+        Ok(names)
     }
 
     pub(super) fn columns(&self) -> &[Column] {
