@@ -17,6 +17,7 @@
 )]
 
 pub mod cli;
+pub mod init;
 pub mod tables;
 
 pub use loadtwin_can as can;

@@ -6,6 +6,7 @@ mod calibrate;
 mod can;
 mod demo;
 mod diagnose;
+mod init;
 mod key;
 mod layout;
 mod life;
@@ -43,6 +44,8 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Begin a machine description from a recording.
+    Init(init::Init),
     /// Run the estimator on a recording and report its error.
     Replay(replay::Replay),
     /// Turn finite-element strains for unit loads into strain maps over the carrier angle.
@@ -114,6 +117,7 @@ impl Cli {
         let json = self.json;
         match self.command {
             None => demo::run(json),
+            Some(Command::Init(init)) => init.run(json),
             Some(Command::Replay(replay)) => replay.run(json),
             Some(Command::Reduce(reduce)) => reduce.run(json),
             Some(Command::Calibrate(calibrate)) => calibrate.run(json),

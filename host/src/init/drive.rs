@@ -1,0 +1,181 @@
+//! A drive of which torque, force, current or voltage and the motion are recorded.
+
+use std::f64::consts::TAU;
+
+use loadtwin_recording::{Quantity, Unit};
+
+use super::column::{Look, LookedAt};
+use super::text::{Text, quoted, rounded_up};
+use super::{InitError, Source};
+
+/// What may be a drive, the surest first.
+const DRIVES: [&[Look]; 4] = [
+    &[Look::Current],
+    &[Look::Voltage],
+    &[Look::Torque, Look::Force],
+    &[Look::Words, Look::Unknown, Look::Strain],
+];
+
+/// Counts of an encoder until its own are filled in.
+const COUNTS_PER_TURN: f64 = 4096.0;
+
+impl Source<'_> {
+    pub(super) fn drive(&self, text: &mut Text) -> Result<(), InitError> {
+        let likely = DRIVES.iter().flat_map(|looks| self.looking(looks));
+        // Where nothing shows what a column is, all may be it.
+        let any = self.looking(&[Look::Index, Look::Counts]).into_iter();
+        let any = any.filter(|column| !column.has_unit || column.look == Look::Index);
+        let candidates: Vec<&LookedAt> = likely.chain(any).collect();
+        let mut positions = self.looking(&[Look::Counts, Look::Angle, Look::Length]);
+        // A measured position is a whole number of steps, a commanded one is not.
+        positions.sort_by_key(|column| column.statistics.as_ref().is_none_or(|s| s.step.is_none()));
+        let speeds = self.looking(&[Look::Speed, Look::LinearSpeed]);
+        let drive = candidates.first().copied();
+        let needed = "a drive has a torque, force, current or voltage, and a position or speed";
+        let drive = drive.ok_or_else(|| self.refused(needed))?;
+        let is_free = |column: &&&LookedAt| column.name != drive.name;
+        let position = positions.first();
+        let speed = speeds.first();
+        let motion = candidates.iter().find(is_free);
+        if position.is_none() && speed.is_none() && motion.is_none() {
+            return Err(self.refused(needed));
+        }
+        text.table("[balance]");
+        if !self.survey.has_time {
+            text.fill_in(
+                "regime",
+                "\"holding\"",
+                "is each row a position that is held (holding), or a sample (moving)?",
+            );
+        }
+        text.set_or_fill_in(
+            "unit",
+            drive_unit(drive).map(|unit| quoted(unit.symbol())),
+            "\"Nm\"",
+            "the unit of the drive after its gain: Nm, N, A, V",
+        );
+        let others = names(&candidates, drive);
+        let what = "the torque, force, current or voltage that drives";
+        mark_choice(text, "drive", what, &others);
+        signal(text, "drive", drive, None);
+        if let Some(position) = position {
+            mark_choice(
+                text,
+                "position",
+                "the position",
+                &names(&positions, position),
+            );
+            signal(text, "position", position, Some(TAU / COUNTS_PER_TURN));
+        }
+        if let Some(speed) = speed {
+            mark_choice(text, "speed", "the speed", &names(&speeds, speed));
+            signal(text, "speed", speed, None);
+        }
+        if let (None, None, Some(motion)) = (position, speed, motion) {
+            text.mark(format_args!(
+                "the motion: position or speed; found as well: {}",
+                names(&candidates, motion)
+            ));
+            signal(text, "speed", motion, None);
+        }
+        body(text, drive, position.copied());
+        self.temperature(text);
+        loads(text, &candidates, drive);
+        Ok(())
+    }
+
+    fn temperature(&self, text: &mut Text) {
+        for column in self.looking(&[Look::Temperature]).iter().take(1) {
+            signal(text, "temperature", column, None);
+        }
+    }
+}
+
+fn body(text: &mut Text, drive: &LookedAt, position: Option<&LookedAt>) {
+    let turns = position.is_none_or(|column| matches!(column.look, Look::Counts | Look::Angle));
+    if turns {
+        text.fill_in(
+            "turn",
+            "6.283185307",
+            "the travel of one turn of the motor (rad or m)",
+        );
+    }
+    text.fill_in("inertia", "0", "the moving inertia or mass (kg m2, kg)");
+    let gain = gain(drive).unwrap_or(1.0);
+    text.fill_in(
+        "nominal",
+        rounded_up((drive.largest() * gain).abs()),
+        "the rated drive",
+    );
+}
+
+/// Torques and forces beside the drive.
+fn loads(text: &mut Text, candidates: &[&LookedAt], drive: &LookedAt) {
+    let is_load =
+        |column: &&&LookedAt| column.name != drive.name && column.is(&[Look::Torque, Look::Force]);
+    for column in candidates.iter().filter(is_load) {
+        text.table("[[balance.load]]");
+        text.mark("is it a load that the drive works against? Delete the table where it is none");
+        text.set("name", quoted(&column.name));
+        text.set("unit", quoted(column.unit.symbol()));
+        gain_of(text, column, None);
+    }
+}
+
+fn names(columns: &[&LookedAt], chosen: &LookedAt) -> String {
+    let others = columns.iter().filter(|column| column.name != chosen.name);
+    let others: Vec<_> = others
+        .map(|column| column.name.escape_debug().to_string())
+        .collect();
+    others.join(", ")
+}
+
+fn mark_choice(text: &mut Text, key: &str, what: &str, others: &str) {
+    if !others.is_empty() {
+        text.mark(format_args!("{what} (`{key}`); found as well: {others}"));
+    }
+}
+
+/// The unit of the drive after its gain.
+fn drive_unit(column: &LookedAt) -> Option<Unit> {
+    let is_known = !matches!(column.unit.quantity(), Quantity::Counts | Quantity::Number);
+    is_known.then(|| column.unit.si())
+}
+
+/// SI units in one of the column's; none where it is of no quantity.
+fn gain(column: &LookedAt) -> Option<f64> {
+    drive_unit(column).map(|_| column.unit.to_si(1.0) - column.unit.to_si(0.0))
+}
+
+/// A signal as an inline table; `counts`: the gain of counts until it is filled in.
+fn signal(text: &mut Text, key: &str, column: &LookedAt, counts: Option<f64>) {
+    let gain = match gain(column) {
+        Some(1.0) => String::new(),
+        Some(gain) => format!(", gain = {gain:e}"),
+        None => {
+            text.mark(format_args!(
+                "`gain` of {}, SI per {}",
+                column.name.escape_debug(),
+                column.unit
+            ));
+            format!(", gain = {:e}", counts.unwrap_or(1.0))
+        }
+    };
+    let (name, unit) = (quoted(&column.name), quoted(column.unit.symbol()));
+    text.set(
+        key,
+        format_args!("{{ name = {name}, unit = {unit}{gain} }}"),
+    );
+}
+
+fn gain_of(text: &mut Text, column: &LookedAt, counts: Option<f64>) {
+    match gain(column) {
+        Some(1.0) => {}
+        Some(gain) => text.set("gain", format_args!("{gain:e}")),
+        None => {
+            let what = format_args!("the drive's unit per {}, with the sign", column.unit);
+            text.fill_in("gain", format_args!("{:e}", counts.unwrap_or(1.0)), what);
+            text.fill_in("zero", "0", "the reading without load");
+        }
+    }
+}
