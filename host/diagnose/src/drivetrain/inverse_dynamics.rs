@@ -6,7 +6,7 @@ use crate::drivetrain::chain_response::{DrivenChain, ShaftResponse, shaft_rows};
 use crate::drivetrain::signals::Response;
 use crate::smoothing::smooth;
 use loadtwin_design::gearbox::Torsion;
-use loadtwin_machine::{CREEP, Drivetrain, Machine};
+use loadtwin_machine::{CREEP, Drivetrain, Inertia, Machine};
 
 /// The torques in the chain.
 pub(crate) struct ShaftTorques {
@@ -180,14 +180,13 @@ impl ShaftSide {
         };
         let weight = |side: &Self| -> f64 {
             let inertias = &drivetrain.inertias[side.bodies.clone()];
-            inertias.iter().map(|i| i.referred_moment()).sum()
+            inertias.iter().map(Inertia::referred_moment).sum()
         };
         match (usable(&before), usable(&after)) {
             (false, false) => None,
-            (true, false) => Some(before),
             (false, true) => Some(after),
             (true, true) if weight(&after) < weight(&before) => Some(after),
-            (true, true) => Some(before),
+            (true, _) => Some(before),
         }
     }
 
