@@ -1,6 +1,5 @@
 //! The improved description: the person's text with other numbers in `[balance]`.
 
-use std::io::Write;
 use std::path::Path;
 
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, TableLike, value};
@@ -8,7 +7,6 @@ use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, TableLike, value
 use crate::noise::Levels;
 use crate::{BalanceError, Linear};
 use loadtwin_files::atomic_file::AtomicFile;
-use loadtwin_files::mark;
 use loadtwin_machine::{BalanceEffect, DESCRIPTION, Machine, read_description};
 
 /// Digits of a coefficient.
@@ -84,13 +82,8 @@ pub fn write(
     if !effects.is_empty() {
         balance.insert("effect", Item::ArrayOfTables(tables));
     }
-    let write = || -> std::io::Result<()> {
-        let mut file = AtomicFile::create(path)?;
-        let text = mark::marked(DESCRIPTION.noun, &document.to_string());
-        file.write_all(text.as_bytes())?;
-        file.finish()
-    };
-    write().map_err(|e| failed(path, e.to_string()))
+    let written = AtomicFile::marked(path, &DESCRIPTION, &document.to_string());
+    (written.and_then(AtomicFile::finish)).map_err(|e| failed(path, e.to_string()))
 }
 
 /// Rated drive where there is none, residual, and the noise of each column.

@@ -10,7 +10,9 @@ use std::time::{Duration, Instant};
 use rustix::fs::{AtFlags, CWD, Mode, OFlags, linkat, openat};
 use thiserror::Error;
 
+use super::content::Content;
 use super::destination::{Destination, Place, destination};
+use super::mark::marked;
 
 /// Name between the link to a complete file and its renaming over one that is
 /// there. The next run removes one that a kill between these two calls left.
@@ -74,6 +76,16 @@ impl AtomicFile {
             place,
             only_new: false,
         })
+    }
+
+    /// Begins a file that is to be at `path` with `text`, marked as `content`.
+    ///
+    /// # Errors
+    /// As [`AtomicFile::create`], and when it cannot be written to.
+    pub fn marked(path: &Path, content: &Content, text: &str) -> io::Result<Self> {
+        let mut file = Self::create(path)?;
+        file.write_all(marked(content.noun, text).as_bytes())?;
+        Ok(file)
     }
 
     /// Begins a file that is never put in place of another, with the permissions

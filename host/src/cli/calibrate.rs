@@ -17,7 +17,6 @@ use crate::calibrate::{
     self, Candidate, Description, Gauge, MapSource, Observations, Proposal, calibrated, fronts,
     page, select,
 };
-use crate::files::mark;
 use crate::machine::{Bearing, Kind, Machine, resampled};
 use crate::replay::recorded;
 use crate::report::PAGE;
@@ -168,10 +167,8 @@ impl Calibrate {
         };
         let calibration = crate::bearing::calibrate(&rig, &samples)?;
         if let Some(output) = &self.output {
-            let mut file = AtomicFile::create(output)?;
-            let text = mark::marked(CALIBRATION.noun, &toml::to_string(&calibration)?);
-            std::io::Write::write_all(&mut file, text.as_bytes())?;
-            file.finish()?;
+            let text = toml::to_string(&calibration)?;
+            AtomicFile::marked(output, &CALIBRATION, &text)?.finish()?;
         }
         let seconds = started.elapsed().as_secs_f64();
         if as_json {

@@ -1,6 +1,5 @@
 //! `loadtwin init`.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
@@ -9,8 +8,7 @@ use serde_json::json;
 
 use super::output::{note, print, say, shown};
 use super::plan::{Plan, Replace};
-use crate::atomic_file::{AtomicFile, publish};
-use crate::files::mark;
+use crate::atomic_file::AtomicFile;
 use crate::init::{Draft, MARK, MachineKind, draft};
 use crate::machine::DESCRIPTION;
 
@@ -47,7 +45,8 @@ impl Init {
         }
         match &self.output {
             Some(path) => {
-                write(path, &draft.text).with_context(|| path.display().to_string())?;
+                (AtomicFile::marked(path, &DESCRIPTION, &draft.text).and_then(AtomicFile::finish))
+                    .with_context(|| path.display().to_string())?;
                 self.summarise(&draft, path, as_json);
             }
             None if as_json => self.summarise(&draft, Path::new("-"), as_json),
@@ -80,10 +79,4 @@ impl Init {
             );
         }
     }
-}
-
-fn write(path: &Path, text: &str) -> anyhow::Result<()> {
-    let mut file = AtomicFile::create(path)?;
-    file.write_all(mark::marked(DESCRIPTION.noun, text).as_bytes())?;
-    Ok(publish([file.complete()?])?)
 }

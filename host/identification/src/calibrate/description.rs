@@ -1,13 +1,13 @@
 //! Changes to a machine description that leave the person's text as it is.
 
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
 use loadtwin_files::atomic_file::{AtomicFile, Complete, PublishError, publish};
-use loadtwin_files::{bounded, mark};
+use loadtwin_files::bounded;
 use loadtwin_machine::{Channel, DESCRIPTION, complete_columns, six_digits};
 
 /// Why a description cannot be changed.
@@ -237,12 +237,8 @@ impl Description {
     /// # Errors
     /// When it cannot be written.
     pub fn complete(&self, path: &Path) -> Result<Complete, DescriptionError> {
-        let write = || {
-            let mut file = AtomicFile::create(path)?;
-            let text = mark::marked(DESCRIPTION.noun, &self.document.to_string());
-            file.write_all(text.as_bytes())?;
-            file.complete()
-        };
+        let write =
+            || AtomicFile::marked(path, &DESCRIPTION, &self.document.to_string())?.complete();
         write().map_err(|source| DescriptionError::File {
             path: path.to_owned(),
             source,
