@@ -12,6 +12,7 @@
     )
 )]
 
+pub mod counter;
 pub mod exponential;
 pub mod metrics;
 pub mod riccati;

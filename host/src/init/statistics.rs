@@ -1,5 +1,7 @@
 //! Figures of a column's values that show what it holds.
 
+use loadtwin_math::counter::unwrapped;
+
 /// Values that are enough for figures of noise.
 const FIGURES: usize = 1 << 16;
 
@@ -54,7 +56,10 @@ impl Statistics {
         } else {
             None
         };
-        let unwrapped = unwrapped(&known, wraps_at_bits);
+        let unwrapped = match wraps_at_bits {
+            Some(bits) => unwrapped(&known, f64::from(bits).exp2()),
+            None => known.clone(),
+        };
         let step = step(&sorted);
         Some(Self {
             least,
@@ -92,22 +97,6 @@ fn wrap(values: &[f64], least: f64, most: f64) -> Option<u32> {
     let modulus = f64::from(bits).exp2();
     (largest > 0.75 * modulus && most - least < modulus && most - least > 0.75 * modulus)
         .then_some(bits)
-}
-
-fn unwrapped(values: &[f64], bits: Option<u32>) -> Vec<f64> {
-    let Some(bits) = bits else {
-        return values.to_vec();
-    };
-    let modulus = f64::from(bits).exp2();
-    let mut turns = 0.0;
-    let mut last = None;
-    let unwrap = |value: &f64| {
-        if let Some(last) = last.replace(*value) {
-            turns -= ((value - last) / modulus).round();
-        }
-        value + turns * modulus
-    };
-    values.iter().map(unwrap).collect()
 }
 
 /// From the median of second differences, `sqrt 6` times the noise of a value.

@@ -7,6 +7,7 @@ use crate::diagnosis::DiagnoseError;
 use crate::smoothing::moving_mean;
 use loadtwin_identification::calibrate::Motion;
 use loadtwin_machine::{Encoder, Machine};
+use loadtwin_math::counter::unwrapped;
 use loadtwin_recording::{Quantity, Reader, Role, Unit, Wanted, columns};
 
 /// Everything that a recording holds of a machine.
@@ -185,7 +186,8 @@ impl<'a> SensorColumns<'a> {
                         TAU / (encoder.counts_per_turn * ratio(encoder)),
                     )
                 };
-                let mut angle = unwrapped(readings, modulus, step);
+                let moved = unwrapped(readings, modulus).into_iter();
+                let mut angle: Vec<f64> = moved.map(|moved| moved * step).collect();
                 if encoder.eccentricity.is_some() {
                     remove_eccentricity(&mut angle, carrier, self.machine);
                 }
@@ -193,30 +195,6 @@ impl<'a> SensorColumns<'a> {
             })
             .collect()
     }
-}
-
-/// Counts as a continuous angle; a missing one repeats the last.
-fn unwrapped(counts: &[f64], modulus: f64, step: f64) -> Vec<f64> {
-    let mut last = counts
-        .iter()
-        .copied()
-        .find(|c| c.is_finite())
-        .unwrap_or(0.0);
-    let mut total = 0.0;
-    counts
-        .iter()
-        .map(|count| {
-            if count.is_finite() {
-                let mut moved = count - last;
-                if modulus.is_finite() {
-                    moved -= (moved / modulus).round() * modulus;
-                }
-                total += moved;
-                last = *count;
-            }
-            total * step
-        })
-        .collect()
 }
 
 /// Subtracts the error of the index's encoder by `machine`'s description; nothing where `angle`,
