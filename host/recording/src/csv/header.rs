@@ -79,7 +79,7 @@ fn first_line(text: &[u8]) -> Option<&[u8]> {
 }
 
 /// The delimiter of Excel's line `sep=;`.
-fn separator(line: &[u8]) -> Option<u8> {
+pub(super) fn separator(line: &[u8]) -> Option<u8> {
     let line = line.strip_suffix(b"\r").unwrap_or(line);
     let plain = line.strip_prefix(b"\"").unwrap_or(line);
     match plain {

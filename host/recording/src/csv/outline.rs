@@ -1,9 +1,11 @@
 //! Where the table of a text begins, and what its columns are called.
+
 use std::path::Path;
 
 use super::cell::recognise;
 use super::cells::Cells;
 use super::dialect::DELIMITERS;
+use super::header::separator;
 use super::lines::Lines;
 use super::number;
 use crate::Unit;
@@ -80,8 +82,9 @@ fn is_comment(line: &[u8]) -> bool {
     line.starts_with(b"#")
 }
 
-fn is_number(cell: &[u8]) -> bool {
-    number::parse(cell, false).is_some() || number::parse(cell, true).is_some()
+/// A number with a decimal point or comma.
+fn number(cell: &[u8]) -> Option<f64> {
+    number::parse(cell, false).or_else(|| number::parse(cell, true))
 }
 
 impl Table {
@@ -93,9 +96,11 @@ impl Table {
                 continue;
             }
             let row = cells(line, delimiter);
-            let numbers = row.iter().filter(|cell| is_number(cell)).count();
+            let numbers = row.iter().filter(|cell| number(cell).is_some()).count();
             let is_value = |cell: &Vec<u8>| {
-                cell.is_empty() || is_number(cell) || recognise(&[cell]) != ColumnType::Number
+                cell.is_empty()
+                    || number(cell).is_some()
+                    || recognise(&[cell]) != ColumnType::Number
             };
             let width = table.as_ref().map_or(row.len(), |table| table.width);
             if row.len() != width || numbers == 0 || !row.iter().all(is_value) {
@@ -144,7 +149,7 @@ impl Table {
             None => (0, nearest),
         };
         let line = *above.get(place)?;
-        let is_plain = |i: &usize| is_comment(lines[*i]) || is_separator(lines[*i]);
+        let is_plain = |i: &usize| is_comment(lines[*i]) || separator(lines[*i]).is_some();
         Some(Header {
             columns,
             is_at_the_top: above[place + 1..].iter().all(is_plain)
@@ -157,10 +162,9 @@ impl Table {
     /// The columns with a name each that no other has; the first is the time where it has no name
     /// and rises.
     fn named(&self, lines: &[&[u8]], columns: Vec<String>) -> Vec<String> {
-        let first = lines[self.first..].iter().filter_map(|line| {
-            let cell = cells(line, self.delimiter).into_iter().next()?;
-            number::parse(&cell, false).or_else(|| number::parse(&cell, true))
-        });
+        let first = lines[self.first..]
+            .iter()
+            .filter_map(|line| number(cells(line, self.delimiter).first()?));
         let first: Vec<f64> = first.collect();
         let rises = first.len() > 2 && first.windows(2).all(|pair| pair[1] > pair[0]);
         let mut named: Vec<String> = Vec::with_capacity(columns.len());
@@ -182,15 +186,6 @@ impl Table {
         }
         named
     }
-}
-
-/// Excel's line `sep=;`.
-fn is_separator(line: &[u8]) -> bool {
-    let plain = line.strip_prefix(b"\"").unwrap_or(line);
-    plain.len() < 8
-        && plain
-            .get(..4)
-            .is_some_and(|start| start.eq_ignore_ascii_case(b"sep="))
 }
 
 #[cfg(test)]
