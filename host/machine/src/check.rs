@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use loadtwin_recording::{Quantity, Unit};
+use loadtwin_recording::{Quantity, RATES_HZ, Unit};
 
 use super::error::Violation;
 use super::rule::{
@@ -24,7 +24,7 @@ impl Machine {
     pub fn check(&self) -> Result<(), Violation> {
         within("format", self.format, self.format == 1, "1")?;
         within("name", &self.name, !self.name.trim().is_empty(), "a name")?;
-        range("rate_hz", self.rate_hz, 1.0, 20_000.0)?;
+        range("rate_hz", self.rate_hz, *RATES_HZ.start(), *RATES_HZ.end())?;
         within(
             "can_base",
             self.can_base,

@@ -33,7 +33,7 @@ pub use error::{Problem, RecordingError, Row};
 pub use layout::{ChannelLayout, Column, ColumnType, CsvLayout, Role, Timing, Wanted, WrittenNan};
 pub use reader::{Block, Reader};
 pub use source::columns;
-pub use survey::{Change, Survey, SurveyedColumn, survey};
+pub use survey::{Change, RATES_HZ, Survey, SurveyedColumn, survey};
 pub use unit::{Conversion, Quantity, Unit, UnknownUnit};
 pub use writer::{OutputColumn, SIMULATED, SUFFIXES, Writer};
 

@@ -14,7 +14,7 @@ use super::{TIME, shown};
 const ROWS: usize = 1 << 18;
 
 /// Sample rates that a machine description may have (Hz).
-const RATES_HZ: std::ops::RangeInclusive<f64> = 1.0..=20_000.0;
+pub const RATES_HZ: std::ops::RangeInclusive<f64> = 1.0..=20_000.0;
 
 /// Units of time in the order in which they are tried.
 const TIME_UNITS: [&str; 4] = ["s", "ms", "µs", "ns"];
@@ -297,7 +297,11 @@ impl Survey {
             return true;
         };
         channel.unit = Some(unit);
-        let reason = format!("the file's unit of time gives {rate_hz:.3e} Hz, allowed: 1 to 20000");
+        let reason = format!(
+            "the file's unit of time gives {rate_hz:.3e} Hz, allowed: {} to {}",
+            RATES_HZ.start(),
+            RATES_HZ.end()
+        );
         self.change("channels.t", reason);
         false
     }

@@ -1,13 +1,10 @@
 //! The head of a description, and how its recordings are laid out.
 
-use loadtwin_recording::{ChannelLayout, Timing, Unit, WrittenNan};
+use loadtwin_recording::{ChannelLayout, RATES_HZ, Timing, Unit, WrittenNan};
 
 use super::column::{Look, LookedAt};
 use super::text::{Text, number, quoted};
 use super::{MARK, MachineKind, Source};
-
-/// Sample rates that a description may have (Hz).
-const RATES_HZ: std::ops::RangeInclusive<f64> = 1.0..=20_000.0;
 
 /// Difference of a rate from a shorter number that jitter of stamps and quartzes explain.
 const SAME_RATE: f64 = 5e-4;
