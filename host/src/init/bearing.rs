@@ -1,14 +1,12 @@
 //! A wheel bearing with four gauges on its outer ring.
 
+use loadtwin_common::bearing::GAUGES;
 use loadtwin_machine::BEARING_LOADS;
 
 use super::column::{Look, LookedAt};
 use super::sensors::{channel, references};
 use super::text::{Text, number, quoted};
 use super::{InitError, Source};
-
-/// Gauges on the outer ring.
-pub(super) const GAUGES: usize = 4;
 
 /// Fields of a bearing with values of a wheel hub of a passenger car.
 const FIELDS: [(&str, &str, &str); 9] = [

@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use loadtwin_recording::{Quantity, Unit};
 
 use super::column::{Look, LookedAt};
+use super::sensors::COUNTS_PER_TURN;
 use super::text::{Text, quoted, rounded_up};
 use super::{InitError, Source};
 
@@ -15,9 +16,6 @@ const DRIVES: [&[Look]; 4] = [
     &[Look::Torque, Look::Force],
     &[Look::Words, Look::Unknown, Look::Strain],
 ];
-
-/// Counts of an encoder until its own are filled in.
-const COUNTS_PER_TURN: f64 = 4096.0;
 
 impl Source<'_> {
     pub(super) fn drive(&self, text: &mut Text) -> Result<(), InitError> {

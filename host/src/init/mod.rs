@@ -16,6 +16,7 @@ mod text;
 use std::path::Path;
 
 use clap::ValueEnum;
+use loadtwin_common::bearing::GAUGES;
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{Machine, MachineError};
 use loadtwin_recording::{RecordingError, Survey, survey};
@@ -177,7 +178,7 @@ fn kind_of(columns: &[LookedAt]) -> MachineKind {
     let gauges = strains + count(&[Look::Words]);
     let lengths = count(&[Look::Length]);
     let drives = count(&[Look::Current, Look::Voltage, Look::Torque]);
-    if count(&[Look::Force]) > 0 && strains == bearing::GAUGES {
+    if count(&[Look::Force]) > 0 && strains == GAUGES {
         MachineKind::Bearing
     } else if gauges > 0 && (strains > 0 || drives == 0 || gauges > drives) {
         MachineKind::Drivetrain

@@ -2,6 +2,8 @@
 
 use std::f64::consts::TAU;
 
+use loadtwin_machine::MOST_LOADS;
+
 use super::column::{Look, LookedAt};
 use super::sensors::{channel, references};
 use super::text::{Text, number, rounded_up};
@@ -10,13 +12,10 @@ use super::{InitError, Source};
 /// Elements of the shaft until its own are filled in.
 const ELEMENTS: usize = 20;
 
-/// Forces that a rotor may have.
-const LOADS: usize = 2;
-
 /// Samples a turn at the speed that holds the place of the rotor's own.
 const SAMPLES_PER_TURN: f64 = 20.0;
 
-/// Part of a turn per second up to which a speed holds the place.
+/// Largest speed that holds the place of the rotor's own (rad/s).
 const SPEED_RAD_S: f64 = 100.0;
 
 impl Source<'_> {
@@ -38,7 +37,7 @@ impl Source<'_> {
             "the speed (rad/s)",
         );
         shaft(text);
-        let pairs = forces.len().div_ceil(2).clamp(1, LOADS);
+        let pairs = forces.len().div_ceil(2).clamp(1, MOST_LOADS);
         for load in 0..pairs {
             text.table("[[rotor.load]]");
             text.set(
@@ -73,7 +72,7 @@ impl Source<'_> {
         }
         self.index(text, encoders);
         let names = ["load1_x", "load1_y", "load2_x", "load2_y"];
-        references(text, &forces[..forces.len().min(2 * LOADS)], &names);
+        references(text, &forces[..forces.len().min(2 * MOST_LOADS)], &names);
         self.auxiliaries(text);
         Ok(())
     }

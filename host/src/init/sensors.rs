@@ -1,13 +1,14 @@
 //! Channels, encoders, index pulse, references and thermometers.
 
-use loadtwin_recording::Unit;
+use loadtwin_machine::six_digits;
+use loadtwin_recording::{Quantity, Unit};
 
 use super::Source;
 use super::column::{Look, LookedAt};
-use super::text::{Text, number, quoted, rounded_up};
+use super::text::{Text, in_toml, number, quoted, rounded_up};
 
 /// Counts of an encoder until its own are filled in.
-const COUNTS_PER_TURN: f64 = 4096.0;
+pub(super) const COUNTS_PER_TURN: f64 = 4096.0;
 
 /// Counts that an angle is read as, until the board's encoder is filled in.
 const ANGLE_COUNTS: f64 = 65_536.0;
@@ -162,7 +163,7 @@ impl Source<'_> {
         for column in self.looking(&[Look::Temperature]) {
             text.table("[[auxiliary]]");
             text.set("name", quoted(&column.name));
-            let unit = column.unit.quantity() == loadtwin_recording::Quantity::Temperature;
+            let unit = column.unit.quantity() == Quantity::Temperature;
             let unit = unit.then(|| quoted(column.unit.symbol()));
             text.set_or_fill_in(
                 "unit",
@@ -216,7 +217,8 @@ pub(super) fn channel(
 }
 
 fn converter(text: &mut Text, column: &LookedAt) {
-    let entry = |lsb: f64, bits: u32| format!("{{ lsb = {}, bits = {bits} }}", precise(lsb));
+    let entry =
+        |lsb: f64, bits: u32| format!("{{ lsb = {}, bits = {bits} }}", in_toml(six_digits(lsb)));
     if column.look == Look::Words {
         text.fill_in(
             "adc",
@@ -266,23 +268,10 @@ pub(super) fn references(text: &mut Text, columns: &[&LookedAt], loads: &[&str])
         text.set("name", quoted(&column.name));
         text.fill_in("load", quoted(load), "the load that it measures");
         text.set("unit", quoted(column.unit.symbol()));
-        if !matches!(
-            column.unit.quantity(),
-            loadtwin_recording::Quantity::Torque | loadtwin_recording::Quantity::Force
-        ) {
+        if !matches!(column.unit.quantity(), Quantity::Torque | Quantity::Force) {
             text.fill_in("gain", "1", "Nm or N per count, with the sign of the load");
             text.fill_in("zero", "0", "the count at zero load");
         }
-    }
-}
-
-/// A converter's count with all of its digits that are not of rounding.
-fn precise(value: f64) -> String {
-    let short: f64 = format!("{value:.5e}").parse().unwrap_or(value);
-    if (1e-3..1e6).contains(&short.abs()) {
-        format!("{short}")
-    } else {
-        format!("{short:e}")
     }
 }
 

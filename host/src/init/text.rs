@@ -90,15 +90,18 @@ pub(super) fn quoted(text: &str) -> String {
 
 /// A number with three significant digits, or more where it is whole.
 pub(super) fn number(value: f64) -> String {
-    let size = value.abs();
-    if value.fract() == 0.0 && size < 1e9 {
+    if value.fract() == 0.0 && value.abs() < 1e9 {
         return format!("{value:.0}");
     }
-    let short: f64 = format!("{value:.2e}").parse().unwrap_or(value);
-    if (1e-3..1e6).contains(&size) {
-        format!("{short}")
+    in_toml(format!("{value:.2e}").parse().unwrap_or(value))
+}
+
+/// A number with all of its digits; one that is small or large with an exponent.
+pub(super) fn in_toml(value: f64) -> String {
+    if (1e-3..1e6).contains(&value.abs()) {
+        format!("{value}")
     } else {
-        format!("{short:e}")
+        format!("{value:e}")
     }
 }
 

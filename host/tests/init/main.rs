@@ -99,7 +99,7 @@ fn compared(
     }
 }
 
-/// A folder with a link to the examples, which the descriptions name files of.
+/// A folder with a recording of the gearbox and the maps that its description names.
 fn bench() -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     let copy = |from: &str, to: &str| {
