@@ -1,5 +1,9 @@
 //! The straight line: raw sample in, estimate out, for any machine.
 
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use sha2::{Digest, Sha256};
+
 use crate::Error;
 use crate::bearing::{BearingEstimator, BearingModel, BearingState};
 use crate::drive::{DriveEstimator, DriveModel, DriveState};
@@ -8,6 +12,7 @@ use crate::image::{Image, Model};
 use crate::io::estimate::Estimate;
 use crate::io::raw::RawSample;
 use crate::rotor::{RotorEstimator, RotorModel, RotorState};
+use crate::sealed::Seal;
 
 /// Numbers of states that filters are compiled for; a model with another one
 /// is filled up with states that nothing depends on.
@@ -16,6 +21,19 @@ pub const STATES: [usize; 4] = [6, 8, 12, 16];
 /// Modal displacements and states of the filters of rotors, without and with biases of
 /// sensors; a model with fewer is filled up with states that nothing depends on.
 pub const ROTOR_SIZES: [(usize, usize); 2] = [(8, 20), (8, 24)];
+
+/// Version of the layout of saved states; another one is refused.
+pub const STATE_VERSION: u16 = 1;
+
+/// Most bytes of a saved state: a number of 16 bits takes 3 bytes in postcard at most, one of 64
+/// bits 10.
+pub const MAX_STATE_BYTES: usize = 3 * size_of::<Kind<'static>>() / 2 + 64;
+
+const STATE: Seal = Seal {
+    version: STATE_VERSION,
+    name: "saved state",
+    version_name: "version of the saved state",
+};
 
 /// The estimator of one machine and its state.
 ///
@@ -99,6 +117,21 @@ fn start_drive<'a>(model: DriveModel<'a>, slot: &mut Option<Estimator<'a>>) -> R
     Ok(())
 }
 
+fn save<S: Serialize>(state: &S, image: &[u8], bytes: &mut [u8]) -> Result<usize, Error> {
+    let digest: [u8; 32] = Sha256::digest(image).into();
+    STATE.write(&(digest, state), bytes)
+}
+
+fn restore<S: DeserializeOwned>(state: &mut S, image: &[u8], bytes: &[u8]) -> Result<(), Error> {
+    let digest: [u8; 32] = Sha256::digest(image).into();
+    if STATE.read_first::<[u8; 32]>(bytes)? != digest {
+        return Err(Error::Malformed("image of the saved state"));
+    }
+    let (_, saved) = STATE.read::<([u8; 32], S)>(bytes)?;
+    *state = saved;
+    Ok(())
+}
+
 impl<'a> Estimator<'a> {
     /// The line of `image`, before its first sample.
     ///
@@ -155,6 +188,61 @@ impl<'a> Estimator<'a> {
             Kind::Rotor24(r, s) => r.step(s, raw),
             Kind::Bearing(b, s) => b.step(s, raw),
             Kind::Drive(d, s) => d.step(s, raw),
+        }
+    }
+
+    /// Writes the state to `bytes` and gives how many it took: version, SHA-256 of `image`, of which
+    /// the estimator was built, state (postcard), CRC-32 (ISO-HDLC, little endian) of all before it.
+    ///
+    /// ```
+    /// # use loadtwin_common::estimator::{Estimator, MAX_STATE_BYTES};
+    /// # use loadtwin_common::{Error, image::Image, io::raw::RawSample};
+    /// # fn cut(image: &[u8], before: &[RawSample], after: &[RawSample]) -> Result<(), Error> {
+    /// let mut first = Estimator::try_build(Image::from_bytes(image)?)?;
+    /// for raw in before {
+    ///     first.step(raw);
+    /// }
+    /// let mut bytes = [0; MAX_STATE_BYTES];
+    /// let len = first.save(image, &mut bytes)?;
+    /// let mut second = Estimator::try_build(Image::from_bytes(image)?)?;
+    /// second.restore(image, &bytes[..len])?;
+    /// for raw in after {
+    ///     assert_eq!(second.step(raw), first.step(raw));
+    /// }
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// `Error::OutOfRange` when `bytes` is too short; [`MAX_STATE_BYTES`] are enough.
+    pub fn save(&self, image: &[u8], bytes: &mut [u8]) -> Result<usize, Error> {
+        match &self.kind {
+            Kind::Gearbox6(_, s) => save(s, image, bytes),
+            Kind::Gearbox8(_, s) => save(s, image, bytes),
+            Kind::Gearbox12(_, s) => save(s, image, bytes),
+            Kind::Gearbox16(_, s) => save(s, image, bytes),
+            Kind::Rotor20(_, s) => save(s, image, bytes),
+            Kind::Rotor24(_, s) => save(s, image, bytes),
+            Kind::Bearing(_, s) => save(s, image, bytes),
+            Kind::Drive(_, s) => save(s, image, bytes),
+        }
+    }
+
+    /// Continues a saved state to the bit.
+    ///
+    /// # Errors
+    /// `Error::Malformed` when the bytes are not a whole saved state of this version, or were saved
+    /// with another image; the state is as it was then.
+    pub fn restore(&mut self, image: &[u8], bytes: &[u8]) -> Result<(), Error> {
+        match &mut self.kind {
+            Kind::Gearbox6(_, s) => restore(s, image, bytes),
+            Kind::Gearbox8(_, s) => restore(s, image, bytes),
+            Kind::Gearbox12(_, s) => restore(s, image, bytes),
+            Kind::Gearbox16(_, s) => restore(s, image, bytes),
+            Kind::Rotor20(_, s) => restore(s, image, bytes),
+            Kind::Rotor24(_, s) => restore(s, image, bytes),
+            Kind::Bearing(_, s) => restore(s, image, bytes),
+            Kind::Drive(_, s) => restore(s, image, bytes),
         }
     }
 

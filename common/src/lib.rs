@@ -9,11 +9,13 @@ pub mod drive;
 pub mod drivetrain;
 pub mod error;
 pub mod estimator;
+mod flat;
 pub mod image;
 pub mod io;
 pub mod kalman;
 pub mod load_signal;
 pub mod rotor;
+mod sealed;
 pub mod signal;
 
 pub use crate::error::Error;

@@ -1,6 +1,7 @@
 //! What rows have learnt of preload and biases, to be handed to other posteriors.
 
 use nalgebra::SVector;
+use serde::{Deserialize, Serialize};
 
 use crate::bearing::ekf::{BIAS_INDEX, DRIFT_CORRELATION, JointEkf, NX, PRELOAD_INDEX};
 use crate::bearing::{GAUGES, Tuning};
@@ -10,7 +11,7 @@ use crate::kalman::gaussian::factor;
 pub(crate) const OFFSETS: usize = 1 + GAUGES;
 
 /// Preload (um) and biases [um/m], as a posterior has learnt them.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct BiasPrior {
     pub(crate) mean: [f32; OFFSETS],
     /// Covariance, upper triangle by columns.

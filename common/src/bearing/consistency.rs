@@ -7,6 +7,8 @@
 //!
 //! Source: Bar-Shalom, Li and Kirubarajan 2001, section 5.4: consistency of innovations over many steps.
 
+use serde::{Deserialize, Serialize};
+
 use crate::bearing::Tuning;
 use crate::bearing::bias_prior::BiasPrior;
 
@@ -17,7 +19,7 @@ const HORIZON_S: f32 = 5.0;
 const CONTRADICTED: f32 = 30.0;
 
 /// Where the slow states were, and whether they have left it faster than they can.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Consistency {
     reference: Option<BiasPrior>,
     contradicted: bool,

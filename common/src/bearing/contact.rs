@@ -116,7 +116,7 @@ pub struct Contacts {
 }
 
 /// State of equilibrium and its derivative.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Equilibrium {
     /// `z` (um).
     pub position: [f32; DOF],
@@ -130,7 +130,7 @@ pub struct Equilibrium {
 
 /// What the gauges answer to: for each gauge and row `Q`, `Q sin(alpha -
 /// alpha0)`, half the difference and the curvature of `Q` over a ball spacing.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Features {
     /// Values (kN).
     pub value: [[[f32; FEATURES]; ROWS]; GAUGES],

@@ -13,6 +13,7 @@
 //! the rows' phases.
 
 use nalgebra::{RowSVector, SVector};
+use serde::{Deserialize, Serialize};
 
 use crate::bearing::bias_prior::{BiasPrior, decorrelate_state, propagate_bias};
 use crate::bearing::contact::{Contacts, Equilibrium, Features, INPUTS};
@@ -49,7 +50,7 @@ pub(crate) const DRIFT_CORRELATION: f32 = 0.94;
 const KNOWN_VARIANCE: f32 = 1e-8;
 
 /// What one gauge said to one posterior in one block.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct BlockInnovation {
     /// Mean normalised innovation squared of the rows that were used.
     pub nis: f32,
@@ -67,7 +68,7 @@ pub struct BlockInnovation {
 }
 
 /// One posterior about phases, loads and biases.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct JointEkf {
     /// Mean and covariance of the states.
     pub gaussian: Gaussian<NX>,
@@ -75,6 +76,7 @@ pub struct JointEkf {
     pub equilibrium: Equilibrium,
     /// Features at the estimated loads.
     pub features: Features,
+    #[serde(with = "crate::flat")]
     linearised_at: SVector<f32, NX>,
 }
 

@@ -1,5 +1,7 @@
 //! Whether a gauge still answers to the balls.
 
+use serde::{Deserialize, Serialize};
+
 use crate::bearing::ekf::BlockInnovation;
 use crate::bearing::harmonic_block::HarmonicBlock;
 use crate::bearing::{BASIS, GAUGES, GaugeModel};
@@ -22,7 +24,7 @@ const ALIVE_RATIO: f32 = 2.0;
 const EXPECTED: f32 = 9.0;
 
 /// What is known of the gauges, judged four times a second.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct GaugeHealth {
     /// Mean square of local strain over that of noise, read and expected, summed over the window.
     sums: [(f32, f32); GAUGES],

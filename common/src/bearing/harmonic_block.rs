@@ -5,6 +5,8 @@
 //! where `Phi` is the phase of ball passing by the wheel's angle alone. The
 //! sums `E'E` and `E'y` then hold all that the samples say.
 
+use serde::{Deserialize, Serialize};
+
 use crate::bearing::{BASIS, GAUGES};
 use crate::signal::trigonometry::{inverse_sqrt, sin_cos};
 
@@ -13,7 +15,7 @@ use crate::signal::trigonometry::{inverse_sqrt, sin_cos};
 const RESOLUTION: f32 = 1e-4;
 
 /// Sums over a block.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct HarmonicSums {
     /// `E'E`, upper triangle.
     gram: [[f32; BASIS]; BASIS],
@@ -30,7 +32,7 @@ pub struct HarmonicSums {
 }
 
 /// A block as independent readings of equal variance: `y = U c + v`.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct HarmonicBlock {
     /// `U`, upper triangular, `U'U = E'E`; a row of zeros says nothing.
     pub root: [[f32; BASIS]; BASIS],

@@ -9,6 +9,8 @@
 //! learnt before, by rows that were distinguished from their mirror image, and so does a search that starts anew. So does each
 //! of two images once it has found its phases: on the way there it has taken offsets for what phases were.
 
+use serde::{Deserialize, Serialize};
+
 use crate::bearing::bias_prior::BiasPrior;
 use crate::bearing::ekf::{JointEkf, LOAD_INDEX};
 use crate::bearing::lock_detector::LockDetector;
@@ -46,7 +48,7 @@ const FOUND: u16 = 50;
 const SIGN_KNOWN: f32 = 4.0;
 
 /// The standing of a test.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct HypothesisTest {
     candidate: u8,
     blocks: u16,

@@ -1,5 +1,7 @@
 //! How far the primary is to be trusted.
 
+use serde::{Deserialize, Serialize};
+
 use crate::bearing::ekf::BlockInnovation;
 use crate::bearing::{GAUGES, GaugeModel};
 
@@ -24,7 +26,7 @@ const PATIENCE: u16 = 40;
 const NOISE_SHARE: f32 = 2.7;
 
 /// What speaks for and against a posterior.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct LockDetector {
     /// Mean square of the local strain, unexplained and read [(um/m)^2].
     left: f32,

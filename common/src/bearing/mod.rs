@@ -22,6 +22,8 @@ mod model;
 mod output;
 mod wheel_pll;
 
+use serde::{Deserialize, Serialize};
+
 use crate::Error;
 use crate::bearing::bias_prior::BiasPrior;
 use crate::bearing::consistency::Consistency;
@@ -78,7 +80,7 @@ pub struct BearingEstimator {
 }
 
 /// What changes from sample to sample.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct BearingState {
     unwrap: SignalConditioner,
     wheel: WheelPll,

@@ -1,5 +1,7 @@
 //! The wheel's angle between the steps of its encoder.
 
+use serde::{Deserialize, Serialize};
+
 use crate::io::fault::Fault;
 use crate::io::measurement::Measurement;
 use crate::signal::phase::Phase;
@@ -15,7 +17,7 @@ const LOST_LOCK: f32 = 1.0;
 ///
 /// The gains are those of a straight line through the readings since the start, by least squares, until they have
 /// fallen to those of the loop: the speed is found within some readings, whatever it was taken for before.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct WheelPll {
     /// Angle, once there was one.
     pub angle: Option<Phase>,

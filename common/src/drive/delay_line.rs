@@ -1,5 +1,7 @@
 //! A signal as it was some samples before.
 
+use serde::{Deserialize, Serialize};
+
 use crate::io::fault::Fault;
 use crate::io::measurement::Measured;
 
@@ -10,7 +12,7 @@ pub const MAX_DELAY: f32 = 31.0;
 const KEPT: usize = 32;
 
 /// The last readings of one signal.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(crate) struct DelayLine<T> {
     readings: [Measured<T>; KEPT],
     newest: usize,

@@ -21,6 +21,7 @@ pub mod term;
 
 use heapless::Vec;
 use nalgebra::{RowSVector, SMatrix, SVector};
+use serde::{Deserialize, Serialize};
 
 use crate::drive::signals::{LONGEST_GAP, Readings, SignalHistory};
 use crate::drive::term::{DirectionState, MAX_DIRECTIONS, Motion};
@@ -61,7 +62,7 @@ pub struct DriveEstimator<'a> {
 }
 
 /// What changes from sample to sample.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct DriveState {
     conditioner: SignalConditioner,
     signals: SignalHistory,

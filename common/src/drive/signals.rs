@@ -1,5 +1,7 @@
 //! The signals of a drive: counts unwrapped and homed, early signals delayed to the latest.
 
+use serde::{Deserialize, Serialize};
+
 use crate::drive::delay_line::DelayLine;
 use crate::drive::model::{DriveModel, MAX_KNOWN, PositionSensor, Signal};
 use crate::io::fault::Fault;
@@ -10,7 +12,7 @@ use crate::io::raw::{MAX_CHANNELS, RawSample};
 pub(super) const LONGEST_GAP: u32 = 100;
 
 /// What is kept of earlier samples.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct SignalHistory {
     lines: [DelayLine<f32>; MAX_CHANNELS],
     position: DelayLine<i64>,

@@ -221,7 +221,7 @@ impl Term<'_> {
 }
 
 /// What a direction remembers.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct DirectionState {
     /// The direction.
     pub(crate) z: f32,

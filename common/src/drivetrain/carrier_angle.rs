@@ -1,6 +1,7 @@
 //! The carrier angle: encoders, shifts of their counts, the pulse without encoder.
 
 use nalgebra::RowSVector;
+use serde::{Deserialize, Serialize};
 
 use crate::drivetrain::{
     DrivetrainEstimator, DrivetrainState, Encoder, PATIENCE, dot, to_sensor_estimate,
@@ -22,7 +23,7 @@ const WITHIN: f32 = 5.0;
 const HELD: f32 = 12.0;
 
 /// How an encoder's readings went on.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Track {
     angle: f32,
     /// Turn expected since its last change [rad].

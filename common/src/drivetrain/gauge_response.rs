@@ -39,7 +39,7 @@ const MOTION_THRESHOLD: f32 = 0.02;
 const MOTION_SIGMA: f32 = 6.0;
 
 /// What a zero remembers of the load.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct HysteresisState {
     /// `z`.
     crept: f32,

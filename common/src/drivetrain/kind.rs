@@ -1,5 +1,7 @@
 //! The kind of fault of a gauge that is left out, from how it reads beside what the others say.
 
+use serde::{Deserialize, Serialize};
+
 use crate::io::fault::Fault;
 
 /// Time constant of the moments, in windows of the test.
@@ -12,7 +14,7 @@ const EARLIEST: f32 = 0.5;
 const DRIFTED: f32 = 1.25;
 
 /// Moments of a reading `y` without its zero and of the response `x` that was expected.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Moments {
     count: f32,
     y: f32,

@@ -23,6 +23,7 @@ mod vote;
 use crate::drivetrain::carrier_angle::{Track, rotate};
 use heapless::Vec;
 use nalgebra::{RowSVector, SMatrix, SVector};
+use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::io::estimate::{Estimate, LoadEstimate, MAX_SENSORS, SensorEstimate};
@@ -71,7 +72,7 @@ pub struct DrivetrainEstimator<'a, const NX: usize> {
 }
 
 /// What changes from sample to sample.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct DrivetrainState<const NX: usize> {
     unwrap: SignalConditioner,
     posterior: Gaussian<NX>,

@@ -95,7 +95,7 @@ pub(crate) struct Prior {
 }
 
 /// Windowed costs of the hypotheses and what was decided.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(crate) struct Vote {
     none: [f32; MAX_CHANNELS],
     single: [f32; MAX_CHANNELS],

@@ -1,6 +1,7 @@
 //! What the estimator says after each sample.
 
 use heapless::Vec;
+use serde::{Deserialize, Serialize};
 
 use crate::io::fault::Fault;
 use crate::io::raw::{MAX_CHANNELS, MAX_ENCODERS};
@@ -12,7 +13,7 @@ pub const MAX_LOADS: usize = 6;
 pub const MAX_SENSORS: usize = MAX_CHANNELS + MAX_ENCODERS;
 
 /// The estimate after one sample.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// Tick of the sample it was made from; the loads are of that many samples before, by which the
     /// estimates lag ([`crate::estimator::Estimator::lag_samples`]), all else is of that sample.
@@ -65,7 +66,7 @@ impl Estimate {
 }
 
 /// One load and how far to trust it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LoadEstimate {
     /// Estimate [N m, N].
     pub value: f32,
@@ -79,7 +80,7 @@ pub struct LoadEstimate {
 }
 
 /// One sensor against the model.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SensorEstimate {
     /// Reading in the sensor's unit; 0 where there was none.
     pub measured: f32,

@@ -101,7 +101,7 @@ pub struct Measurement {
 }
 
 /// What is remembered from sample to sample to convert the next one.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct SignalConditioner {
     last_tick: Option<u32>,
     words: [StuckDetector; MAX_CHANNELS],
@@ -113,7 +113,7 @@ pub struct SignalConditioner {
 }
 
 /// Whether the index came each time that its place was passed.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 struct IndexSupervisor {
     /// Side of the place on which the encoder stood last, outside the
     /// tolerance: -1 or 1; 0: not known.
@@ -127,7 +127,7 @@ struct IndexSupervisor {
 /// Sample numbers that a late sample is behind at most; further back is a new start.
 const MAX_REORDER: u32 = 100;
 
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 struct StuckDetector {
     word: i32,
     repeats: u16,

@@ -1,6 +1,7 @@
 //! What a filter believes: a mean and a covariance kept as factors.
 
 use nalgebra::{SMatrix, SVector};
+use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 use crate::kalman::unroll::{UNROLLED, unroll};
@@ -20,11 +21,13 @@ use crate::kalman::unroll::{UNROLLED, unroll};
 /// assert_eq!(posterior.load::<1>()[0], 10.0);
 /// # Ok::<(), loadtwin_common::Error>(())
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gaussian<const NX: usize> {
     /// Mean, `NX` x 1, in the units of the states.
+    #[serde(with = "crate::flat")]
     pub state: SVector<f32, NX>,
     /// Column `j` holds `P_ij` for `i <= j`; the rest is not used.
+    #[serde(with = "crate::flat")]
     pub(crate) upper: [[f32; NX]; NX],
 }
 

@@ -1,5 +1,7 @@
 //! The innovation of a measurement, and whether the filter used it.
 
+use serde::{Deserialize, Serialize};
+
 use crate::error::Error;
 
 /// What became of one channel in one update.
@@ -53,7 +55,7 @@ impl Innovation {
 /// be wrong: the gate stays open until the NIS is back within the limit.
 /// A channel that is at fault for longer has to be taken out by the diagnosis
 /// of the channel, not by the gate.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gate {
     limit: f32,
     patience: u16,

@@ -21,6 +21,10 @@
 
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
+use serde::{Deserialize, Serialize};
+
+use crate::flat::Flat;
+
 /// States that are forces, two for each load.
 pub const FORCES: usize = 4;
 
@@ -72,11 +76,14 @@ impl Real for f64 {
 }
 
 /// What the filter believes: mean and covariance, both triangles alike.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "[T; NX]: Flat, [[T; NX]; NX]: Flat")]
 pub struct StateEstimate<T, const NX: usize> {
     /// `x`.
+    #[serde(with = "crate::flat")]
     pub state: [T; NX],
     /// `P`.
+    #[serde(with = "crate::flat")]
     pub covariance: [[T; NX]; NX],
 }
 

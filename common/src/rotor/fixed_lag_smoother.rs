@@ -7,6 +7,8 @@
 //!
 //! Source: Anderson and Moore 1979, Optimal Filtering, section 7.3.
 
+use serde::{Deserialize, Serialize};
+
 use crate::io::raw::MAX_CHANNELS;
 use crate::rotor::filter::{FORCES, StateEstimate};
 
@@ -17,9 +19,10 @@ pub const MAX_LAG: usize = 4;
 pub type Gain<const NX: usize> = [[f32; NX]; MAX_CHANNELS];
 
 /// The smoothed state of one sample.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct LaggedState<const NX: usize> {
     /// The filter's state, in the image's scale.
+    #[serde(with = "crate::flat")]
     pub state: [f32; NX],
     /// Variances of the forces by the filter, as the last full recursion left them.
     pub variances: [f32; FORCES],
@@ -62,7 +65,7 @@ impl<const NX: usize> LaggedState<NX> {
 }
 
 /// The samples before the last one, a ring.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FixedLagSmoother<const NX: usize> {
     states: [LaggedState<NX>; MAX_LAG],
     /// Place of the one before the last.

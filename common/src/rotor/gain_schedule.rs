@@ -1,5 +1,7 @@
 //! The tables of a rotor at its present speed.
 
+use serde::{Deserialize, Serialize};
+
 use crate::io::estimate::MAX_LOADS;
 use crate::io::raw::MAX_CHANNELS;
 use crate::rotor::filter::FORCES;
@@ -10,12 +12,14 @@ use crate::rotor::model::{NoiseModel, PackedF32, RotorModel};
 const UPDATE_THRESHOLD: f32 = 1.0 / 128.0;
 
 /// What a speed has of the tables, between those that they hold.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct ScheduledModel<const NZ: usize, const NX: usize> {
     place: f32,
     /// `D`.
+    #[serde(with = "crate::flat")]
     pub increment_matrix: [[f32; NX]; NZ],
     /// Of the last sample, and of those before it.
+    #[serde(with = "crate::flat")]
     pub gains: [Gain<NX>; 1 + MAX_LAG],
     /// Of each channel's innovation.
     pub variance: [f32; MAX_CHANNELS],

@@ -14,6 +14,8 @@
 //! Source: Mehra, On the identification of variances and adaptive Kalman filtering, IEEE Trans.
 //! Autom. Control 15 (1970), section II; Page, Continuous inspection schemes, Biometrika 41 (1954).
 
+use serde::{Deserialize, Serialize};
+
 use crate::io::estimate::SensorEstimate;
 use crate::io::raw::MAX_CHANNELS;
 
@@ -42,7 +44,7 @@ const DOUBLINGS: u32 = 8;
 const PROBATION: u32 = 16;
 
 /// Sums over a window of one sensor's innovations.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 struct Sums {
     /// Mean of the window before, which is taken off all innovations: a sensor that is off by a
     /// constant is not the model.
@@ -84,7 +86,7 @@ pub enum Change {
 }
 
 /// The level of noise in use, and the evidence for another one.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Mismatch {
     sums: [Sums; MAX_CHANNELS],
     /// Bit k: the last innovation of sensor k was used.

@@ -20,6 +20,7 @@ mod shaft_tracker;
 pub mod votes;
 
 use heapless::Vec;
+use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::io::estimate::{Estimate, MAX_LOADS, SensorEstimate};
@@ -62,7 +63,7 @@ pub struct RotorEstimator<'a, const NZ: usize, const NX: usize> {
 }
 
 /// What changes from sample to sample.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RotorState<const NZ: usize, const NX: usize> {
     unwrap: SignalConditioner,
     posterior: StateEstimate<f32, NX>,

@@ -1,5 +1,7 @@
 //! Angle, speed and acceleration of the shaft, tracked from its encoder.
 
+use serde::{Deserialize, Serialize};
+
 use crate::rotor::model::ShaftEncoder;
 use crate::signal::phase::Phase;
 
@@ -11,7 +13,7 @@ const SLOWEST: f32 = 1.0;
 const SETTLED: u16 = u16::MAX;
 
 /// The tracked shaft.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ShaftTracker {
     angle: Phase,
     /// Speed [rad/s].

@@ -6,6 +6,8 @@
 //! them contradict at once, the model errs and not they, and all readings are used. A prediction that
 //! has long been consistent has a vote of its own: half of the sensors are held out where it agrees with the others.
 
+use serde::{Deserialize, Serialize};
+
 use crate::io::raw::MAX_CHANNELS;
 
 /// Score of a refusal, and at most: as many readings inside of the gate in a row end a flag. Longer
@@ -19,7 +21,7 @@ const MOST: u8 = 128;
 const HELD: u8 = 3 * REFUSED - 2;
 
 /// The votes on each sensor.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Votes {
     scores: [u8; MAX_CHANNELS],
     /// Sensors outside of their gates in the sample under way, and in the one before.
