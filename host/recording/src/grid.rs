@@ -5,6 +5,8 @@
 //! of [`MEMORY`] rows, so that a clock that drifts is followed and jitter is
 //! averaged out. The first line is fitted to the stretch of the first block
 //! that is the most regular, and continued from there to both sides.
+use serde::{Deserialize, Serialize};
+
 use super::error::Problem;
 
 /// Rows that the line rests on. 2048 rows with jitter of half a period leave
@@ -72,7 +74,7 @@ pub(super) enum Misplaced {
 }
 
 /// Times over ticks: a straight line, continued row by row.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Grid {
     /// Period of the clock at present [s].
     period_s: f64,
@@ -94,7 +96,7 @@ pub(super) struct Grid {
 
 /// Sum of the steps of one tick beyond the period [periods], their number, and
 /// the runs that they make up.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 struct Change {
     sum: f64,
     steps: f64,

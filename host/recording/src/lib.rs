@@ -12,6 +12,8 @@
 //! of the recording. A [`Writer`] leaves a file behind only when it is whole.
 #![forbid(unsafe_code)]
 
+mod arrow;
+mod clock;
 mod csv;
 mod error;
 mod foreign;
@@ -28,14 +30,16 @@ mod survey;
 mod unit;
 mod writer;
 
+pub use arrow::Batches;
+pub use clock::Clock;
 use error::clipped;
 pub use error::{Problem, RecordingError, Row};
 pub use layout::{ChannelLayout, Column, ColumnType, CsvLayout, Role, Timing, Wanted, WrittenNan};
 pub use reader::{Block, Reader};
-pub use source::columns;
+pub use source::{Input, columns};
 pub use survey::{Change, RATES_HZ, Survey, SurveyedColumn, survey};
 pub use unit::{Conversion, Quantity, Unit, UnknownUnit};
-pub use writer::{OutputColumn, SIMULATED, SUFFIXES, Writer};
+pub use writer::{OutputColumn, SIMULATED, SUFFIXES, Writer, record_batch, schema};
 
 /// Rows of a block, before the rows put into gaps.
 pub const BLOCK_ROWS: usize = 8192;

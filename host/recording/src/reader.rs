@@ -1,13 +1,14 @@
 //! Reading a recording block by block.
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use super::TIME;
+use super::clock::Clock;
 use super::error::{Problem, RecordingError, Row};
 use super::grid::{Gap, Grid, Misplaced};
 use super::layout::{Column, CsvLayout, Role, Timing, Wanted};
 use super::resample::Resampler;
 use super::selection::Selection;
-use super::source::{Opened, Rows, Source};
+use super::source::{Input, Opened, Rows, Source};
 
 /// Time that no clock shows, 30 000 years [s]: nanoseconds since 1970 read as
 /// seconds are later.
@@ -67,6 +68,8 @@ pub struct Reader {
     timing: Timing,
     /// Period by the description [s], where the caller has one.
     expected_s: Option<f64>,
+    /// Whether the grid is that of the part before.
+    is_continued: bool,
     /// Ticks of the rows.
     grid: Grid,
     largest_gap: u32,
@@ -94,45 +97,63 @@ impl Reader {
     /// [`RecordingError`] when the file cannot be read, lacks a required column
     /// or has it in a unit of another quantity, names a column twice, has fewer
     /// than 2 rows, or where its first rows are wrong.
-    pub fn open(
-        path: &Path,
+    pub fn open<'a>(
+        input: impl Into<Input<'a>>,
         layout: &CsvLayout,
         wanted: &[Wanted<'_>],
     ) -> Result<Self, RecordingError> {
-        Self::open_as(path, layout, wanted, &[])
+        Self::open_as(input, layout, wanted, &[])
     }
 
     /// As [`Reader::open`]; `roles`: what the wanted columns are, in their order.
     ///
     /// # Errors
     /// As [`Reader::open`].
-    pub fn open_as(
-        path: &Path,
+    pub fn open_as<'a>(
+        input: impl Into<Input<'a>>,
         layout: &CsvLayout,
         wanted: &[Wanted<'_>],
         roles: &[Role],
     ) -> Result<Self, RecordingError> {
-        Self::try_open(path, layout, wanted, roles).map_err(|problem| RecordingError {
-            file: path.to_path_buf(),
-            problem,
-        })
+        let input = input.into();
+        Self::try_open(input, layout, wanted, (roles, None)).map_err(|problem| input.error(problem))
     }
 
-    fn try_open(
-        path: &Path,
+    /// As [`Reader::open_as`], where the recording goes on from that of which `clock` is: rows are
+    /// placed on its ticks. A part may have a single row, or none.
+    ///
+    /// # Errors
+    /// As [`Reader::open_as`].
+    pub fn continued<'a>(
+        input: impl Into<Input<'a>>,
         layout: &CsvLayout,
         wanted: &[Wanted<'_>],
         roles: &[Role],
+        clock: Clock,
+    ) -> Result<Self, RecordingError> {
+        let input = input.into();
+        Self::try_open(input, layout, wanted, (roles, Some(clock)))
+            .map_err(|problem| input.error(problem))
+    }
+
+    fn try_open(
+        input: Input<'_>,
+        layout: &CsvLayout,
+        wanted: &[Wanted<'_>],
+        (roles, clock): (&[Role], Option<Clock>),
     ) -> Result<Self, Problem> {
         layout.check()?;
         let names: Vec<_> = wanted.iter().map(|w| (w.name, w.required)).collect();
-        let opened = Opened::open(path, layout, &names)?;
+        let opened = Opened::open(input, layout, &names)?;
         let columns = opened.columns;
         let selection = Selection::try_new(&columns, wanted, roles, layout)?;
         let source = Source::start(opened.format, selection.picks.clone())?;
-        let mut last_t = None;
+        let mut last_t = clock.as_ref().map(Clock::last_t);
+        let last = last_t.map(|t| (Row { row: 0, line: None }, t));
         let first = read_rows(&source, &selection, 0, &mut last_t)?;
+        let is_continued = clock.is_some();
         let grid = match layout.timing {
+            _ if is_continued => clock.map(Clock::into_grid),
             Timing::Free => Grid::free(first.t()),
             Timing::Clocked | Timing::Resample => Grid::of(first.t(), None)?,
         };
@@ -140,18 +161,19 @@ impl Reader {
             found: first.t().len() as u64,
         })?;
         Ok(Self {
-            file: path.to_path_buf(),
+            file: input.name().to_path_buf(),
             columns,
             notes: opened.notes,
             source,
             selection,
             timing: layout.timing,
             expected_s: None,
+            is_continued,
             grid,
             largest_gap: layout.largest_gap,
             rows_before: 0,
             bridged: 0,
-            last: None,
+            last,
             last_t,
             ahead: Some(first),
             resampler: None,
@@ -184,7 +206,7 @@ impl Reader {
                 allowed: "`clocked` or `resample` where samples follow at `rate_hz`; rows without \
                     a clock only in a [balance]",
             }),
-            (Timing::Clocked, Some(first)) => {
+            (Timing::Clocked, Some(first)) if !self.is_continued => {
                 if let Some(grid) = Grid::of(first.t(), Some(period_s))? {
                     self.grid = grid;
                 }
@@ -192,6 +214,13 @@ impl Reader {
             }
             _ => Ok(()),
         }
+    }
+
+    /// The clock after the last block, by which a recording goes on; none where rows are brought
+    /// onto ticks, of which those at the end wait for rows after them.
+    pub fn clock(&self) -> Option<Clock> {
+        let last_t = self.last.map(|(_, t)| t)?;
+        (self.timing != Timing::Resample).then(|| Clock::new(self.grid.clone(), last_t))
     }
 
     /// Nominal time from one sample to the next, s.

@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Once};
 
+use super::arrow::{ArrowStream, Batches};
 use super::csv::Csv;
 use super::error::{Problem, RecordingError, Row};
 use super::foreign::{HEAD, recognise};
@@ -54,11 +55,58 @@ impl Rows {
     }
 }
 
+/// Where a recording is.
+#[derive(Clone, Copy, Debug)]
+pub enum Input<'a> {
+    /// In a file.
+    File(&'a Path),
+    /// In memory, or in a stream that is read once.
+    Batches(&'a Batches),
+}
+
+impl<'a> Input<'a> {
+    /// What it is called in messages.
+    pub fn name(self) -> &'a Path {
+        match self {
+            Self::File(path) => path,
+            Self::Batches(_) => Path::new("table"),
+        }
+    }
+
+    /// What its first rows show: the same file, or the first `rows` rows of a stream.
+    ///
+    /// # Errors
+    /// When the stream cannot be read.
+    pub fn head(self, rows: usize) -> Result<Option<Batches>, RecordingError> {
+        match self {
+            Self::File(_) => Ok(None),
+            Self::Batches(batches) => {
+                let head = batches.head(rows).map_err(|problem| self.error(problem))?;
+                Ok(Some(head))
+            }
+        }
+    }
+
+    pub(super) fn error(self, problem: Problem) -> RecordingError {
+        RecordingError {
+            file: self.name().to_path_buf(),
+            problem,
+        }
+    }
+}
+
+impl<'a, P: AsRef<Path> + ?Sized> From<&'a P> for Input<'a> {
+    fn from(path: &'a P) -> Self {
+        Self::File(path.as_ref())
+    }
+}
+
 /// A recording of a known format, opened.
 pub(super) enum Format {
     Csv(Csv),
     Parquet(Parquet),
     Mdf(Box<Mdf>),
+    Arrow(ArrowStream),
 }
 
 /// A recording of a known format, opened, and its columns by the names of channels.
@@ -71,21 +119,25 @@ pub(super) struct Opened {
 
 impl Opened {
     pub(super) fn open(
-        path: &Path,
+        input: Input<'_>,
         layout: &CsvLayout,
         wanted: &[(&str, bool)],
     ) -> Result<Self, Problem> {
         let simulated;
-        let layout = if is_simulated_text(path) {
-            simulated = layout.of_simulated();
-            &simulated
-        } else {
-            layout
+        let layout = match input {
+            Input::File(path) if is_simulated_text(path) => {
+                simulated = layout.of_simulated();
+                &simulated
+            }
+            _ => layout,
         };
-        let format = Format::open(path, layout, wanted)?;
+        let format = match input {
+            Input::File(path) => Format::open(path, layout, wanted)?,
+            Input::Batches(batches) => Format::Arrow(ArrowStream::open(batches, layout)),
+        };
         let notes = match &format {
             Format::Csv(csv) => csv.note().into_iter().collect(),
-            Format::Parquet(_) => Vec::new(),
+            Format::Parquet(_) | Format::Arrow(_) => Vec::new(),
             Format::Mdf(mdf) => mdf.notes().to_vec(),
         };
         let columns = match &format {
@@ -120,18 +172,16 @@ fn is_simulated_text(path: &Path) -> bool {
 ///
 /// # Errors
 /// [`RecordingError`] when the file cannot be read, or is no recording.
-pub fn columns(
-    path: &Path,
+pub fn columns<'a>(
+    input: impl Into<Input<'a>>,
     layout: &CsvLayout,
     wanted: &[(&str, bool)],
 ) -> Result<Vec<Column>, RecordingError> {
-    match Opened::open(path, layout, wanted) {
-        Ok(opened) => Ok(opened.columns),
-        Err(problem) => Err(RecordingError {
-            file: path.to_path_buf(),
-            problem,
-        }),
-    }
+    let input = input.into();
+    let opened = Opened::open(input, layout, wanted);
+    opened
+        .map(|opened| opened.columns)
+        .map_err(|problem| input.error(problem))
 }
 
 impl Format {
@@ -169,6 +219,7 @@ impl Format {
             Self::Csv(csv) => csv.columns(),
             Self::Parquet(parquet) => parquet.columns(),
             Self::Mdf(mdf) => mdf.columns(),
+            Self::Arrow(stream) => stream.columns(),
         }
     }
 
@@ -185,6 +236,7 @@ impl Format {
             Self::Csv(_) => "CSV",
             Self::Parquet(_) => "Parquet",
             Self::Mdf(_) => "MDF4",
+            Self::Arrow(_) => "Arrow",
         }
     }
 
@@ -193,6 +245,7 @@ impl Format {
             Self::Csv(csv) => csv.run(picks, output),
             Self::Parquet(parquet) => contained("Parquet", || parquet.run(picks, output)),
             Self::Mdf(mdf) => contained("MDF4", || mdf.run(picks, output)),
+            Self::Arrow(stream) => contained("Arrow", || stream.run(picks, output)),
         }
     }
 }

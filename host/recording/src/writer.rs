@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float32Array, Float64Array, RecordBatch};
-use arrow_schema::{DataType, Field, Schema};
+use arrow_schema::{ArrowError, DataType, Field, Schema};
 use falcon_mdf::{Mf4Writer, SignalValues};
 use parquet::arrow::ArrowWriter;
 use parquet::basic::{Compression, Encoding};
@@ -14,8 +14,8 @@ use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 
 use super::TIME;
+use super::arrow::UNIT;
 use super::error::{Problem, RecordingError};
-use super::parquet::UNIT;
 use super::unit::Unit;
 use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
 use loadtwin_files::content::Content;
@@ -208,15 +208,7 @@ impl Format {
                 text.clear();
             }
             Self::Parquet(writer) => {
-                let mut arrays: Vec<ArrayRef> = vec![Arc::new(Float64Array::from(t.to_vec()))];
-                arrays.extend(
-                    described
-                        .iter()
-                        .zip(columns)
-                        .map(|(column, values)| array(column, values)),
-                );
-                let schema = Arc::new(schema(described));
-                let batch = RecordBatch::try_new(schema, arrays)
+                let batch = record_batch(described, t, columns)
                     .map_err(|e| unwritable(ParquetError::from(e)))?;
                 writer.write(&batch).map_err(unwritable)?;
             }
@@ -327,7 +319,23 @@ where
     }
 }
 
-fn schema(columns: &[OutputColumn]) -> Schema {
+/// Rows of a table of time and columns as Arrow; NaN is null.
+///
+/// # Errors
+/// When columns and time differ in length.
+pub fn record_batch(
+    described: &[OutputColumn],
+    t: &[f64],
+    columns: &[&[f64]],
+) -> Result<RecordBatch, ArrowError> {
+    let mut arrays: Vec<ArrayRef> = vec![Arc::new(Float64Array::from(t.to_vec()))];
+    let columns = described.iter().zip(columns);
+    arrays.extend(columns.map(|(column, values)| array(column, values)));
+    RecordBatch::try_new(Arc::new(schema(described)), arrays)
+}
+
+/// Names, types and units of a table of time and columns in Arrow.
+pub fn schema(columns: &[OutputColumn]) -> Schema {
     let field = |name: &str, unit: Unit, data_type, nullable| {
         Field::new(name, data_type, nullable)
             .with_metadata(HashMap::from([(UNIT.to_string(), unit.to_string())]))

@@ -13,7 +13,7 @@ use crate::error::{Problem, Row};
 use crate::shown;
 
 /// Whether a column of this type becomes numbers.
-pub(super) fn is_number(data_type: &DataType) -> bool {
+pub(crate) fn is_number(data_type: &DataType) -> bool {
     match data_type {
         DataType::Boolean
         | DataType::Float16
@@ -213,7 +213,10 @@ fn whole_times(values: &ArrayRef) -> Result<(ArrayRef, f64), Problem> {
 }
 
 fn unexpected(data_type: &DataType) -> Problem {
-    super::damaged(format!("a column of numbers became {data_type}"))
+    Problem::Damaged {
+        format: "Arrow",
+        found: format!("a column of numbers became {data_type}"),
+    }
 }
 
 /// `digits / 10^scale`: both are exact below 2^53 and 10^22, and one division rounds once.
