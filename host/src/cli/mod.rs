@@ -13,6 +13,7 @@ mod life;
 mod manual;
 mod output;
 mod plan;
+mod program;
 mod progress;
 mod reduce;
 mod replay;
@@ -25,7 +26,11 @@ mod tune_report;
 mod tune_rotor;
 mod zero;
 
+use std::ffi::OsString;
+
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+
+pub use program::program;
 
 /// Virtual load sensor for rotating machines.
 ///
@@ -98,7 +103,7 @@ impl Cli {
     ///
     /// # Errors
     /// On wrong usage; also to show the help or the version.
-    pub fn from_command_line() -> Result<Self, clap::Error> {
+    fn from_arguments(arguments: impl IntoIterator<Item = OsString>) -> Result<Self, clap::Error> {
         let command = Self::command().mut_subcommands(|command| {
             command.mut_args(|argument| {
                 let takes_value = argument.get_action().takes_values();
@@ -106,7 +111,7 @@ impl Cli {
                 argument.allow_negative_numbers(takes_value && is_option)
             })
         });
-        Self::from_arg_matches(&command.try_get_matches()?)
+        Self::from_arg_matches(&command.try_get_matches_from(arguments)?)
     }
 
     /// Does what was asked.
