@@ -46,30 +46,22 @@ fn is_header(header: &str) -> bool {
     }
 }
 
-/// Writes loads with standard deviation and fault, then for each sensor the
+/// Rows of estimates: loads with standard deviation and fault, then for each sensor the
 /// innovation, its NIS and the fault, then what is asked for of a rotor's nodes; faults by the numbers of
 /// [`loadtwin_common::io::fault::Fault`].
-pub struct EstimateWriter {
-    writer: Writer,
+pub struct EstimateRows {
+    described: Vec<OutputColumn>,
     nodes: Option<NodeColumns>,
     t: Vec<f64>,
     columns: Vec<Vec<f64>>,
 }
 
-impl EstimateWriter {
-    /// Begins the file in `path`, CSV, Parquet or MDF4 by its extension.
-    ///
-    /// # Errors
-    /// When the file cannot be made.
-    pub fn create(
-        path: &Path,
-        machine: &Machine,
-        sensors: &Sensors,
-        nodes: Option<NodeColumns>,
-    ) -> Result<Self, RecordingError> {
-        let mut columns = Vec::new();
+impl EstimateRows {
+    /// No row yet.
+    pub fn new(machine: &Machine, sensors: &Sensors, nodes: Option<NodeColumns>) -> Self {
+        let mut described = Vec::new();
         let mut column = |name: String, unit| {
-            columns.push(OutputColumn {
+            described.push(OutputColumn {
                 name,
                 unit,
                 single: true,
@@ -91,30 +83,32 @@ impl EstimateWriter {
             column(format!("{name}_nis"), Unit::ONE);
             column(format!("{name}_fault"), Unit::ONE);
         }
-        columns.extend(nodes.iter().flat_map(NodeColumns::columns));
-        let columns_len = columns.len();
-        let metadata = [("machine", machine.name.as_str())];
-        // A CSV begins with its header: other programs expect no comments.
-        let is_text = (path.extension()).is_none_or(|end| end.eq_ignore_ascii_case("csv"));
-        let metadata = if is_text { &[][..] } else { &metadata };
-        Ok(Self {
-            writer: Writer::create(path, &columns, metadata)?,
+        described.extend(nodes.iter().flat_map(NodeColumns::columns));
+        Self {
+            columns: vec![Vec::new(); described.len()],
+            described,
             nodes,
             t: Vec::new(),
-            columns: vec![Vec::new(); columns_len],
-        })
+        }
+    }
+
+    /// The columns besides the time.
+    pub fn described(&self) -> &[OutputColumn] {
+        &self.described
+    }
+
+    /// Number of rows.
+    pub fn len(&self) -> usize {
+        self.t.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.t.is_empty()
     }
 
     /// Adds the estimate at time `t` (s), after the step of `line`.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn push(
-        &mut self,
-        t: f64,
-        estimate: &Estimate,
-        line: &Estimator<'_>,
-    ) -> Result<(), RecordingError> {
+    pub fn push(&mut self, t: f64, estimate: &Estimate, line: &Estimator<'_>) {
         let loads = estimate
             .loads
             .iter()
@@ -135,7 +129,64 @@ impl EstimateWriter {
             column.push(value);
         }
         self.t.push(t);
-        if self.t.len() == BLOCK_ROWS {
+    }
+
+    /// Hands time and columns to `write` and begins anew.
+    ///
+    /// # Errors
+    /// Those of `write`.
+    pub fn take<T, E>(
+        &mut self,
+        write: impl FnOnce(&[OutputColumn], &[f64], &[&[f64]]) -> Result<T, E>,
+    ) -> Result<T, E> {
+        let columns: Vec<&[f64]> = self.columns.iter().map(Vec::as_slice).collect();
+        let written = write(&self.described, &self.t, &columns);
+        self.t.clear();
+        self.columns.iter_mut().for_each(Vec::clear);
+        written
+    }
+}
+
+/// Writes [`EstimateRows`] to a file.
+pub struct EstimateWriter {
+    writer: Writer,
+    rows: EstimateRows,
+}
+
+impl EstimateWriter {
+    /// Begins the file in `path`, CSV, Parquet or MDF4 by its extension.
+    ///
+    /// # Errors
+    /// When the file cannot be made.
+    pub fn create(
+        path: &Path,
+        machine: &Machine,
+        sensors: &Sensors,
+        nodes: Option<NodeColumns>,
+    ) -> Result<Self, RecordingError> {
+        let rows = EstimateRows::new(machine, sensors, nodes);
+        let metadata = [("machine", machine.name.as_str())];
+        // A CSV begins with its header: other programs expect no comments.
+        let is_text = (path.extension()).is_none_or(|end| end.eq_ignore_ascii_case("csv"));
+        let metadata = if is_text { &[][..] } else { &metadata };
+        Ok(Self {
+            writer: Writer::create(path, rows.described(), metadata)?,
+            rows,
+        })
+    }
+
+    /// Adds the estimate at time `t` (s), after the step of `line`.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn push(
+        &mut self,
+        t: f64,
+        estimate: &Estimate,
+        line: &Estimator<'_>,
+    ) -> Result<(), RecordingError> {
+        self.rows.push(t, estimate, line);
+        if self.rows.len() == BLOCK_ROWS {
             self.flush()
         } else {
             Ok(())
@@ -143,11 +194,8 @@ impl EstimateWriter {
     }
 
     fn flush(&mut self) -> Result<(), RecordingError> {
-        let columns: Vec<&[f64]> = self.columns.iter().map(Vec::as_slice).collect();
-        self.writer.write(&self.t, &columns)?;
-        self.t.clear();
-        self.columns.iter_mut().for_each(Vec::clear);
-        Ok(())
+        let writer = &mut self.writer;
+        self.rows.take(|_, t, columns| writer.write(t, columns))
     }
 
     /// Completes the file, which has no name before it is published.
@@ -155,7 +203,7 @@ impl EstimateWriter {
     /// # Errors
     /// When the file cannot be written.
     pub fn complete(mut self) -> Result<Complete, RecordingError> {
-        if !self.t.is_empty() {
+        if !self.rows.is_empty() {
             self.flush()?;
         }
         self.writer.complete()

@@ -5,11 +5,13 @@ use std::collections::VecDeque;
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::io::estimate::Estimate;
 use loadtwin_common::io::raw::RawSample;
+use serde::{Deserialize, Serialize};
 
 use super::Sample;
 
 /// A sample, and what was said of its sensors as it came.
-struct Held {
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Held {
     t: f64,
     segment_t: f64,
     raw: RawSample,
@@ -54,6 +56,25 @@ impl<'a> HeldBack<'a> {
             line,
             held: VecDeque::new(),
             next_tick: 0,
+        }
+    }
+
+    /// The line itself.
+    pub fn line(&self) -> &Estimator<'a> {
+        &self.line
+    }
+
+    /// The samples that await their estimate.
+    pub fn held(&self) -> impl Iterator<Item = &Held> {
+        self.held.iter()
+    }
+
+    /// Goes on with `line` where samples of the part before await their estimate.
+    pub fn continued(line: Estimator<'a>, held: Vec<Held>, next_tick: u32) -> Self {
+        Self {
+            line,
+            held: held.into(),
+            next_tick,
         }
     }
 

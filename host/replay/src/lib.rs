@@ -23,17 +23,18 @@ mod estimates;
 mod figures;
 mod held;
 mod index;
+mod motion;
 mod nodes;
 mod orbits;
 mod page;
 mod phasor;
+mod run;
 mod samples;
 mod speeds;
 
 use std::path::Path;
 
 use loadtwin_common::estimator::Estimator;
-use loadtwin_common::image::Image;
 use loadtwin_common::io::estimate::Estimate;
 use thiserror::Error;
 
@@ -43,16 +44,16 @@ pub use bearing_rig::{RecordedError, recorded};
 pub use comparison::{Change, Comparison, Course};
 pub use consistency::{Cause, Consistency, SensorConsistency};
 pub use displacements::{Displacements, NodeFigures, displacement_columns};
-pub use estimates::{ESTIMATES, EstimateWriter};
+pub use estimates::{ESTIMATES, EstimateRows, EstimateWriter};
 pub use figures::{Figures, LoadFigures, Whiteness};
 pub use index::IndexError;
 pub use nodes::{NodeChoice, NodeColumns};
 pub use page::ReportPage;
 pub use phasor::{Phasor, PhasorFigures};
+pub use run::{LARGEST_STATE, Run, STATE_MARK};
 pub use samples::{Sample, Samples};
 pub use speeds::Speeds;
 
-use self::held::HeldBack;
 use loadtwin_design::build::{self, BuildError, Sensors};
 use loadtwin_machine::Machine;
 use loadtwin_recording::RecordingError;
@@ -72,6 +73,9 @@ pub enum ReplayError {
     /// The image is refused by the estimator.
     #[error("the model image is refused: {0}")]
     Image(loadtwin_common::Error),
+    /// No state, or one of another run.
+    #[error("{0}")]
+    State(&'static str),
     /// There is nothing to compare the filter with.
     #[error(
         "--baselines: found machine {0:?}, allowed: a bearing whose calibration holds them (`loadtwin calibrate` writes them)"
@@ -119,19 +123,14 @@ pub fn run_line(
     mut each: impl FnMut(&Sample<'_>, &Estimate, &Estimator<'_>, f64),
 ) -> Result<Vec<String>, ReplayError> {
     let payload = build::image(machine, sensors)?;
-    let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
-    let mut line = HeldBack::new(Estimator::try_build(image).map_err(ReplayError::Image)?);
-    let mut samples = Samples::open(machine, sensors, path)?;
+    let mut run = Run::open(machine, sensors, &payload, path)?;
     loop {
-        let progress = samples.progress();
-        let more = samples.next_block(|sample| {
-            line.push(sample, |sample, estimate, line| {
-                each(sample, estimate, line, progress);
-            });
-        })?;
+        let part = run.progress();
+        let more = run.next_block(|sample, estimate, line| each(sample, estimate, line, part))?;
         if !more {
-            line.finish(|sample, estimate, line| each(sample, estimate, line, progress));
-            return Ok(samples.notes());
+            let notes = run.notes();
+            run.finish(|sample, estimate, line| each(sample, estimate, line, part));
+            return Ok(notes);
         }
     }
 }

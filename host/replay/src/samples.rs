@@ -1,18 +1,21 @@
 //! Rows of a recording as the raw samples that a board would have taken.
 
 use std::borrow::Cow;
-use std::f64::consts::TAU;
-use std::path::Path;
 
 use loadtwin_common::io::raw::RawSample;
+
+use serde::{Deserialize, Serialize};
 
 use super::ReplayError;
 use super::correction::Correction;
 use super::displacements::displacement_columns;
 use super::index::{Pulse, Pulses};
+use super::motion::{Motion, counter, motions};
 use loadtwin_design::build::Sensors;
-use loadtwin_machine::{Channel, Encoder, Kind, Machine, Reference, Regime, Segment};
-use loadtwin_recording::{Block, CsvLayout, Quantity, Reader, Role, Timing, Unit, Wanted, columns};
+use loadtwin_machine::{Channel, Encoder, Machine, Reference, Regime, Segment};
+use loadtwin_recording::{
+    Block, Clock, CsvLayout, Input, Quantity, Reader, Role, Timing, Unit, Wanted, columns,
+};
 
 /// A recording, sample by sample.
 pub struct Samples {
@@ -48,46 +51,22 @@ enum Encoding {
     Reading,
 }
 
-/// What the column of an encoder holds.
-#[derive(Clone, Copy)]
-enum Motion {
-    /// Counts.
-    Count,
-    /// The angle or travel [rad, m].
-    Angle { unit: Unit },
-    /// The speed [rad/s], with the turns since the recording began: angles of rotors and wheel bearings have no zero.
-    Speed { turns: f64 },
-}
-
-impl Motion {
-    /// Unit of the column.
-    fn unit(self) -> Unit {
-        match self {
-            Self::Count => Unit::COUNTS,
-            Self::Angle { unit } => unit,
-            Self::Speed { .. } => Unit::RADIAN_PER_SECOND,
-        }
-    }
-
-    /// Count of `encoder` after a row with `value`, `period_s` after the row before.
-    fn count(&mut self, value: f64, period_s: f64, encoder: &Encoder) -> u32 {
-        let count = match self {
-            Self::Count => value,
-            Self::Angle { .. } => value / TAU * encoder.counts_per_turn,
-            Self::Speed { turns } => {
-                *turns += value * period_s / TAU;
-                *turns * encoder.counts_per_turn
-            }
-        };
-        counter(encoder, count)
-    }
-}
-
 /// The index column.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct IndexColumn {
     encoder: usize,
     pulses: Pulses,
+}
+
+/// How a recording was read up to its end, so that another one goes on from there.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct SavedSamples {
+    clock: Clock,
+    index: Option<IndexColumn>,
+    /// Turns of each encoder whose column is a speed.
+    turns: Vec<f64>,
+    tick: u32,
+    segments_from_s: Option<f64>,
 }
 
 /// One row of a recording.
@@ -112,21 +91,84 @@ impl Samples {
     /// # Errors
     /// When the recording cannot be read, lacks a sensor's column, or has
     /// another rate than the machine.
-    pub fn open(machine: &Machine, sensors: &Sensors, path: &Path) -> Result<Self, ReplayError> {
-        Self::with_index(
-            machine,
-            sensors,
-            path,
-            index_column(machine, sensors, path)?,
-        )
+    pub fn open<'a>(
+        machine: &Machine,
+        sensors: &Sensors,
+        input: impl Into<Input<'a>>,
+    ) -> Result<Self, ReplayError> {
+        let input = input.into();
+        let index = index_column(machine, sensors, input)?;
+        Self::with_index(machine, sensors, input, index)
+    }
+
+    /// As [`Self::open`], where the recording goes on from `before`.
+    ///
+    /// # Errors
+    /// As [`Self::open`]; when `before` is of a recording with other sensors.
+    pub(super) fn continued(
+        machine: &Machine,
+        sensors: &Sensors,
+        input: Input<'_>,
+        before: SavedSamples,
+    ) -> Result<Self, ReplayError> {
+        let index = match before.index {
+            // What the column holds shows once there is a pulse.
+            Some(last) if last.pulses.is_open() => {
+                index_column(machine, sensors, input)?.map(|index| IndexColumn {
+                    pulses: index.pulses.after(&last.pulses),
+                    ..index
+                })
+            }
+            index => index,
+        };
+        let mut samples = Self::with_clock(machine, sensors, input, (index, Some(before.clock)))?;
+        let turns = before.turns.into_iter();
+        for (motion, before) in samples.motions.iter_mut().zip(turns) {
+            if let Motion::Speed { turns } = motion {
+                *turns = before;
+            }
+        }
+        samples.tick = before.tick;
+        samples.segments_from_s = before.segments_from_s;
+        Ok(samples)
+    }
+
+    /// What goes on in another recording; none where rows are brought onto ticks.
+    pub(super) fn saved(&self) -> Option<SavedSamples> {
+        Some(SavedSamples {
+            clock: self.reader.clock()?,
+            index: self.index.clone(),
+            turns: (self.motions.iter())
+                .map(|motion| match motion {
+                    Motion::Speed { turns } => *turns,
+                    Motion::Count | Motion::Angle { .. } => 0.0,
+                })
+                .collect(),
+            tick: self.tick,
+            segments_from_s: self.segments_from_s,
+        })
+    }
+
+    /// Number of the next sample.
+    pub(super) fn tick(&self) -> u32 {
+        self.tick
     }
 
     /// As [`Self::open`], with the index column of the recording, once it was found.
-    pub(super) fn with_index(
+    pub(super) fn with_index<'a>(
         machine: &Machine,
         sensors: &Sensors,
-        path: &Path,
+        input: impl Into<Input<'a>>,
         index: Option<IndexColumn>,
+    ) -> Result<Self, ReplayError> {
+        Self::with_clock(machine, sensors, input.into(), (index, None))
+    }
+
+    fn with_clock(
+        machine: &Machine,
+        sensors: &Sensors,
+        input: Input<'_>,
+        (index, clock): (Option<IndexColumn>, Option<Clock>),
     ) -> Result<Self, ReplayError> {
         let layout = &recorded(machine);
         let sensors_named = (sensors.channels.iter().map(|c| &c.name))
@@ -137,7 +179,7 @@ impl Samples {
             .map(|name| (name.as_str(), true))
             .chain(references_named.map(|name| (name.as_str(), false)))
             .collect();
-        let found = columns(path, layout, &names)?;
+        let found = columns(input, layout, &names)?;
         let quantity = |name: &str| {
             let column = found.iter().find(|column| column.name == name)?;
             column
@@ -196,8 +238,11 @@ impl Samples {
         }
         let displacements = displacement_columns(machine);
         wanted.extend((displacements.iter()).map(|name| optional(name, Unit::METRE)));
-        let reader =
-            Reader::open_as(path, layout, &wanted, &roles)?.expect_period(1.0 / machine.rate_hz)?;
+        let reader = match clock {
+            Some(clock) => Reader::continued(input, layout, &wanted, &roles, clock)?,
+            None => Reader::open_as(input, layout, &wanted, &roles)?,
+        };
+        let reader = reader.expect_period(1.0 / machine.rate_hz)?;
         Ok(Self {
             correction: Correction::none(sensors),
             channels: sensors.channels.clone(),
@@ -348,29 +393,6 @@ impl Samples {
     }
 }
 
-/// How the recording has each encoder: counts, an angle or travel, a speed.
-fn motions(
-    machine: &Machine,
-    sensors: &Sensors,
-    quantity: impl Fn(&str) -> Option<Quantity>,
-) -> Vec<Motion> {
-    let turns_freely = matches!(machine.kind(), Some(Kind::Bearing(_) | Kind::Rotor(_)));
-    // What the description says, as for all signals of a drive: a header may have no units.
-    let travel = (machine.travel_unit())
-        .map(Unit::quantity)
-        .filter(|quantity| *quantity != Quantity::Counts);
-    let motion = |quantity| match quantity {
-        Some(Quantity::Angle) => Motion::Angle { unit: Unit::RADIAN },
-        Some(Quantity::AngularSpeed) if turns_freely => Motion::Speed { turns: 0.0 },
-        Some(Quantity::Length) => Motion::Angle { unit: Unit::METRE },
-        _ => Motion::Count,
-    };
-    let encoders = sensors.encoders.iter();
-    encoders
-        .map(|encoder| motion(travel.or_else(|| quantity(&encoder.name))))
-        .collect()
-}
-
 /// How the recordings of `machine` are laid out. Rows without a common clock, and recordings whose
 /// means alone count, are brought onto the ticks of the estimator.
 fn recorded(machine: &Machine) -> Cow<'_, CsvLayout> {
@@ -418,7 +440,7 @@ pub(super) fn segment_start_s(segments: &[Segment], t0: f64) -> f64 {
 pub(super) fn index_column(
     machine: &Machine,
     sensors: &Sensors,
-    path: &Path,
+    input: Input<'_>,
 ) -> Result<Option<IndexColumn>, ReplayError> {
     let Some(index) = &machine.index else {
         return Ok(None);
@@ -429,13 +451,8 @@ pub(super) fn index_column(
     }
     Ok(Some(IndexColumn {
         encoder: encoder.unwrap_or(0),
-        pulses: Pulses::of(machine, index, path)?,
+        pulses: Pulses::of(machine, index, input)?,
     }))
-}
-
-/// The hardware counter's value for a count.
-fn counter(encoder: &Encoder, count: f64) -> u32 {
-    (count.round() as i64).rem_euclid(1_i64 << encoder.bits) as u32
 }
 
 /// A column that a recording need not have.
@@ -444,35 +461,5 @@ fn optional(name: &str, unit: Unit) -> Wanted<'_> {
         name,
         unit,
         required: false,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_speed_turns_the_counter_as_far_as_its_angle_would() {
-        let encoder = Encoder {
-            name: "wheel".into(),
-            inertia: String::new(),
-            counts_per_turn: 192.0,
-            bits: 16,
-            noise_std_counts: None,
-            eccentricity: None,
-        };
-        let mut speed = Motion::Speed { turns: 0.0 };
-        let mut angle = 0.0;
-        for k in 0..200_000 {
-            let rad_per_s = 60.0 + 40.0 * f64::sin(1e-3 * f64::from(k));
-            angle += rad_per_s * 5e-4;
-            let by_angle = Motion::Angle { unit: Unit::RADIAN }.count(angle, 5e-4, &encoder);
-            let by_speed = speed.count(rad_per_s, 5e-4, &encoder);
-            let apart = by_speed.wrapping_sub(by_angle) & 0xffff;
-            assert!(
-                matches!(apart, 0 | 1 | 0xffff),
-                "{k}: {by_speed}, {by_angle}"
-            );
-        }
     }
 }

@@ -1,8 +1,10 @@
 //! `loadtwin replay`.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use anyhow::Context;
 use clap::Args;
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::io::estimate::Estimate;
@@ -14,12 +16,14 @@ use super::output::{say, shown};
 use super::plan::{Plan, Replace};
 use super::progress::Progress;
 use super::spool::spooled;
-use crate::atomic_file::publish;
-use crate::build::{Filter, Sensors};
+use crate::atomic_file::{AtomicFile, publish};
+use crate::build::{self, Filter, Sensors};
+use crate::files::bounded::read;
+use crate::files::content::Content;
 use crate::machine::{Kind, Machine, Rotor};
 use crate::replay::{
-    self, Baselines, Consistency, Displacements, ESTIMATES, EstimateWriter, Figures, NodeChoice,
-    NodeColumns, Phasor, ReportPage, Sample, Speeds,
+    Baselines, Consistency, Displacements, ESTIMATES, EstimateWriter, Figures, LARGEST_STATE,
+    NodeChoice, NodeColumns, Phasor, ReportPage, Run, STATE_MARK, Sample, Speeds,
 };
 use crate::report::{PAGE, Report, Table};
 
@@ -49,6 +53,13 @@ pub struct Replay {
     /// deviations, its speed, angle and modal displacements too.
     #[arg(long, value_name = "NODES", requires = "estimates")]
     nodes: Option<NodeChoice>,
+    /// Continue from the state that FILE holds, as --state-out wrote it.
+    #[arg(long, value_name = "FILE", conflicts_with = "all_sensors")]
+    state_in: Option<PathBuf>,
+    /// Write the state to FILE.state, from which the next recording goes on to the bit. Samples
+    /// whose estimates lag come with it.
+    #[arg(long, value_name = "FILE", conflicts_with = "all_sensors")]
+    state_out: Option<PathBuf>,
     /// Write a page with plots to FILE.html.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -56,6 +67,22 @@ pub struct Replay {
     replace: Replace,
     #[command(flatten)]
     layout: LayoutFile,
+}
+
+/// What is written as the state of a replay.
+const STATE: Content = Content {
+    noun: "saved state",
+    suffixes: &["state"],
+    is_same: |file| Ok(file.start().starts_with(STATE_MARK)),
+};
+
+/// A recording as a part of a longer one.
+#[derive(Clone, Copy, Default)]
+struct Part<'a> {
+    /// State after the part before.
+    state: Option<&'a [u8]>,
+    /// Whether another part follows.
+    more: bool,
 }
 
 /// What one replay found.
@@ -73,6 +100,8 @@ pub(super) struct Outcome {
     /// How the recording was read, where it is not as usual.
     pub(super) reading: Vec<String>,
     pub(super) seconds: f64,
+    /// The state at the end, where another part follows.
+    state: Option<Vec<u8>>,
 }
 
 impl Outcome {
@@ -99,6 +128,8 @@ impl Replay {
             .reads(self.layout.file())
             .reads([&recording.path])
             .writes("--estimates", self.estimates.as_deref(), ESTIMATES)
+            .reads(&self.state_in)
+            .writes("--state-out", self.state_out.as_deref(), STATE)
             .writes("--report", self.report.as_deref(), PAGE)
             .check(as_json)?;
         let machine = self.layout.machine(&self.machine)?;
@@ -165,10 +196,17 @@ impl Replay {
             .then(|| ReportPage::new(machine, &sensors));
         let mut written = Ok(());
         let baselines = (self.baselines.then(|| Baselines::try_new(machine))).transpose()?;
+        let state = (self.state_in.as_ref())
+            .map(|path| read(path, LARGEST_STATE).with_context(|| path.display().to_string()))
+            .transpose()?;
+        let part = Part {
+            state: state.as_deref(),
+            more: self.state_out.is_some(),
+        };
         let outcome = one_set(
             machine,
             &sensors,
-            recording,
+            (recording, part),
             baselines,
             |sample, estimate, line| {
                 if let (Some(writer), true) = (&mut estimates, written.is_ok()) {
@@ -189,6 +227,13 @@ impl Replay {
             let page = outcome.page(page, machine, &sensors, &recording);
             files.push(page.complete(path)?);
         }
+        if let (Some(state), Some(path)) = (&outcome.state, &self.state_out) {
+            let written = AtomicFile::create(path).and_then(|mut file| {
+                file.write_all(state)?;
+                file.complete()
+            });
+            files.push(written.with_context(|| path.display().to_string())?);
+        }
         publish(files)?;
         Ok(outcome)
     }
@@ -198,7 +243,8 @@ impl Replay {
 pub(super) fn write_page(machine: &Machine, recording: &Path, path: &Path) -> anyhow::Result<()> {
     let sensors = Sensors::choose(machine, None)?;
     let mut page = ReportPage::new(machine, &sensors);
-    let outcome = one_set(machine, &sensors, recording, None, |sample, estimate, _| {
+    let whole = (recording, Part::default());
+    let outcome = one_set(machine, &sensors, whole, None, |sample, estimate, _| {
         page.push(sample, estimate);
     })?;
     let name = recording.file_name().unwrap_or_default().to_string_lossy();
@@ -210,7 +256,7 @@ pub(super) fn write_page(machine: &Machine, recording: &Path, path: &Path) -> an
 fn one_set(
     machine: &Machine,
     sensors: &Sensors,
-    recording: &Path,
+    (recording, part): (&Path, Part<'_>),
     mut baselines: Option<Baselines>,
     mut each: impl FnMut(&Sample<'_>, &Estimate, &Estimator<'_>),
 ) -> anyhow::Result<Outcome> {
@@ -221,25 +267,32 @@ fn one_set(
     let mut displacements = Displacements::new(machine, sensors)?;
     let mut phasor = Phasor::new(machine, sensors);
     let mut speeds = Speeds::new(machine);
-    let reading = replay::run_line(
-        machine,
-        sensors,
-        recording,
-        |sample, estimate, line, part| {
-            figures.push(sample, estimate);
-            consistency.push(sample, estimate);
-            phasor.push(sample, estimate);
-            displacements.push(sample, line);
-            speeds.push(sample, estimate);
-            if let Some(baselines) = &mut baselines {
-                baselines.push(sample, estimate);
-            }
-            each(sample, estimate, line);
-            if figures.samples().is_multiple_of(8192) {
-                progress.show(part);
-            }
-        },
-    )?;
+    let image = build::image(machine, sensors)?;
+    let mut run = match part.state {
+        Some(state) => Run::continued(machine, sensors, &image, recording, state)?,
+        None => Run::open(machine, sensors, &image, recording)?,
+    };
+    let mut push = |sample: &Sample<'_>, estimate: &Estimate, line: &Estimator<'_>| {
+        figures.push(sample, estimate);
+        consistency.push(sample, estimate);
+        phasor.push(sample, estimate);
+        displacements.push(sample, line);
+        speeds.push(sample, estimate);
+        if let Some(baselines) = &mut baselines {
+            baselines.push(sample, estimate);
+        }
+        each(sample, estimate, line);
+    };
+    while run.next_block(&mut push)? {
+        progress.show(run.progress());
+    }
+    let reading = run.notes();
+    let state = if part.more {
+        Some(run.save()?)
+    } else {
+        run.finish(push);
+        None
+    };
     let seconds = started.elapsed().as_secs_f64();
     Ok(Outcome {
         consistency: consistency.explained(machine, sensors, recording),
@@ -255,6 +308,7 @@ fn one_set(
         baselines,
         reading,
         seconds,
+        state,
     })
 }
 
@@ -279,7 +333,7 @@ pub(super) fn every_set(
             one_set(
                 machine,
                 &Sensors::choose(machine, name)?.filtered_by(filter),
-                recording,
+                (recording, Part::default()),
                 None,
                 |_, _, _| (),
             )

@@ -2,4 +2,6 @@
 
 mod consistency;
 mod page;
+mod recorded;
 mod refused;
+mod resume;

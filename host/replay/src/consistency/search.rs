@@ -188,7 +188,7 @@ pub(super) fn cause(
     from: Option<u64>,
 ) -> Option<Cause> {
     let all = hypothesis::all(machine, sensors, found);
-    let index = index_column(machine, sensors, path).ok()?;
+    let index = index_column(machine, sensors, path.into()).ok()?;
     let comparison = Comparison {
         machine,
         sensors,

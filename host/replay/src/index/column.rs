@@ -1,14 +1,12 @@
 //! The index column of a recording and the encoder beside it.
 
-use std::path::Path;
-
 use loadtwin_machine::{Encoder, Index, Machine};
-use loadtwin_recording::{Quantity, Reader, Role, Unit, Wanted, columns as columns_of};
+use loadtwin_recording::{Input, Quantity, Reader, Role, Unit, Wanted, columns as columns_of};
 
 use crate::ReplayError;
 
 /// Rows that show what the column holds, once one of them has a pulse.
-const ROWS: usize = 1 << 20;
+pub(super) const ROWS: usize = 1 << 20;
 
 /// The column and the encoder beside it.
 pub(super) struct IndexColumn {
@@ -31,7 +29,11 @@ pub(super) struct IndexEncoder {
 }
 
 impl IndexColumn {
-    pub(super) fn read(machine: &Machine, index: &Index, path: &Path) -> Result<Self, ReplayError> {
+    pub(super) fn read(
+        machine: &Machine,
+        index: &Index,
+        input: Input<'_>,
+    ) -> Result<Self, ReplayError> {
         let encoder = machine.homed_encoder();
         let mut columns = vec![Wanted {
             name: &index.name,
@@ -39,7 +41,7 @@ impl IndexColumn {
             required: true,
         }];
         let names = [(index.name.as_str(), true), (index.encoder.as_str(), false)];
-        let found = columns_of(path, &machine.recording, &names)?;
+        let found = columns_of(input, &machine.recording, &names)?;
         let quantity = |name: &str| {
             let column = found.iter().find(|c| c.name == name)?;
             let unit = column.unit.as_deref()?.parse::<Unit>().ok()?;
@@ -53,7 +55,7 @@ impl IndexColumn {
         }));
         let role = encoder.map_or(Role::Continuous, |e| e.role(is_angle));
         let roles = [Role::Pulse, role];
-        let reader = Reader::open_as(path, &machine.recording, &columns, &roles)?
+        let reader = Reader::open_as(input, &machine.recording, &columns, &roles)?
             .expect_period(1.0 / machine.rate_hz)?;
         let mut rows = Self {
             values: Vec::new(),

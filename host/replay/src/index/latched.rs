@@ -1,5 +1,7 @@
 //! The index pulse as counts of the encoder that it latched.
 
+use serde::{Deserialize, Serialize};
+
 use super::column::IndexColumn;
 use super::{Kind, Pulse, Pulses};
 
@@ -10,7 +12,7 @@ const LATE_S: f64 = 1.0;
 const ALIKE: f64 = 0.02;
 
 /// Which values of a column are latched counts.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(super) struct Latched {
     /// Counts stand in single rows and the cells between them are empty. Else a register is
     /// written in each row.

@@ -1,5 +1,7 @@
 //! The index pulse as a level: 0 and 1, a Boolean, a voltage.
 
+use serde::{Deserialize, Serialize};
+
 use super::column::IndexColumn;
 
 /// Spread of the low level over the height of the pulse, at most (quartile
@@ -15,7 +17,7 @@ const FALLEN: f64 = 1.0 / 3.0;
 const ACTIVE_LOW: f64 = 0.9;
 
 /// Where a level is on, and which of its values are.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(super) struct Level {
     /// 1, or -1 where the pulse is the low level.
     sign: f64,

@@ -5,8 +5,9 @@ mod latched;
 mod level;
 mod turns;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use self::column::IndexColumn;
@@ -14,6 +15,7 @@ use self::latched::Latched;
 use self::level::Level;
 use super::ReplayError;
 use loadtwin_machine::{Index, IndexSignal, Machine};
+use loadtwin_recording::Input;
 
 /// A column that holds no index pulse.
 #[derive(Debug, Error)]
@@ -31,17 +33,21 @@ pub struct IndexError {
 }
 
 /// Finds the pulses in a column, row by row.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Pulses {
     kind: Kind,
     /// The last value known; of a level whether the pulse is on.
     last: Option<f64>,
     started: bool,
+    /// The last value that was written, whatever it is.
+    written: Option<f64>,
+    /// Whether there was a pulse.
+    seen: bool,
     /// How the column is read, where that is not plain.
     note: Option<String>,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 enum Kind {
     /// Each new value is a latched count.
     Latched(Latched),
@@ -66,6 +72,8 @@ impl Pulses {
             kind,
             last: None,
             started: false,
+            written: None,
+            seen: false,
             note: None,
         }
     }
@@ -78,6 +86,15 @@ impl Pulses {
     /// The pulse of the next row; `value`: NaN where the cell is empty; `absent`:
     /// the row is not in the file.
     pub(super) fn next(&mut self, value: f64, absent: bool) -> Option<Pulse> {
+        let pulse = self.pulse(value, absent);
+        self.seen |= pulse.is_some();
+        if !value.is_nan() {
+            self.written = Some(value);
+        }
+        pulse
+    }
+
+    fn pulse(&mut self, value: f64, absent: bool) -> Option<Pulse> {
         let started = std::mem::replace(&mut self.started, true);
         match self.kind {
             Kind::Never => None,
@@ -111,14 +128,37 @@ impl Pulses {
         }
     }
 
-    /// What the index column of the recording in `path` holds.
+    /// Whether there was no pulse yet, so that what the column holds may not have shown.
+    pub(super) fn is_open(&self) -> bool {
+        !self.seen
+    }
+
+    /// Goes on where `before` was, which never saw a pulse.
+    pub(super) fn after(mut self, before: &Self) -> Self {
+        self.started = before.started;
+        self.written = before.written;
+        self.last = before.written.and_then(|value| match self.kind {
+            Kind::Never => None,
+            Kind::Latched(latched) => (!latched.is_none(value)).then_some(value),
+            Kind::Level(level) => (level.is_on(value, false)).map(|on| f64::from(u8::from(on))),
+        });
+        self
+    }
+
+    /// What the index column of a recording holds.
     ///
     /// # Errors
     /// When it cannot be read, or is neither counts nor a level.
-    pub(super) fn of(machine: &Machine, index: &Index, path: &Path) -> Result<Self, ReplayError> {
-        let column = IndexColumn::read(machine, index, path)?;
+    pub(super) fn of(
+        machine: &Machine,
+        index: &Index,
+        input: Input<'_>,
+    ) -> Result<Self, ReplayError> {
+        let head = input.head(column::ROWS)?;
+        let column =
+            IndexColumn::read(machine, index, head.as_ref().map_or(input, Input::Batches))?;
         let fail = |found: String| IndexError {
-            file: path.to_owned(),
+            file: input.name().to_owned(),
             column: index.name.clone(),
             found,
         };
