@@ -1,0 +1,46 @@
+"""Peak memory [bytes] of a replay of a stream: python stream_memory.py ROWS.
+
+The batches are made while they are read, so that only what loadtwin keeps counts.
+"""
+
+import resource
+import sys
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+import loadtwin
+
+rows = int(sys.argv[1])
+machine = loadtwin.Machine(
+    """
+format = 1
+name = "axis"
+rate_hz = 1000
+[balance]
+unit = "Nm"
+drive = { name = "torque", unit = "Nm", noise_std = 0.01 }
+position = { name = "angle", unit = "rad", gain = 1e-4 }
+inertia = 0.01
+nominal = 1.0
+[tuning]
+cutoff_hz = 20
+"""
+)
+BLOCK = 10_000
+
+
+def batches():
+    for start in range(0, rows, BLOCK):
+        t = np.arange(start, min(rows, start + BLOCK)) / 1000.0
+        angle = 2 * np.sin(t)
+        torque = -0.02 * np.sin(t) + 0.1 * np.cos(3 * t)
+        yield pa.record_batch({"t [s]": t, "torque [Nm]": torque, "angle [rad]": angle})
+
+
+schema = pa.schema([("t [s]", pa.float64()), ("torque [Nm]", pa.float64()), ("angle [rad]", pa.float64())])
+stream = machine.stream(pa.RecordBatchReader.from_batches(schema, batches()))
+found = sum(batch.num_rows for batch in pa.RecordBatchReader.from_stream(stream))
+assert found == rows, found
+print(1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)

@@ -1,0 +1,47 @@
+"""The notebooks run, and so do the examples of the guide; both compare what they find."""
+
+import os
+import re
+import tempfile
+import unittest
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+
+NOTEBOOKS = Path("examples/notebooks")
+GUIDE = Path("docs/how-to/python.md")
+
+
+class TestNotebooks(unittest.TestCase):
+    def setUp(self):
+        self.addCleanup(plt.close, "all")
+
+    def test_notebooks(self):
+        notebooks = sorted(NOTEBOOKS.glob("*.py"))
+        self.assertEqual(len(notebooks), 4)
+        for notebook in notebooks:
+            with self.subTest(notebook.name):
+                text = notebook.read_text()
+                self.assertTrue(text.startswith("# %% [markdown]"))
+                exec(compile(text, notebook, "exec"), {"__name__": "__main__"})
+                plt.close("all")
+
+    def test_guide(self):
+        blocks = re.findall(r"^```python\n(.*?)^```", GUIDE.read_text(), re.M | re.S)
+        self.assertGreater(len(blocks), 4)
+        namespace = {}
+        with tempfile.TemporaryDirectory() as folder:
+            # Files that the guide writes go to a folder beside the clone's own.
+            for name in ("examples", "docs"):
+                os.symlink(Path(name).resolve(), Path(folder) / name)
+            here = Path.cwd()
+            os.chdir(folder)
+            try:
+                for block in blocks:
+                    exec(compile(block, GUIDE, "exec"), namespace)
+            finally:
+                os.chdir(here)
+
+
+if __name__ == "__main__":
+    unittest.main()

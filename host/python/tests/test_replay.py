@@ -1,0 +1,189 @@
+"""Estimates from tables: bits, cuts, streams, units, libraries, memory."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+from pathlib import Path
+
+import duckdb
+import h5py
+import numpy as np
+import pandas
+import polars
+import pyarrow as pa
+import pyarrow.parquet as pq
+import scipy.io
+from nptdms import ChannelObject, TdmsFile, TdmsWriter
+
+import loadtwin
+
+GEARBOX = "examples/gearbox/calibrated.toml"
+RECORDING = "examples/gearbox/start-stop.parquet"
+
+# Machines that ship, and how a recording of each is made where none ships with it.
+SHIPPED = {
+    GEARBOX: RECORDING,
+    "examples/gearbox/machine.toml": RECORDING,
+    "examples/rotor/machine.toml": {"duration_s": 1},
+    "examples/bearing/calibrated.toml": {"scenario": "lc1", "duration_s": 1},
+}
+
+
+def command(*arguments):
+    return subprocess.run([os.environ["LOADTWIN"], *arguments], check=True, capture_output=True, text=True).stdout
+
+
+class TestReplay(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.folder.cleanup)
+        self.machine = loadtwin.Machine(GEARBOX)
+        self.table = pq.read_table(RECORDING)[:12000]
+
+    def at(self, name):
+        return str(Path(self.folder.name) / name)
+
+    def test_estimates_and_figures_are_those_of_the_command(self):
+        for description, recording in SHIPPED.items():
+            with self.subTest(description):
+                machine = loadtwin.Machine(description)
+                if isinstance(recording, dict):
+                    machine.simulate(self.at("simulated.parquet"), force=True, **recording)
+                    recording = self.at("simulated.parquet")
+                said = command("replay", description, recording, "--estimates", self.at("e.parquet"), "--json", "--force")
+                theirs = pq.read_table(self.at("e.parquet"))
+                ours, _ = machine.replay(pq.read_table(recording))
+                self.assertEqual(pa.table(ours).schema.names, theirs.schema.names)
+                self.assertTrue(pa.table(ours).equals(theirs))
+                figures, said = machine.evaluate(recording), json.loads(said)
+                del figures["samples_per_second"], said["samples_per_second"]
+                self.assertEqual(figures, said)
+
+    def test_tables_of_all_libraries_give_the_same(self):
+        whole = pa.table(self.machine.replay(self.table)[0])
+        frame = self.table.to_pandas()
+        frame.columns = [f"{f.name} [{f.metadata[b'unit'].decode()}]" for f in self.table.schema]
+        names = dict(zip(self.table.schema.names, frame.columns))
+        connection = duckdb.connect()
+        connection.register("recording", self.table.rename_columns(list(names.values())))
+        tables = {
+            "pyarrow": self.table,
+            "polars": polars.from_arrow(self.table).rename(names),
+            "pandas": frame,
+            "DuckDB": connection.sql("select * from recording"),
+            "stream": self.table.to_reader(max_chunksize=777),
+        }
+        for name, table in tables.items():
+            with self.subTest(name):
+                found, _ = self.machine.replay(table)
+                self.assertTrue(pa.table(found).equals(whole))
+        found, _ = self.machine.replay(self.table)
+        self.assertEqual(polars.DataFrame(found).height, len(found))
+        self.assertEqual(len(pandas.DataFrame.from_arrow(found)), len(found))
+        self.assertEqual(duckdb.sql("select count(*) from found").fetchall(), [(len(found),)])
+
+    def test_a_cut_anywhere_gives_the_same_bits(self):
+        whole = pa.table(self.machine.replay(self.table)[0])
+        cuts = sorted(np.random.default_rng(1).integers(2, len(self.table), 5).tolist())
+        pieces, state = [], None
+        for start, end in zip([0, *cuts], [*cuts, len(self.table)]):
+            piece, state = self.machine.replay(self.table[start:end], state, more=end < len(self.table))
+            pieces.append(pa.table(piece))
+        self.assertTrue(pa.concat_tables(pieces).combine_chunks().equals(whole.combine_chunks()))
+
+    def test_other_formats_in_three_lines(self):
+        signals = {f"{f.name} [{f.metadata[b'unit'].decode()}]": self.table[f.name].to_numpy() for f in self.table.schema}
+        whole, _ = self.machine.replay(self.table)
+        with TdmsWriter(self.at("r.tdms")) as writer:
+            writer.write_segment([ChannelObject("log", name, values) for name, values in signals.items()])
+        scipy.io.savemat(self.at("r.mat"), {"signals": [signals[name] for name in signals], "names": list(signals)})
+        with h5py.File(self.at("r.h5"), "w") as file:
+            for field in self.table.schema:
+                file[field.name] = self.table[field.name].to_numpy()
+                file[field.name].attrs["unit"] = field.metadata[b"unit"].decode()
+
+        # TDMS
+        group = TdmsFile.read(self.at("r.tdms"))["log"]
+        tdms = pa.table({channel.name: pa.array(channel[:], from_pandas=True) for channel in group.channels()})
+        # MAT
+        mat = scipy.io.loadmat(self.at("r.mat"), chars_as_strings=True)
+        mat = pa.table([pa.array(row, from_pandas=True) for row in mat["signals"]], [name.strip() for name in mat["names"]])
+        # HDF5
+        with h5py.File(self.at("r.h5")) as file:
+            unit = lambda data: {"unit": data.attrs["unit"]}
+            schema = pa.schema([pa.field(name, pa.float64(), metadata=unit(data)) for name, data in file.items()])
+            hdf5 = pa.table([pa.array(data[:], from_pandas=True) for data in file.values()], schema=schema)
+
+        for name, table in {"TDMS": tdms, "MAT": mat, "HDF5": hdf5}.items():
+            with self.subTest(name):
+                found, _ = self.machine.replay(table)
+                self.assertTrue(pa.table(found).equals(pa.table(whole)))
+
+    def test_a_stream_takes_no_more_memory_when_it_is_longer(self):
+        script = Path(__file__).with_name("stream_memory.py")
+
+        def peak(rows):
+            return int(subprocess.run([sys.executable, script, str(rows)], check=True, capture_output=True, text=True).stdout)
+
+        short, long = peak(100_000), peak(400_000)
+        self.assertLess(long, 1.1 * short + 8e6)
+
+    def test_many_calls_leave_nothing_behind(self):
+        part = self.table[:1000]
+
+        def resident():
+            pages = Path("/proc/self/statm").read_text().split()[1]
+            return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+        def call(times):
+            for _ in range(times):
+                _, state = self.machine.replay(part, more=True)
+                with self.assertRaises(loadtwin.Error):
+                    self.machine.replay(part, b"none")
+
+        call(50)
+        before = resident()
+        call(int(os.environ.get("LOADTWIN_CALLS", "100")))
+        self.assertLess(resident() - before, 8e6)
+
+    def test_an_interrupt_ends_a_long_call(self):
+        def endless():
+            batch = self.table.to_batches()[0].slice(0, 1000)
+            time_of = batch.schema.get_field_index("t")
+            rows = 0
+            while True:
+                columns = batch.columns
+                columns[time_of] = pa.array((np.arange(1000) + rows) / 500.0)
+                rows += 1000
+                yield pa.RecordBatch.from_arrays(columns, schema=batch.schema)
+
+        for call in (
+            lambda: self.machine.replay(pa.RecordBatchReader.from_batches(self.table.schema, endless())),
+            lambda: self.machine.diagnose(RECORDING),
+        ):
+            timer = threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT))
+            timer.start()
+            began = time.monotonic()
+            with self.assertRaises(KeyboardInterrupt):
+                call()
+            self.assertLess(time.monotonic() - began, 5)
+
+    def test_other_threads_run_meanwhile(self):
+        done = threading.Event()
+        counted = 0
+        thread = threading.Thread(target=lambda: (self.machine.replay(RECORDING), done.set()))
+        thread.start()
+        while not done.wait(0.001):
+            counted += 1
+        thread.join()
+        self.assertGreater(counted, 5)
+
+
+if __name__ == "__main__":
+    unittest.main()
