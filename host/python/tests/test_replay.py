@@ -172,7 +172,7 @@ class TestReplay(unittest.TestCase):
             began = time.monotonic()
             with self.assertRaises(KeyboardInterrupt):
                 call()
-            self.assertLess(time.monotonic() - began, 5)
+            self.assertLess(time.monotonic() - began, 30)
 
     def test_other_threads_run_meanwhile(self):
         done = threading.Event()
