@@ -6,7 +6,7 @@ use super::error::{NO_NAN, Problem, RecordingError};
 use super::layout::{ChannelLayout, Column, CsvLayout, Role, Timing, Wanted, WrittenNan};
 use super::named::TIMES;
 use super::reader::Reader;
-use super::source::{Format, Opened};
+use super::source::{Format, Input, Opened};
 use super::unit::{Quantity, Unit};
 use super::{TIME, shown};
 
@@ -102,7 +102,7 @@ fn try_survey(path: &Path) -> Result<Survey, Problem> {
     let format = Format::open(path, &layout, &[])?;
     let names = format.names()?;
     let asked: Vec<(&str, bool)> = names.iter().map(|name| (name.as_str(), false)).collect();
-    let opened = Opened::open(path, &layout, &asked)?;
+    let opened = Opened::open(Input::File(path), &layout, &asked)?;
     let mut survey = Survey {
         format: format.name(),
         layout,
