@@ -5,8 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use serde::Serialize;
-use socketcan::CanAnyFrame;
 use thiserror::Error;
+
+use super::bus_frame::BusFrame;
 
 /// A frame and when it came (us).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,7 +15,7 @@ pub struct Received {
     /// Time, since the epoch or since the start of the bus (us).
     pub t_us: u64,
     /// The frame; error frames report what the controller met.
-    pub frame: CanAnyFrame,
+    pub frame: BusFrame,
 }
 
 /// Why a frame did not come or go.
@@ -49,7 +50,7 @@ pub trait Bus {
     ///
     /// # Errors
     /// Reason of the rejection.
-    fn send(&mut self, frame: &CanAnyFrame) -> Result<(), BusError>;
+    fn send(&mut self, frame: &BusFrame) -> Result<(), BusError>;
 
     /// Asks a controller that is bus-off to come back.
     ///
@@ -66,6 +67,53 @@ pub trait Bus {
     /// Frames of others that the bus carried but did not deliver here.
     fn foreign(&self) -> u64 {
         0
+    }
+
+    /// Lines of a log that are no frame, and the number of the first.
+    fn malformed(&self) -> (u64, Option<u64>) {
+        (0, None)
+    }
+
+    /// Brings what was written onto the disk.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    fn finish(&mut self) -> Result<(), BusError> {
+        Ok(())
+    }
+}
+
+impl<B: Bus + ?Sized> Bus for Box<B> {
+    fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {
+        (**self).receive(timeout)
+    }
+
+    fn send(&mut self, frame: &BusFrame) -> Result<(), BusError> {
+        (**self).send(frame)
+    }
+
+    fn restart(&mut self) -> Result<(), BusError> {
+        (**self).restart()
+    }
+
+    fn now(&self) -> Duration {
+        (**self).now()
+    }
+
+    fn wait(&mut self, time: Duration) {
+        (**self).wait(time);
+    }
+
+    fn foreign(&self) -> u64 {
+        (**self).foreign()
+    }
+
+    fn malformed(&self) -> (u64, Option<u64>) {
+        (**self).malformed()
+    }
+
+    fn finish(&mut self) -> Result<(), BusError> {
+        (**self).finish()
     }
 }
 
@@ -160,7 +208,7 @@ impl<B: Bus> Link<B> {
     ///
     /// # Errors
     /// Only what does not pass by itself.
-    pub fn send(&mut self, frame: &CanAnyFrame, stop: &AtomicBool) -> Result<bool, BusError> {
+    pub fn send(&mut self, frame: &BusFrame, stop: &AtomicBool) -> Result<bool, BusError> {
         let deadline = self.bus.now() + self.patience;
         loop {
             let delay = match self.bus.send(frame) {
@@ -214,7 +262,7 @@ impl<B: Bus> Link<B> {
                 Ok(None)
             }
             Ok(Some(received)) => {
-                if !matches!(received.frame, CanAnyFrame::Error(_)) {
+                if !received.frame.is_error() {
                     self.counts.recovered += u64::from(self.faulty);
                     self.faulty = false;
                 }

@@ -11,7 +11,6 @@ use loadtwin_common::io::frame::{
 };
 use loadtwin_common::io::raw::RawSample;
 use serde::Serialize;
-use socketcan::CanAnyFrame;
 
 use super::bus::Received;
 use super::{CanError, Model, standard};
@@ -238,9 +237,10 @@ impl<'a> Comparison<'a> {
     /// Takes one frame from the bus.
     pub fn take(&mut self, received: &Received) {
         let Some((id, data)) = standard(&received.frame) else {
-            match received.frame {
-                CanAnyFrame::Error(_) => self.figures.error_frames += 1,
-                _ => self.figures.foreign_frames += 1,
+            if received.frame.is_error() {
+                self.figures.error_frames += 1;
+            } else {
+                self.figures.foreign_frames += 1;
             }
             return;
         };

@@ -8,9 +8,8 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::time::Duration;
 
-use socketcan::{CanAnyFrame, CanErrorFrame, EmbeddedFrame, errors::ErrorCause};
-
 use super::bus::{Bus, BusError, Received};
+use super::bus_frame::{BUS_OFF, BusFrame, FrameKind, RESTARTED};
 
 /// Bits of a standard frame without its data and stuff bits: start to
 /// interframe space.
@@ -29,9 +28,9 @@ pub struct SimulatedController {
     transmit_errors: u32,
     off: bool,
     /// Frames that reached the wire.
-    pub wire: Vec<CanAnyFrame>,
+    pub wire: Vec<BusFrame>,
     /// Frames that it will receive.
-    pub incoming: VecDeque<CanAnyFrame>,
+    pub incoming: VecDeque<BusFrame>,
 }
 
 impl SimulatedController {
@@ -52,9 +51,9 @@ impl SimulatedController {
         self.disturbed.iter().any(|range| range.contains(&self.now))
     }
 
-    fn report(&mut self, cause: ErrorCause) {
-        self.incoming
-            .push_back(CanAnyFrame::Error(CanErrorFrame::from(cause)));
+    fn report(&mut self, cause: u32) {
+        let frame = BusFrame::new(FrameKind::Error, cause, false, &[0; 8]);
+        self.incoming.extend(frame);
     }
 }
 
@@ -68,7 +67,7 @@ impl Bus for SimulatedController {
         Ok(frame.map(|frame| Received { t_us, frame }))
     }
 
-    fn send(&mut self, frame: &CanAnyFrame) -> Result<(), BusError> {
+    fn send(&mut self, frame: &BusFrame) -> Result<(), BusError> {
         if self.off {
             return Err(BusError::Off);
         }
@@ -78,7 +77,7 @@ impl Bus for SimulatedController {
             self.transmit_errors += 8;
             if self.transmit_errors > 255 {
                 self.off = true;
-                self.report(ErrorCause::BusOff);
+                self.report(BUS_OFF);
                 return Err(BusError::Off);
             }
         }
@@ -97,7 +96,7 @@ impl Bus for SimulatedController {
             self.now += self.bit * RECOVERY_BITS;
             self.off = false;
             self.transmit_errors = 0;
-            self.report(ErrorCause::Restarted);
+            self.report(RESTARTED);
         }
         Ok(())
     }
@@ -177,7 +176,7 @@ mod tests {
             .expect("bus")
             .expect("an error frame")
             .frame;
-        assert!(matches!(first, CanAnyFrame::Error(e) if e.into_error().is_bus_off()));
+        assert!(first.is_error() && first.id() == BUS_OFF);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The machine's frames on CAN sockets and in `candump` logs.
+//! The machine's frames on CAN interfaces, serial adapters and in logs.
 //!
 //! [`node`] replaces the microcontroller, [`send`] puts raw samples on a
 //! bus, [`twin`] recomputes what the microcontroller sent and compares it bit
@@ -19,6 +19,7 @@
 )]
 
 pub mod bus;
+pub mod bus_frame;
 pub mod comparison;
 pub mod controller;
 pub mod dbc;
@@ -27,9 +28,13 @@ pub mod log;
 pub mod monitor;
 pub mod node;
 pub mod page;
+pub mod recorded;
 mod screen;
 pub mod send;
+mod slcan;
+#[cfg(target_os = "linux")]
 pub mod socket;
+pub mod source;
 pub mod twin;
 pub mod upload;
 
@@ -43,14 +48,18 @@ use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
 use loadtwin_common::io::frame;
 use loadtwin_common::io::frame::FrameEncoder;
-use socketcan::{CanAnyFrame, CanDataFrame, CanFdFrame, EmbeddedFrame, Frame, StandardId};
 use thiserror::Error;
+
+use bus_frame::{BusFrame, FrameKind};
 
 /// Why a command on the bus ends without its result.
 #[derive(Debug, Error)]
 pub enum CanError {
     /// The interface cannot be opened.
-    #[error("CAN interface {interface}: {source}")]
+    #[error(
+        "CAN interface {interface} cannot be opened ({}): {source}",
+        other_ways(interface)
+    )]
     Open {
         /// What was asked for.
         interface: String,
@@ -65,17 +74,23 @@ pub enum CanError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// A log in which no line is a frame.
+    /// A file that is no log.
     #[error(
-        "{path}: {lines} of {lines} lines are no candump log; allowed: what `candump -L` writes, as \
-         `(1436509052.249713) can0 501#00112233`; BLF, ASC and TRC are converted by \
-         `python -m can.logconvert IN OUT.log` of python-can"
+        "{path}: found {found}, no log of a bus; allowed: candump (`-L` or as printed), ASC, BLF, TRC"
     )]
     NoLog {
-        /// The log.
+        /// The file.
         path: std::path::PathBuf,
-        /// Its lines.
-        lines: u64,
+        /// What it is.
+        found: &'static str,
+    },
+    /// A serial adapter that is named wrong.
+    #[error(
+        "{found}: allowed: slcan:PORT@BIT_RATE, as slcan:/dev/ttyACM0@500000 or slcan:COM3@250000"
+    )]
+    Name {
+        /// What was asked for.
+        found: String,
     },
     /// The bus failed for good.
     #[error(transparent)]
@@ -153,26 +168,38 @@ pub fn stop_on_signal() -> Result<Arc<AtomicBool>, ctrlc::Error> {
 
 /// The frame as the socket takes it.
 #[expect(clippy::unreachable, reason = "the length is that of the type")]
-pub fn to_bus(frame: &frame::Frame) -> CanAnyFrame {
-    let id = StandardId::new(frame.id & 0x7FF).unwrap_or(StandardId::MAX);
-    CanDataFrame::new(id, &frame.data)
-        .map_or_else(|| unreachable!("8 bytes fit a frame"), CanAnyFrame::Normal)
+pub fn to_bus(frame: &frame::Frame) -> BusFrame {
+    let id = u32::from(frame.id & 0x7FF);
+    BusFrame::new(FrameKind::Data, id, false, &frame.data)
+        .unwrap_or_else(|| unreachable!("8 bytes fit a frame"))
 }
 
 /// The FD frame as the socket takes it.
 #[expect(clippy::unreachable, reason = "the length is that of the type")]
-pub fn to_bus_fd(frame: &frame::FdFrame) -> CanAnyFrame {
-    let id = StandardId::new(frame.id & 0x7FF).unwrap_or(StandardId::MAX);
-    CanFdFrame::new(id, &frame.data)
-        .map_or_else(|| unreachable!("64 bytes fit an FD frame"), CanAnyFrame::Fd)
+pub fn to_bus_fd(frame: &frame::FdFrame) -> BusFrame {
+    let id = u32::from(frame.id & 0x7FF);
+    BusFrame::new(FrameKind::Fd { flags: 0 }, id, false, &frame.data)
+        .unwrap_or_else(|| unreachable!("64 bytes fit an FD frame"))
 }
 
 /// Identifier and payload of a data frame with a standard identifier.
-pub fn standard(frame: &CanAnyFrame) -> Option<(u16, &[u8])> {
-    match frame {
-        CanAnyFrame::Normal(_) | CanAnyFrame::Fd(_) if !frame.is_extended() => {
-            Some((frame.raw_id() as u16, frame.data()))
+pub fn standard(frame: &BusFrame) -> Option<(u16, &[u8])> {
+    match frame.kind() {
+        FrameKind::Data | FrameKind::Fd { .. } if !frame.is_extended() => {
+            Some((frame.id() as u16, frame.data()))
         }
         _ => None,
+    }
+}
+
+/// What to do where an interface cannot be opened.
+fn other_ways(interface: &str) -> String {
+    if cfg!(target_os = "linux") && !interface.contains(['/', '\\']) {
+        format!(
+            "`ip link set {interface} up type can bitrate 500000`, or `ip link add dev {interface} type vcan` \
+             without hardware; a serial adapter is slcan:/dev/ttyACM0@500000; a log of a bus is read as well"
+        )
+    } else {
+        "instead: a serial adapter as slcan:PORT@500000, or a log of a bus".to_owned()
     }
 }

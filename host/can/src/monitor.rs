@@ -10,7 +10,6 @@ use loadtwin_common::io::frame::{
     DEFAULT_BASE, Message, RawAssembler, Rejected, Status, StatusPage,
 };
 use serde::Serialize;
-use socketcan::CanAnyFrame;
 
 use super::bus::{Bus, BusError, Link, LinkCounts};
 use super::page::{Page, View};
@@ -19,7 +18,8 @@ use super::{CanError, Model, standard};
 /// How a bus is watched.
 #[derive(Clone, Debug, clap::Args)]
 pub struct MonitorArgs {
-    /// CAN interface, such as can0
+    /// Bus: an interface (can0), an adapter (`slcan:/dev/ttyACM0@500000`) or a log
+    #[arg(value_name = "SOURCE")]
     pub interface: String,
     /// First identifier of the machine, hexadecimal; 500, or that of its model
     #[arg(long, value_parser = base, value_name = "HEX")]
@@ -121,9 +121,7 @@ pub fn run<B: Bus>(
                         Err(Rejected::Check | Rejected::Content) => summary.damaged_frames += 1,
                     }
                 }
-                None if matches!(received.frame, CanAnyFrame::Error(_)) => {
-                    summary.error_frames += 1;
-                }
+                None if received.frame.is_error() => summary.error_frames += 1,
                 None => summary.foreign_frames += 1,
             }
         }

@@ -1,5 +1,6 @@
 //! The host in the microcontroller's place: raw frames in, estimate frames out.
 
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -18,8 +19,12 @@ const HEARTBEAT: Duration = Duration::from_millis(100);
 /// How a node runs.
 #[derive(Clone, Debug, clap::Args)]
 pub struct NodeArgs {
-    /// CAN interface, such as can0
+    /// Bus: an interface (can0), an adapter (`slcan:/dev/ttyACM0@500000`) or a log of raw samples
+    #[arg(value_name = "SOURCE")]
     pub interface: String,
+    /// Write all that the bus carries, and what the node sends, to a candump log
+    #[arg(short = 'o', long = "log", value_name = "FILE")]
+    pub log: Option<PathBuf>,
     /// End after so many seconds without a raw sample, once one has come
     #[arg(long, value_parser = super::seconds, value_name = "SECONDS")]
     pub idle: Option<Duration>,
@@ -150,6 +155,7 @@ pub fn run<B: Bus>(
             }
         }
     }
+    link.bus_mut().finish()?;
     let raw = assembler.counts();
     Ok(NodeSummary {
         samples: raw.samples,

@@ -1,6 +1,7 @@
 //! Puts raw samples on a bus, at real time or as fast as it takes them.
 
 use std::error::Error;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -19,8 +20,12 @@ const ANSWER: Duration = Duration::from_secs(1);
 /// How samples are sent.
 #[derive(Clone, Debug, clap::Args)]
 pub struct SendArgs {
-    /// CAN interface, such as can0
-    pub interface: String,
+    /// Bus: an interface (can0) or an adapter (`slcan:/dev/ttyACM0@500000`); none with --log
+    #[arg(value_name = "SOURCE", required_unless_present = "log")]
+    pub interface: Option<String>,
+    /// Write what is sent to a candump log
+    #[arg(long, value_name = "FILE")]
+    pub log: Option<PathBuf>,
     /// As fast as the bus takes them instead of in real time
     #[arg(long)]
     pub fast: bool,
@@ -29,7 +34,7 @@ pub struct SendArgs {
     pub fd: bool,
     /// With so many samples at most before the machine has answered with its
     /// load frames
-    #[arg(long, value_name = "SAMPLES")]
+    #[arg(long, value_name = "SAMPLES", requires = "interface")]
     pub lockstep: Option<u32>,
 }
 
@@ -59,7 +64,7 @@ struct Answers {
 }
 
 impl Answers {
-    fn take(&mut self, frame: &socketcan::CanAnyFrame) {
+    fn take(&mut self, frame: &super::bus_frame::BusFrame) {
         let Some((id, data)) = standard(frame) else {
             return;
         };
@@ -161,6 +166,7 @@ pub fn run<B: Bus>(
             }
         }
     }
+    link.bus_mut().finish()?;
     summary.seconds = link.bus().now().saturating_sub(start).as_secs_f64();
     summary.bus = link.counts();
     Ok(summary)

@@ -8,10 +8,14 @@ use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 
 use loadtwin_common::io::frame::IDS_PER_MACHINE;
-use socketcan::{CanAnyFrame, CanFdSocket, CanFilter, ShouldRetry, Socket, SocketOptions};
+use socketcan::{
+    CanAnyFrame, CanDataFrame, CanFdFrame, CanFdSocket, CanFilter, CanRemoteFrame, EmbeddedFrame,
+    ExtendedId, Frame, Id, ShouldRetry, Socket, SocketOptions, StandardId, id::FdFlags,
+};
 
 use super::CanError;
 use super::bus::{Backoff, Bus, BusError, Received};
+use super::bus_frame::{BusFrame, ERROR_FLAG, FrameKind};
 
 const SOL_SOCKET: i32 = 1;
 const SO_RCVBUF: i32 = 8;
@@ -120,6 +124,42 @@ impl SocketBus {
     }
 }
 
+/// The frame of the socket as a bus has it.
+fn received(frame: &CanAnyFrame) -> Option<BusFrame> {
+    let (id, is_extended) = (frame.raw_id(), frame.is_extended());
+    match frame {
+        CanAnyFrame::Normal(frame) => BusFrame::new(FrameKind::Data, id, is_extended, frame.data()),
+        CanAnyFrame::Fd(frame) => {
+            let flags = frame.flags().bits() & 3;
+            BusFrame::new(FrameKind::Fd { flags }, id, is_extended, frame.data())
+        }
+        CanAnyFrame::Remote(frame) => BusFrame::remote(id, is_extended, frame.dlc() as u8),
+        CanAnyFrame::Error(frame) => {
+            BusFrame::new(FrameKind::Error, id & !ERROR_FLAG, false, frame.data())
+        }
+    }
+}
+
+/// The frame as the socket takes it; none of what no socket sends.
+fn to_send(frame: &BusFrame) -> Option<CanAnyFrame> {
+    let id: Id = if frame.is_extended() {
+        ExtendedId::new(frame.id())?.into()
+    } else {
+        StandardId::new(u16::try_from(frame.id()).ok()?)?.into()
+    };
+    match frame.kind() {
+        FrameKind::Data => CanDataFrame::new(id, frame.data()).map(CanAnyFrame::Normal),
+        FrameKind::Fd { flags } => {
+            let flags = FdFlags::from_bits_truncate(flags);
+            CanFdFrame::with_flags(id, frame.data(), flags).map(CanAnyFrame::Fd)
+        }
+        FrameKind::Remote => {
+            CanRemoteFrame::new_remote(id, usize::from(frame.length())).map(CanAnyFrame::Remote)
+        }
+        FrameKind::Error => None,
+    }
+}
+
 /// Empties the socket until stopped; opens it again when the interface was replaced.
 fn read(
     mut socket: CanFdSocket,
@@ -136,6 +176,9 @@ fn read(
                 let since = time
                     .duration_since(SystemTime::UNIX_EPOCH)
                     .unwrap_or_default();
+                let Some(frame) = received(&frame) else {
+                    continue;
+                };
                 Ok(Received {
                     t_us: since.as_micros() as u64,
                     frame,
@@ -203,8 +246,11 @@ impl Bus for SocketBus {
         }
     }
 
-    fn send(&mut self, frame: &CanAnyFrame) -> Result<(), BusError> {
-        self.socket.write_frame(frame).map_err(|error| {
+    fn send(&mut self, frame: &BusFrame) -> Result<(), BusError> {
+        let Some(frame) = to_send(frame) else {
+            return Ok(());
+        };
+        self.socket.write_frame(&frame).map_err(|error| {
             // The index of a removed interface is not taken again: look the name up.
             if is_removed(&error)
                 && let Ok(again) = open(&self.interface, None, false)

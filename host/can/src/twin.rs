@@ -9,8 +9,9 @@ use serde::Serialize;
 
 use super::bus::{Bus, BusError, Link, LinkCounts};
 use super::comparison::{Comparison, Figures, Verdict};
-use super::log::{LogBus, LogWriter};
+use super::log::LogWriter;
 use super::page::{Page, View};
+use super::source::Source;
 use super::{CanError, Model};
 
 /// How long the loop sleeps at most without a frame.
@@ -19,7 +20,8 @@ const POLL: Duration = Duration::from_millis(100);
 /// How a twin runs.
 #[derive(Clone, Debug, clap::Args)]
 pub struct TwinArgs {
-    /// CAN interface, such as can0
+    /// Bus: an interface (can0), an adapter (`slcan:/dev/ttyACM0@500000`) or a log
+    #[arg(value_name = "SOURCE")]
     pub interface: String,
     /// Write what the bus carries for the machine to a candump log
     #[arg(long, value_name = "FILE")]
@@ -35,9 +37,10 @@ pub struct TwinArgs {
 /// How a log is proved.
 #[derive(Clone, Debug, clap::Args)]
 pub struct ProveArgs {
-    /// Log written by candump -L, or by twin --log
-    pub log: PathBuf,
-    /// Only the frames of this interface
+    /// Log (candump, ASC, BLF, TRC), or a bus as of twin
+    #[arg(value_name = "SOURCE")]
+    pub log: String,
+    /// Only the frames of this interface or channel of a log
     #[arg(long)]
     pub interface: Option<String>,
 }
@@ -72,7 +75,10 @@ pub fn run<B: Bus>(
     stop: &AtomicBool,
 ) -> Result<TwinSummary, CanError> {
     let mut writer = match &args.log {
-        Some(path) => Some(LogWriter::create(path, &args.interface)?),
+        Some(path) => Some(LogWriter::create(
+            path,
+            Source::of(&args.interface)?.device(),
+        )?),
         None => None,
     };
     let mut link = Link::new(bus, POLL);
@@ -100,29 +106,22 @@ pub fn run<B: Bus>(
     Ok(summary)
 }
 
-/// Compares a log recorded earlier.
+/// Compares a log recorded earlier; a bus until `stop` is set.
 ///
 /// # Errors
-/// When the model is refused, or the log cannot be read or has no frame.
+/// When the model is refused, or the log cannot be read or is none.
 pub fn prove(
     model: &Model<'_>,
     args: &ProveArgs,
     view: &mut dyn View,
     stop: &AtomicBool,
 ) -> Result<TwinSummary, CanError> {
-    let bus = LogBus::open(&args.log, args.interface.as_deref())?;
+    let source = Source::of(&args.log)?;
+    let bus = source.open(Some(model.image.can_base), args.interface.as_deref())?;
     let mut link = Link::new(bus, POLL);
-    let mut summary = compare(model, &mut link, view, |_, _, _| {
+    compare(model, &mut link, view, |_, _, _| {
         Ok(!stop.load(Ordering::Relaxed))
-    })?;
-    if let Some(lines) = link.bus().lines_without_frames() {
-        return Err(CanError::NoLog {
-            path: args.log.clone(),
-            lines,
-        });
-    }
-    (summary.malformed_lines, summary.first_malformed_line) = link.bus().malformed();
-    Ok(summary)
+    })
 }
 
 fn compare<B: Bus>(
@@ -154,13 +153,14 @@ fn compare<B: Bus>(
     }
     let mut figures = comparison.figures();
     figures.foreign_frames += link.bus().foreign();
+    let (malformed_lines, first_malformed_line) = link.bus().malformed();
     Ok(TwinSummary {
         verdict: comparison.verdict(true),
         model: model.hash,
         figures,
         bus: link.counts(),
-        malformed_lines: 0,
-        first_malformed_line: None,
+        malformed_lines,
+        first_malformed_line,
     })
 }
 

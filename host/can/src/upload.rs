@@ -108,7 +108,7 @@ mod tests {
             Ok(None)
         }
 
-        fn send(&mut self, frame: &socketcan::CanAnyFrame) -> Result<(), BusError> {
+        fn send(&mut self, frame: &crate::bus_frame::BusFrame) -> Result<(), BusError> {
             self.sent.extend(standard(frame).map(|(id, _)| id));
             Ok(())
         }

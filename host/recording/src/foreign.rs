@@ -13,8 +13,8 @@ pub(super) struct Foreign {
 }
 
 const UNPACK: &str = "unpack it first";
-const CAN_LOG: &str = "convert it with python-can (`python -m can.logconvert IN OUT.log`) and run \
-     `loadtwin prove` on the log, or decode it to MDF4 with asammdf and the bus's DBC file";
+const CAN_LOG: &str = "recompute its frames with `loadtwin prove MACHINE LOG`, or decode it to MDF4 with \
+     asammdf and the bus's DBC file";
 const MATLAB: &str = "write CSV or Parquet in MATLAB: `writetable(table(t, ta1), 'out.csv')` or \
      `parquetwrite`";
 const SPREADSHEET: &str = "save the sheet as CSV";
@@ -164,7 +164,7 @@ fn text(head: &[u8]) -> Option<Foreign> {
     if is_candump(start) {
         return Some(Foreign {
             name: "candump log",
-            remedy: "recompute its frames with `loadtwin prove MACHINE LOG`",
+            remedy: CAN_LOG,
         });
     }
     if start.starts_with(b"<?xml") && memchr::memmem::find(head, b"tdm").is_some() {

@@ -16,14 +16,18 @@ use super::plan::{Plan, Replace};
 use super::progress::Progress;
 use super::spool::spooled;
 use crate::build::{self, Sensors};
+use crate::can::bus::Bus;
 use crate::can::comparison::Verdict;
 use crate::can::dbc::{self, LoadScale};
+use crate::can::log::LogWriter;
 use crate::can::monitor::{self, MonitorArgs};
 use crate::can::node::{self, NodeArgs};
+use crate::can::page::View;
+use crate::can::recorded::{NoBus, Recorded};
 use crate::can::send::{self, SendArgs};
-use crate::can::socket::SocketBus;
+use crate::can::source::{DEVICE, Source};
 use crate::can::twin::{self, ProveArgs, TwinArgs, TwinSummary};
-use crate::can::{LOG, Model, page, stop_on_signal, upload};
+use crate::can::{CanError, LOG, Model, page, stop_on_signal, upload};
 use crate::files::bounded;
 use crate::machine::Machine;
 use crate::replay::Samples;
@@ -119,7 +123,7 @@ pub struct Monitor {
     machine: Option<PathBuf>,
 }
 
-/// As twin, on a candump log taken earlier.
+/// As twin, on a log taken earlier.
 #[derive(Debug, Args)]
 pub struct Prove {
     #[command(flatten)]
@@ -133,7 +137,8 @@ pub struct Prove {
 pub struct Upload {
     /// The image, from `loadtwin build --key`.
     image: PathBuf,
-    /// CAN interface, such as can0.
+    /// Bus: an interface (can0) or an adapter (`slcan:/dev/ttyACM0@500000`).
+    #[arg(value_name = "SOURCE")]
     interface: String,
 }
 
@@ -146,6 +151,32 @@ pub struct Dbc {
     /// Set of sensors; the first of the description where absent.
     #[arg(long, value_name = "NAME", requires = "machine")]
     sensors: Option<String>,
+}
+
+/// Opens a bus; with `log`, all that it carries is written there.
+fn opened(
+    source: Source<'_>,
+    block: Option<u16>,
+    log: Option<&Path>,
+) -> Result<Box<dyn Bus>, CanError> {
+    let bus = source.open(block, None)?;
+    let Some(log) = log else {
+        return Ok(bus);
+    };
+    let writer = LogWriter::create(log, source.device())?;
+    Ok(Box::new(Recorded::new(
+        bus,
+        writer,
+        source.log().is_some(),
+    )?))
+}
+
+/// Where a command shows itself while it runs: with a log, which is over at once, nowhere.
+fn shown_of(is_log: bool) -> std::io::Result<Box<dyn View>> {
+    if is_log {
+        return Ok(Box::new(page::Quiet));
+    }
+    page::live()
 }
 
 /// Prints a summary; as text, one key a line.
@@ -164,17 +195,35 @@ fn print(summary: &impl Serialize, as_json: bool) -> anyhow::Result<()> {
 
 impl Node {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let source = Source::of(&self.args.interface)?;
+        let log = self.args.log.as_deref();
+        anyhow::ensure!(
+            source.log().is_none() || log.is_some(),
+            "{}: a log takes no frames; -o FILE names the log that is written",
+            self.args.interface
+        );
+        Plan::new(Replace::default())
+            .description(&self.model.machine)
+            .reads(source.log())
+            .writes_new("--log", log, LOG)
+            .check(as_json)?;
         let image = self.model.load()?;
         let model = Model::from_bytes(&image)?;
         let stop = stop_on_signal()?;
-        let bus = SocketBus::open(&self.args.interface, Some(model.image.can_base))?;
-        let summary = node::run(&model, bus, &self.args, &mut *page::live()?, &stop)?;
+        let bus = opened(source, Some(model.image.can_base), log)?;
+        let mut view = shown_of(source.log().is_some())?;
+        let summary = node::run(&model, bus, &self.args, &mut *view, &stop)?;
         print(&summary, as_json)
     }
 }
 
 impl Send {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let log = self.args.log.as_deref();
+        Plan::new(Replace::default())
+            .description(&self.machine)
+            .writes_new("--log", log, LOG)
+            .check(as_json)?;
         let recording = spooled(&self.recording)?;
         let machine = self.layout.machine(&self.machine)?;
         let sensors = Sensors::choose(&machine, self.sensors.as_deref())?;
@@ -182,8 +231,16 @@ impl Send {
         let model = Model::from_bytes(&image)?;
         let samples = RawSamples::open(&machine, &sensors, &recording.path)?;
         let stop = stop_on_signal()?;
-        let bus = SocketBus::open(&self.args.interface, Some(model.image.can_base))?;
-        let summary = send::run(&model, bus, samples, &self.args, &mut *page::live()?, &stop)?;
+        let bus: Box<dyn Bus> = match (&self.args.interface, log) {
+            (Some(name), log) => opened(Source::of(name)?, Some(model.image.can_base), log)?,
+            (None, Some(log)) => {
+                let writer = LogWriter::create(log, DEVICE)?;
+                Box::new(Recorded::new(NoBus::default(), writer, false)?)
+            }
+            (None, None) => Box::new(NoBus::default()),
+        };
+        let mut view = shown_of(self.args.interface.is_none())?;
+        let summary = send::run(&model, bus, samples, &self.args, &mut *view, &stop)?;
         print(&summary, as_json)
     }
 }
@@ -194,7 +251,7 @@ impl Upload {
         let image = bounded::read(&self.image, LARGEST_IMAGE).with_context(|| name.clone())?;
         let uploader = Uploader::new(image).context(name)?;
         let stop = stop_on_signal()?;
-        let bus = SocketBus::open(&self.interface, None)?;
+        let bus = Source::of(&self.interface)?.open(None, None)?;
         let progress = Progress::new("upload");
         let summary = upload::run(uploader, bus, |part| progress.show(part), &stop)?;
         drop(progress);
@@ -270,15 +327,18 @@ fn report_verdict(summary: &TwinSummary, as_json: bool) -> anyhow::Result<()> {
 
 impl Twin {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let source = Source::of(&self.args.interface)?;
         Plan::new(Replace::default())
             .description(&self.model.machine)
+            .reads(source.log())
             .writes_new("--log", self.args.log.as_deref(), LOG)
             .check(as_json)?;
         let image = self.model.load()?;
         let model = Model::from_bytes(&image)?;
         let stop = stop_on_signal()?;
-        let bus = SocketBus::open(&self.args.interface, Some(model.image.can_base))?;
-        let summary = twin::run(&model, bus, &self.args, &mut *page::live()?, &stop)?;
+        let bus = source.open(Some(model.image.can_base), None)?;
+        let mut view = shown_of(source.log().is_some())?;
+        let summary = twin::run(&model, bus, &self.args, &mut *view, &stop)?;
         report_verdict(&summary, as_json)
     }
 }
@@ -310,8 +370,10 @@ impl Monitor {
         let model = image.as_deref().map(Model::from_bytes).transpose()?;
         let stop = stop_on_signal()?;
         // The whole bus: what is not the machine's is counted too.
-        let bus = SocketBus::open(&self.args.interface, None)?;
-        let summary = monitor::run(model.as_ref(), bus, &self.args, &mut *page::live()?, &stop)?;
+        let source = Source::of(&self.args.interface)?;
+        let bus = source.open(None, None)?;
+        let mut view = shown_of(source.log().is_some())?;
+        let summary = monitor::run(model.as_ref(), bus, &self.args, &mut *view, &stop)?;
         print(&summary, as_json)
     }
 }

@@ -81,7 +81,7 @@ enum Command {
     Twin(can::Twin),
     /// Watch a machine's frames on a CAN bus.
     Monitor(can::Monitor),
-    /// As twin, on a candump log taken earlier.
+    /// As twin, on a log taken earlier: candump, ASC, BLF, TRC.
     Prove(can::Prove),
     /// Send a signed model image to a board.
     Upload(can::Upload),

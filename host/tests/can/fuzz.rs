@@ -123,13 +123,11 @@ fn a_log_of_any_bytes_ends_and_a_spoilt_log_never_makes_a_difference_of_nothing(
     let lines: Vec<String> = traffic(&model, &samples(40, |_| false), false)
         .into_iter()
         .map(|Received { t_us, frame }| {
-            socketcan::dump::CanDumpRecord {
-                t_us,
-                device: "vcan0".into(),
-                frame,
-                direction: None,
-            }
-            .to_string()
+            format!(
+                "({}.{:06}) vcan0 {frame}",
+                t_us / 1_000_000,
+                t_us % 1_000_000
+            )
         })
         .collect();
     let log = lines.join("\n").into_bytes();
@@ -144,7 +142,7 @@ fn a_log_of_any_bytes_ends_and_a_spoilt_log_never_makes_a_difference_of_nothing(
                 spoilt[at] = byte;
             }
             spoilt.extend(noise);
-            let mut bus = LogBus::new(spoilt.as_slice(), None);
+            let mut bus = LogBus::new(spoilt.as_slice(), None).expect("memory");
             let mut comparison = Comparison::new(model.clone()).expect("good");
             loop {
                 match bus.receive(Duration::ZERO) {

@@ -1,7 +1,9 @@
 //! Frames, their description, and the commands on a bus without a bus.
 
 mod dbc;
+mod formats;
 mod fuzz;
 mod layout;
 mod machine;
 mod proof;
+mod slcan;

@@ -4,17 +4,17 @@ use std::collections::VecDeque;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-use loadtwin::can::bus::Received;
+use loadtwin::can::bus::{Bus, BusError, Received};
+use loadtwin::can::bus_frame::BusFrame;
 use loadtwin::can::comparison::{Comparison, Figures, Verdict};
 use loadtwin::can::controller::SimulatedController;
-use loadtwin::can::log::LogWriter;
+use loadtwin::can::log::{LogBus, LogWriter};
 use loadtwin::can::node::{self, NodeArgs};
 use loadtwin::can::page::Quiet;
 use loadtwin::can::send::{self, SendArgs};
 use loadtwin::can::twin::{self, ProveArgs};
 use loadtwin::can::{Model, standard, to_bus};
 use loadtwin_common::io::frame::Frame;
-use socketcan::CanAnyFrame;
 
 use crate::machine::{image, samples, traffic};
 
@@ -166,12 +166,9 @@ fn what_is_not_the_machines_is_counted_and_changes_nothing() {
     let model = Model::from_bytes(&image).expect("good");
     let clean = traffic(&model, &samples(300, |_| false), false);
     let line = |text: &str| {
-        let mut reader = socketcan::dump::Reader::from_reader(text.as_bytes());
-        reader
-            .next_record()
-            .expect("a record")
-            .expect("a frame")
-            .frame
+        let mut bus = LogBus::new(text.as_bytes(), None).expect("memory");
+        let received = bus.receive(Duration::ZERO).expect("a frame");
+        received.expect("a log never times out").frame
     };
     let base = model.image.can_base;
     let ours = |id: u16, rest: &str| line(&format!("(0.000000) can0 {:03X}{rest}", base + id));
@@ -288,7 +285,7 @@ fn a_log_is_proved_and_its_bad_lines_are_counted() {
         .replace('\n', " R\n");
     std::fs::write(&path, format!("{text}(12.0")).expect("written");
     let args = ProveArgs {
-        log: path,
+        log: path.display().to_string(),
         interface: None,
     };
     let summary = twin::prove(&model, &args, &mut Quiet, &NEVER).expect("proved");
@@ -299,9 +296,9 @@ fn a_log_is_proved_and_its_bad_lines_are_counted() {
     );
 }
 
-/// What other programs and other switches of candump write, and how each is refused or read.
+/// What is no log is refused by what it is, before anything is compared.
 #[test]
-fn logs_of_other_formats_are_refused_with_what_converts_them() {
+fn files_that_are_no_logs_are_refused_by_their_names() {
     let image = image();
     let model = Model::from_bytes(&image).expect("good");
     let folder = tempfile::tempdir().expect("a folder");
@@ -309,29 +306,29 @@ fn logs_of_other_formats_are_refused_with_what_converts_them() {
     let proved = |bytes: &[u8]| {
         std::fs::write(&path, bytes).expect("written");
         let args = ProveArgs {
-            log: path.clone(),
+            log: path.display().to_string(),
             interface: None,
         };
         twin::prove(&model, &args, &mut Quiet, &NEVER)
     };
-    let refused: [&[u8]; 8] = [
-        b"  can0  108   [8]  2B 30 00 00 00 00 07 01\n",
-        b" (1714730400.000000)  can0  108   [8]  2B 30 00 00 00 00 07 01\n",
-        b"(1714730400.000000789) can0 108#2B30000000000701\n",
-        b"date Mon May 6 10:00:00 am 2024\n   0.000000 1  108  Rx   d 8 2B 30 00 00 00 00 07 01\n",
-        b";$FILEVERSION=2.1\n1 0.001 DT 1 0108 Rx - 8 2B 30 00 00 00 00 07 01\n",
-        b"t1088 2B30000000000701\r",
-        b"time,id,data\n0.0,0x108,2B30000000000701\n",
-        b"LOGG\x90\0\0\0\xff\n\xfe\n",
-    ];
-    for bytes in refused {
+    for (bytes, name) in [
+        (&b"t1088 2B30000000000701\r"[..], "another file"),
+        (
+            b"time,id,data\n0.0,0x108,2B30000000000701\n",
+            "a table of text",
+        ),
+        (b"PAR1\x15\0", "a Parquet file"),
+        (b"format = 1\nname = \"bench\"\n", "a TOML file"),
+    ] {
         let Err(reason) = proved(bytes) else {
             panic!("read: {}", String::from_utf8_lossy(bytes));
         };
         let line = reason.to_string();
-        assert!(line.contains("no candump log; allowed"), "{line}");
-        assert!(line.contains("can.logconvert"), "{line}");
+        assert!(line.contains(&format!("found {name}, no log")), "{line}");
+        assert!(line.contains("allowed: candump"), "{line}");
     }
+    let damaged = proved(b"LOGG\x90\0\0\0\xff\n\xfe\nLOBJ....").expect_err("damaged");
+    assert!(damaged.to_string().contains("BLF"), "{damaged}");
     // A log of `candump -L` with error frames and of FD frames is one.
     for bytes in [
         &b"(1714730400.000000) can0 20000080#0000000000000000\n(1714730400.1) can0 108#2B30\n"[..],
@@ -358,6 +355,7 @@ fn a_node_answers_with_the_bits_of_the_machine_through_bus_off() {
             .collect::<VecDeque<_>>();
         let args = NodeArgs {
             interface: String::new(),
+            log: None,
             idle: Some(Duration::from_millis(500)),
         };
         let mut wire = Vec::new();
@@ -368,7 +366,7 @@ fn a_node_answers_with_the_bits_of_the_machine_through_bus_off() {
             (1000, u64::from(faulty))
         );
         assert_eq!(summary.bus.dropped, 0);
-        let loads = |f: &CanAnyFrame| (1..8).contains(&(standard(f).expect("standard").0 & 31));
+        let loads = |f: &BusFrame| (1..8).contains(&(standard(f).expect("standard").0 & 31));
         let sent: Vec<_> = wire.into_iter().filter(loads).collect();
         let meant: Vec<_> = clean.iter().map(|f| f.frame).filter(loads).collect();
         assert_eq!(sent, meant);
@@ -382,7 +380,8 @@ fn samples_go_out_in_real_time_and_fast() {
     let taken = samples(500, |_| false);
     for (fast, fd) in [(false, false), (true, false), (true, true)] {
         let args = SendArgs {
-            interface: String::new(),
+            interface: None,
+            log: None,
             fast,
             fd,
             lockstep: None,
@@ -419,23 +418,20 @@ fn samples_go_out_in_real_time_and_fast() {
 }
 
 /// A controller of which the wire is kept.
-struct Tap<'a>(&'a mut SimulatedController, &'a mut Vec<CanAnyFrame>);
+struct Tap<'a>(&'a mut SimulatedController, &'a mut Vec<BusFrame>);
 
-impl loadtwin::can::bus::Bus for Tap<'_> {
-    fn receive(
-        &mut self,
-        timeout: Duration,
-    ) -> Result<Option<Received>, loadtwin::can::bus::BusError> {
+impl Bus for Tap<'_> {
+    fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {
         self.0.receive(timeout)
     }
 
-    fn send(&mut self, frame: &CanAnyFrame) -> Result<(), loadtwin::can::bus::BusError> {
+    fn send(&mut self, frame: &BusFrame) -> Result<(), BusError> {
         self.0.send(frame)?;
         self.1.push(*frame);
         Ok(())
     }
 
-    fn restart(&mut self) -> Result<(), loadtwin::can::bus::BusError> {
+    fn restart(&mut self) -> Result<(), BusError> {
         self.0.restart()
     }
 

@@ -1,0 +1,81 @@
+//! Logs of one traffic in every format: the proof is the same.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::atomic::AtomicBool;
+
+use loadtwin::can::Model;
+use loadtwin::can::comparison::Verdict;
+use loadtwin::can::log::LogWriter;
+use loadtwin::can::page::Quiet;
+use loadtwin::can::twin::{self, ProveArgs, TwinSummary};
+
+use crate::machine::{image, samples, traffic};
+
+fn proved(model: &Model<'_>, log: &Path) -> TwinSummary {
+    let args = ProveArgs {
+        log: log.display().to_string(),
+        interface: None,
+    };
+    twin::prove(model, &args, &mut Quiet, &AtomicBool::new(false))
+        .unwrap_or_else(|error| panic!("{}: {error}", log.display()))
+}
+
+/// Writes the log in every format by python-can; Python is that of `LOADTWIN_PYTHON`, or the one
+/// that `tests/run` sets up.
+fn converted(log: &Path, folder: &Path) -> Vec<PathBuf> {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let python = std::env::var_os("LOADTWIN_PYTHON")
+        .map_or_else(|| here.join("../target/venv/bin/python"), PathBuf::from);
+    let output = Command::new(&python)
+        .arg(here.join("tests/reference/can_peer.py"))
+        .args([log, folder])
+        .output()
+        .unwrap_or_else(|error| {
+            panic!(
+                "{}: {error}; tests/run sets it up, or LOADTWIN_PYTHON names a Python with \
+                 tests/requirements.txt",
+                python.display()
+            )
+        });
+    let reason = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "can_peer.py: {reason}");
+    let entries = std::fs::read_dir(folder).expect("a folder");
+    entries
+        .map(|entry| entry.expect("an entry").path())
+        .collect()
+}
+
+#[test]
+fn every_format_of_the_same_traffic_gives_the_same_proof() {
+    let image = image();
+    let model = Model::from_bytes(&image).expect("good");
+    for (is_fd, formats) in [(false, 11), (true, 9)] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let log = folder.path().join("bus.log");
+        let mut writer = LogWriter::create(&log, "can0").expect("created");
+        for mut received in traffic(&model, &samples(700, |tick| tick % 177 == 30), is_fd) {
+            received.t_us += 1_714_730_400_000_000;
+            writer.write(&received).expect("written");
+        }
+        writer.finish().expect("written");
+        let expected = proved(&model, &log).figures;
+        assert!(expected.compared_frames > 1000 && expected.missing_ticks > 0);
+        let others = folder.path().join("others");
+        std::fs::create_dir(&others).expect("a folder");
+        let others = converted(&log, &others);
+        assert_eq!(others.len(), formats, "{others:?}");
+        for path in others {
+            let summary = proved(&model, &path);
+            let name = path.display();
+            assert_eq!(summary.verdict, Verdict::Identical, "{name}");
+            assert_eq!(summary.malformed_lines, 0, "{name}");
+            let found = summary.figures;
+            assert_eq!(found.samples, expected.samples, "{name}");
+            assert_eq!(found.compared_bits, expected.compared_bits, "{name}");
+            assert_eq!(found.differing_bits, 0, "{name}");
+            assert_eq!(found.missing_ticks, expected.missing_ticks, "{name}");
+            assert_eq!(found.foreign_frames, expected.foreign_frames, "{name}");
+        }
+    }
+}
