@@ -3,16 +3,15 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, Write};
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt, fchown};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use rustix::fs::{AtFlags, CWD, Mode, OFlags, linkat, openat};
 use thiserror::Error;
 
 use super::content::Content;
 use super::destination::{Destination, Place, destination};
 use super::mark::marked;
+use super::system::{FileId, Owner, link, unnamed};
 
 /// Name between the link to a complete file and its renaming over one that is
 /// there. The next run removes one that a kill between these two calls left.
@@ -21,9 +20,6 @@ const BETWEEN: &str = ".loadtwin-new";
 /// Longest wait for other runs that publish into the same folder. They take
 /// milliseconds; `flock FOLDER loadtwin ...` of a script would never end.
 const LOCK_TIME: Duration = Duration::from_secs(1);
-
-/// Permissions of a new file, from which the user's umask takes away.
-const NEW_FILE: u32 = 0o666;
 
 /// A file without a name in the folder of its target; [`AtomicFile::finish`]
 /// gives it its name. Where the program ends before that, however it ends,
@@ -102,8 +98,7 @@ impl AtomicFile {
             return Err(io::ErrorKind::AlreadyExists.into());
         }
         let file = unnamed(&place.folder)?;
-        let now = file.metadata()?.permissions().mode();
-        file.set_permissions(std::fs::Permissions::from_mode(now & mode))?;
+        Owner::limit(&file, mode)?;
         Ok(Self {
             file: BufWriter::new(file),
             place: Some(*place),
@@ -130,13 +125,7 @@ impl AtomicFile {
             return Ok(Complete::default());
         };
         if let Some(replaced) = &place.existing {
-            let now = file.metadata()?;
-            if (now.uid(), now.gid()) != (replaced.uid(), replaced.gid()) {
-                // Only root may give a file away; for others it stays theirs.
-                let _ = fchown(&file, Some(replaced.uid()), Some(replaced.gid()));
-            }
-            let mode = replaced.permissions().mode() & 0o777;
-            file.set_permissions(std::fs::Permissions::from_mode(mode))?;
+            Owner::keep(&file, replaced)?;
         }
         if !place.is_temporary() {
             file.sync_all()?;
@@ -197,7 +186,7 @@ pub fn publish(files: impl IntoIterator<Item = Complete>) -> Result<(), PublishE
             && let Ok(folder) = File::open(&place.folder)
             && let Ok(metadata) = folder.metadata()
         {
-            folders.insert((metadata.dev(), metadata.ino()), folder);
+            folders.insert(FileId::of(&place.folder, &metadata), folder);
         }
     }
     let last = Instant::now() + LOCK_TIME;
@@ -228,19 +217,6 @@ pub fn publish(files: impl IntoIterator<Item = Complete>) -> Result<(), PublishE
         let _ = folder.sync_all();
     }
     Ok(())
-}
-
-/// A file without a name in `folder`.
-fn unnamed(folder: &Path) -> io::Result<File> {
-    let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
-    match openat(CWD, folder, flags, Mode::from_raw_mode(NEW_FILE)) {
-        Ok(file) => Ok(file.into()),
-        // The file system has no such files: one that loses its name at once.
-        Err(rustix::io::Errno::OPNOTSUPP | rustix::io::Errno::ISDIR | rustix::io::Errno::INVAL) => {
-            tempfile::tempfile_in(folder)
-        }
-        Err(error) => Err(error.into()),
-    }
 }
 
 impl Unnamed {
@@ -274,11 +250,7 @@ impl Unnamed {
     /// As [`link`], where the file system or the system cannot: by a copy.
     fn copy(&self, path: &Path) -> io::Result<()> {
         let permissions = self.file.metadata()?.permissions();
-        let mut to = File::options()
-            .write(true)
-            .create_new(true)
-            .mode(permissions.mode() & 0o777)
-            .open(path)?;
+        let mut to = Owner::new_like(&self.file, path)?;
         let mut from = &self.file;
         from.rewind()?;
         io::copy(&mut from, &mut to)?;
@@ -289,17 +261,9 @@ impl Unnamed {
     }
 }
 
-/// Gives a file without a name the name `path`, which must be free.
-fn link(file: &File, path: &Path) -> io::Result<()> {
-    use std::os::fd::AsRawFd;
-    let descriptor = format!("/proc/self/fd/{}", file.as_raw_fd());
-    let follow = AtFlags::SYMLINK_FOLLOW;
-    Ok(linkat(CWD, descriptor.as_str(), CWD, path, follow)?)
-}
-
-#[cfg(test)]
+#[cfg(all(test, unix))]
 mod tests {
-    use std::os::unix::fs::symlink;
+    use std::os::unix::fs::{PermissionsExt, symlink};
 
     use super::*;
 

@@ -3,11 +3,11 @@
 use std::ffi::OsString;
 use std::fs::{File, Metadata};
 use std::io;
-use std::os::fd::AsFd;
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use super::scratch;
+use super::system::FileId;
+pub(crate) use super::system::{stdin_file, stdout_file};
 
 /// Links that are followed one after another, as the Linux kernel does.
 const MOST_LINKS: usize = 40;
@@ -15,16 +15,16 @@ const MOST_LINKS: usize = 40;
 /// The file that a path refers to, whatever it is called.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Identity {
-    /// A file that is there: device and inode.
-    There(u64, u64),
-    /// One that is not: device and inode of its folder, and its name.
-    Absent(u64, u64, OsString),
+    /// A file that is there.
+    There(FileId),
+    /// One that is not: its folder, and its name.
+    Absent(FileId, OsString),
 }
 
 impl Identity {
-    /// The identity of a file that is there.
-    pub(crate) fn of(metadata: &Metadata) -> Self {
-        Self::There(metadata.dev(), metadata.ino())
+    /// The identity of a file that is there, at `path` where it has one.
+    pub(crate) fn of(path: &Path, metadata: &Metadata) -> Self {
+        Self::There(FileId::of(path, metadata))
     }
 }
 
@@ -64,14 +64,11 @@ impl Place {
     /// When the folder is not there.
     pub(crate) fn identity(&self) -> io::Result<Identity> {
         if let Some(metadata) = &self.existing {
-            return Ok(Identity::of(metadata));
+            return Ok(Identity::of(&self.path(), metadata));
         }
         let folder = self.folder.metadata()?;
-        Ok(Identity::Absent(
-            folder.dev(),
-            folder.ino(),
-            self.name.clone(),
-        ))
+        let folder = FileId::of(&self.folder, &folder);
+        Ok(Identity::Absent(folder, self.name.clone()))
     }
 }
 
@@ -83,21 +80,13 @@ pub(crate) fn is_stdout(path: &Path) -> bool {
     }
     let stdout = stdout_file().and_then(|file| file.metadata());
     matches!((path.metadata(), stdout), (Ok(a), Ok(b))
-        if a.is_file() && b.is_file() && Identity::of(&a) == Identity::of(&b))
+        if a.is_file() && b.is_file() && Identity::of(path, &a) == Identity::of(Path::new("-"), &b))
 }
 
 /// Whether `path` is no plain file: standard output, a pipe, a device.
 pub fn is_stream(path: &Path) -> bool {
     let there = path.metadata();
     is_stdout(path) || there.is_ok_and(|there| !there.is_file() && !there.is_dir())
-}
-
-pub(crate) fn stdout_file() -> io::Result<File> {
-    Ok(io::stdout().as_fd().try_clone_to_owned()?.into())
-}
-
-pub(crate) fn stdin_file() -> io::Result<File> {
-    Ok(io::stdin().as_fd().try_clone_to_owned()?.into())
 }
 
 /// Finds where `path` leads, through links, also one whose target is not there.

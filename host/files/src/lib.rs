@@ -23,3 +23,4 @@ mod destination;
 pub mod mark;
 pub mod outputs;
 pub mod scratch;
+mod system;

@@ -4,7 +4,6 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use rustix::fs::{Access, access};
 use thiserror::Error;
 
 use super::content::{Content, Existing};
@@ -12,6 +11,7 @@ pub use super::destination::is_stream;
 use super::destination::{
     Destination, Identity, Place, destination, is_stdout, stdin_file, stdout_file,
 };
+use super::system::check_writable;
 
 /// Everything that a command reads and writes.
 ///
@@ -188,7 +188,7 @@ impl Outputs {
         if metadata.is_file() || metadata.is_dir() {
             self.read.push(Input {
                 path: path.to_path_buf(),
-                identity: Identity::of(&metadata),
+                identity: Identity::of(path, &metadata),
                 folder: path.canonicalize().ok().filter(|_| metadata.is_dir()),
             });
         }
@@ -272,7 +272,7 @@ impl Outputs {
     /// The input that an open file is.
     fn input_of(&self, file: &io::Result<File>) -> Option<PathBuf> {
         let metadata = file.as_ref().ok()?.metadata().ok()?;
-        let identity = Identity::of(&metadata);
+        let identity = Identity::of(Path::new("-"), &metadata);
         let input = self.read.iter().find(|input| input.identity == identity)?;
         Some(input.path.clone())
     }
@@ -281,7 +281,7 @@ impl Outputs {
         let Some(metadata) = &place.existing else {
             return Ok(());
         };
-        let identity = Identity::of(metadata);
+        let identity = Identity::of(&place.path(), metadata);
         let whole = place.path().canonicalize().ok();
         let is = |input: &&Input| {
             let lies_in = (input.folder.as_ref().zip(whole.as_ref()))
@@ -317,10 +317,9 @@ impl Output {
     }
 
     fn check_place(&self, place: &Place) -> Result<(), OutputError> {
-        let open = |path: &Path, how| access(path, how).map_err(io::Error::from);
-        open(&place.folder, Access::WRITE_OK | Access::EXEC_OK)
+        check_writable(&place.folder, true)
             .and_then(|()| match &place.existing {
-                Some(_) => open(&place.path(), Access::WRITE_OK),
+                Some(_) => check_writable(&place.path(), false),
                 None => Ok(()),
             })
             .map_err(|source| self.unwritable(source))
@@ -387,7 +386,7 @@ impl Output {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, unix))]
 mod tests {
     use std::os::unix::fs::symlink;
 

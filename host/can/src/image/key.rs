@@ -5,7 +5,6 @@
 
 use std::fs;
 use std::io::{self, Write};
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use ed25519_compact::{KeyPair, Seed};
@@ -89,6 +88,20 @@ impl KeyFiles {
     }
 }
 
+/// The mode of a file to which others have access.
+#[cfg(unix)]
+fn open_to_others(permissions: &fs::Permissions) -> Option<u32> {
+    use std::os::unix::fs::PermissionsExt;
+    let mode = permissions.mode() & 0o777;
+    (mode & 0o077 != 0).then_some(mode)
+}
+
+/// Other systems guard a file by its folder.
+#[cfg(not(unix))]
+fn open_to_others(_permissions: &fs::Permissions) -> Option<u32> {
+    None
+}
+
 impl SigningKey {
     /// A new key from the system's random numbers.
     ///
@@ -108,8 +121,8 @@ impl SigningKey {
     /// `KeyError::File`, `KeyError::Exposed`, `KeyError::Form`.
     pub fn read(path: &Path) -> Result<Self, KeyError> {
         let failed = |source| file_error(path, source);
-        let mode = fs::metadata(path).map_err(failed)?.permissions().mode() & 0o777;
-        if mode & 0o077 != 0 {
+        let permissions = fs::metadata(path).map_err(failed)?.permissions();
+        if let Some(mode) = open_to_others(&permissions) {
             return Err(KeyError::Exposed {
                 path: path.into(),
                 mode,

@@ -1,0 +1,21 @@
+//! What differs between systems: files without a name, who may write, which file a path is.
+
+#[cfg(not(unix))]
+mod other;
+#[cfg(unix)]
+mod unix;
+
+#[cfg(not(unix))]
+pub(crate) use other::{FileId, Owner, check_writable, stdin_file, stdout_file};
+#[cfg(unix)]
+pub(crate) use unix::{FileId, Owner, check_writable, stdin_file, stdout_file};
+
+#[cfg(target_os = "linux")]
+mod linux;
+#[cfg(target_os = "linux")]
+pub(crate) use linux::{link, unnamed};
+
+#[cfg(not(target_os = "linux"))]
+mod unlinked;
+#[cfg(not(target_os = "linux"))]
+pub(crate) use unlinked::{link, unnamed};
