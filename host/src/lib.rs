@@ -19,6 +19,7 @@
 pub mod cli;
 pub mod init;
 pub mod tables;
+pub mod web;
 
 pub use loadtwin_can as can;
 pub use loadtwin_can::image::{key, seal, upload};

@@ -27,6 +27,7 @@ pub mod image;
 pub mod log;
 pub mod monitor;
 pub mod node;
+pub mod paced;
 pub mod page;
 pub mod recorded;
 mod screen;

@@ -1,6 +1,7 @@
 //! Watches a machine's frames, with or without its model.
 
 use std::collections::BTreeMap;
+use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -12,6 +13,7 @@ use loadtwin_common::io::frame::{
 use serde::Serialize;
 
 use super::bus::{Bus, BusError, Link, LinkCounts};
+use super::comparison::Comparison;
 use super::page::{Page, View};
 use super::{CanError, Model, standard};
 
@@ -27,6 +29,40 @@ pub struct MonitorArgs {
     /// End after so many seconds without a frame, once one has come
     #[arg(long, value_parser = super::seconds, value_name = "SECONDS")]
     pub idle: Option<Duration>,
+    /// Serve a page for browsers at ADDR (a port, or an address with its port); only this machine
+    /// reaches it unless ADDR says otherwise
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "8080", value_parser = address)]
+    pub web: Option<SocketAddr>,
+    /// How many times faster than it was recorded a log is shown in browsers
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, requires = "web", value_parser = speed)]
+    pub speed: f64,
+}
+
+impl MonitorArgs {
+    /// Whether the estimates are recomputed where the model is known.
+    fn compares(&self) -> bool {
+        self.web.is_some()
+    }
+}
+
+/// An address of the server: a port of this machine alone, or an address with a port.
+fn address(text: &str) -> Result<SocketAddr, String> {
+    let port = text
+        .parse()
+        .ok()
+        .map(|port: u16| SocketAddr::from((Ipv4Addr::LOCALHOST, port)));
+    port.or_else(|| text.parse().ok()).ok_or_else(|| {
+        "allowed: a port (8080), or an address with a port (0.0.0.0:8080)".to_owned()
+    })
+}
+
+/// A factor above 0.
+fn speed(text: &str) -> Result<f64, String> {
+    let speed = text
+        .parse()
+        .ok()
+        .filter(|speed: &f64| *speed > 0.0 && speed.is_finite());
+    speed.ok_or_else(|| "allowed: above 0".to_owned())
 }
 
 /// A base identifier from the command line.
@@ -89,6 +125,11 @@ pub fn run<B: Bus>(
     let mut status = None::<Status>;
     let mut summary = MonitorSummary::default();
     let mut last = None;
+    // Recomputed beside it where the model is known.
+    let mut comparison = match model.filter(|_| args.compares()) {
+        Some(model) => Some(Comparison::new(model.clone())?),
+        None => None,
+    };
     while !stop.load(Ordering::Relaxed) {
         let received = match link.receive(Duration::from_millis(100)) {
             Ok(received) => received,
@@ -98,6 +139,9 @@ pub fn run<B: Bus>(
         let now = link.bus().now();
         if let Some(received) = received {
             last = Some(now);
+            if let Some(comparison) = &mut comparison {
+                comparison.take(&received);
+            }
             match standard(&received.frame) {
                 Some((id, data)) => {
                     assembler.push(id, data);
@@ -115,6 +159,9 @@ pub fn run<B: Bus>(
                                 }
                             }
                             show(&mut page, &mut status, &mut summary, message);
+                            if matches!(message, Message::Load(..) | Message::Sensor(..)) {
+                                view.take(&page);
+                            }
                         }
                         Err(Rejected::Foreign) => summary.foreign_frames += 1,
                         Err(Rejected::Length) => summary.malformed_frames += 1,
@@ -134,6 +181,9 @@ pub fn run<B: Bus>(
         }
         if view.due(now) {
             page.status(status);
+            if let Some(comparison) = &comparison {
+                page.verdict(comparison.verdict(false));
+            }
             page.count("frames", summary.frames.values().sum());
             page.count("lost", summary.lost_frames);
             page.count("damaged", summary.damaged_frames + summary.malformed_frames);

@@ -200,6 +200,10 @@ pub trait View {
     /// Whether it is time for the next page.
     fn due(&mut self, now: Duration) -> bool;
 
+    /// Takes the values of a page that has just changed: a view that shows less often than they
+    /// come may keep the least and the largest.
+    fn take(&mut self, _page: &Page) {}
+
     /// Shows a page; breaks when the user wants to end.
     ///
     /// # Errors

@@ -55,6 +55,12 @@ pub use page::{PAGE, ReportError};
 pub use replay_plots::{LoadLabel, ReplayPlots, SensorLabel};
 pub use scatter::ScatterSample;
 
+/// The style sheet of uPlot.
+pub const UPLOT_CSS: &str = include_str!("assets/uplot-1.6.32.min.css");
+
+/// The script of uPlot.
+pub const UPLOT_JS: &str = include_str!("assets/uplot-1.6.32.min.js");
+
 use loadtwin_math::metrics::{Autocorrelation, Histogram};
 use serde::Serialize;
 

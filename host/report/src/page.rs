@@ -1,6 +1,6 @@
 //! Writing the page.
 
-use super::{Data, Mark, MinMaxDecimator, Plot, Report, Section};
+use super::{Data, Mark, MinMaxDecimator, Plot, Report, Section, UPLOT_CSS, UPLOT_JS};
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
 use loadtwin_files::content::Content;
@@ -142,8 +142,7 @@ impl Report {
         // Writing to a String cannot fail.
         let _ = write!(
             html,
-            "<meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\"><title>{title}</title><style>{}\n{}</style></head><body>",
-            include_str!("assets/uplot-1.6.32.min.css"),
+            "<meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\"><title>{title}</title><style>{UPLOT_CSS}\n{}</style></head><body>",
             include_str!("assets/page.css"),
         );
         self.head(&mut html, &title);
@@ -154,8 +153,7 @@ impl Report {
         footer(&mut html, time);
         let _ = write!(
             html,
-            "<script type=\"application/json\" id=\"data\">{data}</script><script>{}</script><script>{}</script></body></html>",
-            include_str!("assets/uplot-1.6.32.min.js"),
+            "<script type=\"application/json\" id=\"data\">{data}</script><script>{UPLOT_JS}</script><script>{}</script></body></html>",
             include_str!("assets/page.js"),
         );
         html

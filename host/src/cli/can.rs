@@ -11,7 +11,7 @@ use loadtwin_common::io::signed_image;
 use serde::Serialize;
 
 use super::layout::LayoutFile;
-use super::output::{print as output, say};
+use super::output::{note, print as output, say};
 use super::plan::{Plan, Replace};
 use super::progress::Progress;
 use super::spool::spooled;
@@ -22,6 +22,7 @@ use crate::can::dbc::{self, LoadScale};
 use crate::can::log::LogWriter;
 use crate::can::monitor::{self, MonitorArgs};
 use crate::can::node::{self, NodeArgs};
+use crate::can::paced::Paced;
 use crate::can::page::View;
 use crate::can::recorded::{NoBus, Recorded};
 use crate::can::send::{self, SendArgs};
@@ -32,6 +33,7 @@ use crate::files::bounded;
 use crate::machine::Machine;
 use crate::replay::Samples;
 use crate::upload::Uploader;
+use crate::web::{Labels, WebView};
 
 /// Largest model image [bytes]: the flash of the largest boards has 2 MiB.
 const LARGEST_IMAGE: u64 = 16 << 20;
@@ -357,24 +359,55 @@ impl Prove {
 
 impl Monitor {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
-        let image = match &self.machine {
-            Some(machine) => Some(
-                ModelArgs {
-                    machine: machine.clone(),
+        let (image, sensors) = match &self.machine {
+            Some(machine) => {
+                let machine = machine.clone();
+                let model = ModelArgs {
+                    machine,
                     sensors: None,
-                }
-                .load()?,
-            ),
-            None => None,
+                };
+                let (image, sensors) = model.load_with_sensors()?;
+                (Some(image), sensors)
+            }
+            None => (None, Vec::new()),
         };
         let model = image.as_deref().map(Model::from_bytes).transpose()?;
         let stop = stop_on_signal()?;
         // The whole bus: what is not the machine's is counted too.
         let source = Source::of(&self.args.interface)?;
-        let bus = source.open(None, None)?;
-        let mut view = shown_of(source.log().is_some())?;
+        let mut bus = source.open(None, None)?;
+        let mut view: Box<dyn View> = match self.args.web {
+            None => shown_of(source.log().is_some())?,
+            Some(address) => {
+                if source.log().is_some() {
+                    bus = Box::new(Paced::new(bus, self.args.speed));
+                }
+                let view = WebView::new(address, labels(model.as_ref(), sensors))
+                    .with_context(|| format!("--web {address}"))?;
+                note(format_args!(
+                    "page: http://{}/ (Ctrl-C ends)\n",
+                    view.address
+                ));
+                Box::new(view)
+            }
+        };
         let summary = monitor::run(model.as_ref(), bus, &self.args, &mut *view, &stop)?;
         print(&summary, as_json)
+    }
+}
+
+/// What the page in browsers calls loads and sensors.
+fn labels(model: Option<&Model<'_>>, sensors: Vec<String>) -> Labels {
+    let Some(model) = model else {
+        return Labels::default();
+    };
+    let loads = model.image.loads().len();
+    Labels {
+        machine: model.image.machine.to_owned(),
+        units: (0..loads)
+            .map(|place| model.image.load_unit(place).to_owned())
+            .collect(),
+        sensors,
     }
 }
 
