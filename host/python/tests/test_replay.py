@@ -163,6 +163,9 @@ class TestReplay(unittest.TestCase):
                 rows += 1000
                 yield pa.RecordBatch.from_arrays(columns, schema=batch.schema)
 
+        # A process started in the background of a script ignores interrupts.
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+        self.addCleanup(signal.signal, signal.SIGINT, before)
         for call in (
             lambda: self.machine.replay(pa.RecordBatchReader.from_batches(self.table.schema, endless())),
             lambda: self.machine.diagnose(RECORDING),
