@@ -4,6 +4,7 @@
 //! by [`program`], so that an interrupt ends them.
 
 mod capsule;
+mod running;
 mod worker;
 
 use std::ffi::OsString;
@@ -20,10 +21,11 @@ use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyCapsule};
 
+use running::Stop;
 use worker::{Pause, SharedEnd, Source, Task, Worker};
 
 create_exception!(
-    _loadtwin,
+    loadtwin,
     Error,
     PyValueError,
     "What cannot be done with this input: where, what was found, what is allowed."
@@ -86,6 +88,7 @@ impl Description {
     /// Starts a replay.
     fn stream(
         &self,
+        py: Python<'_>,
         recording: &Bound<'_, PyAny>,
         state: Option<Vec<u8>>,
         sensors: Option<&str>,
@@ -102,17 +105,19 @@ impl Description {
             }
         };
         let sensors = Sensors::choose(&self.0, sensors).map_err(error)?;
+        let stop = Stop::default();
         let source = match recording.extract::<PathBuf>() {
             Ok(path) => Source::File(path),
-            Err(_) => Source::Batches(capsule::import(recording)?),
+            Err(_) => Source::Batches(capsule::import(recording, &stop)?),
         };
-        let worker = Worker::start(Task {
+        let task = Task {
             machine: Arc::clone(&self.0),
             sensors: sensors.filtered_by(filter),
             source,
             state,
             more,
-        })?;
+        };
+        let worker = py.detach(|| Worker::start(task, stop))?;
         Ok(Stream {
             end: worker.end(),
             schema: worker.schema(),
@@ -236,14 +241,28 @@ fn program(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
 /// Writes a table or stream to a Parquet file.
 #[pyfunction]
 fn write_parquet(py: Python<'_>, table: &Bound<'_, PyAny>, path: PathBuf) -> PyResult<()> {
-    let batches = capsule::import(table)?;
+    let batches = capsule::import(table, &Stop::default())?;
     py.detach(|| batches.write_parquet(&path)).map_err(error)
+}
+
+/// Ends all replays that still run: a thread that holds objects of Python must not outlive it.
+#[pyfunction]
+fn end_all(py: Python<'_>) {
+    py.detach(running::end_all);
+}
+
+/// Forgets all replays, in a process that was forked: their threads are not in it.
+#[pyfunction]
+fn forget_all() {
+    running::forget_all();
 }
 
 #[pymodule]
 mod _loadtwin {
     #[pymodule_export]
-    use super::{Description, Error, Estimates, Stream, program, write_parquet};
+    use super::{
+        Description, Error, Estimates, Stream, end_all, forget_all, program, write_parquet,
+    };
 
     #[pymodule_export]
     #[expect(non_upper_case_globals, reason = "its name in Python")]

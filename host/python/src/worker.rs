@@ -1,8 +1,9 @@
 //! A replay on a thread of its own: recording in, estimates out, a few blocks at a time.
 
 use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
 use std::time::Duration;
 
 use arrow_array::{RecordBatch, RecordBatchReader};
@@ -13,9 +14,13 @@ use loadtwin::recording::{self, Batches, Input};
 use loadtwin::replay::{EstimateRows, ReplayError, Run};
 
 use crate::message;
+use crate::running::{self, Stop};
 
 /// Blocks of estimates ahead of whoever reads them.
 const AHEAD: usize = 4;
+
+/// How often a full queue is tried again.
+const RETRY: Duration = Duration::from_millis(1);
 
 /// A recording of a caller.
 pub(crate) enum Source {
@@ -37,7 +42,7 @@ pub(crate) struct Task {
 /// What is there at the end.
 #[derive(Clone, Debug)]
 pub(crate) struct End {
-    /// The state; none where rows are resampled.
+    /// The state; none where rows are resampled, or where the last estimates that lag were given.
     pub(crate) state: Option<Vec<u8>>,
     /// How the recording was read, where it is not as usual.
     pub(crate) notes: Vec<String>,
@@ -48,6 +53,9 @@ pub(crate) type SharedEnd = Arc<Mutex<Option<End>>>;
 
 /// A replay at work. Dropped, it stops at the next block.
 pub(crate) struct Worker {
+    stop: Stop,
+    /// The process with its thread.
+    process: u32,
     schema: SchemaRef,
     batches: Receiver<Result<RecordBatch, String>>,
     end: SharedEnd,
@@ -65,21 +73,29 @@ pub(crate) enum Pause {
 }
 
 impl Worker {
-    pub(crate) fn start(task: Task) -> std::io::Result<Self> {
+    /// Starts `task`; its recording ends at `stop`.
+    pub(crate) fn start(task: Task, stop: Stop) -> std::io::Result<Self> {
         let rows = EstimateRows::new(&task.machine, &task.sensors, None);
         let schema = Arc::new(recording::schema(rows.described()));
         let (sender, batches) = sync_channel(AHEAD);
         let end = SharedEnd::default();
         let at_end = Arc::clone(&end);
-        std::thread::Builder::new()
+        let queue = Queue {
+            sender,
+            stop: stop.clone(),
+        };
+        let thread = thread::Builder::new()
             .name("replay".into())
-            .spawn(move || match work(&task, rows, &sender) {
+            .spawn(move || match work(&task, rows, &queue) {
                 Ok(found) => *at_end.lock().unwrap_or_else(PoisonError::into_inner) = found,
                 Err(error) => {
-                    let _ = sender.send(Err(message(&error)));
+                    queue.send(Err(message(&error)));
                 }
             })?;
+        running::add(stop.clone(), thread);
         Ok(Self {
+            stop,
+            process: std::process::id(),
             schema,
             batches,
             end,
@@ -100,6 +116,11 @@ impl Worker {
         if self.ended {
             return Err(Pause::Ended);
         }
+        if self.process != std::process::id() {
+            const FORKED: &str =
+                "a stream is read in the process that made it; start one after the fork";
+            return Err(Pause::Failed(FORKED.into()));
+        }
         match self.batches.recv_timeout(time) {
             Ok(Ok(batch)) => Ok(batch),
             Err(RecvTimeoutError::Timeout) => Err(Pause::Waiting),
@@ -117,6 +138,12 @@ impl Worker {
                 })
             }
         }
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        self.stop.set();
     }
 }
 
@@ -141,12 +168,32 @@ impl RecordBatchReader for Worker {
     }
 }
 
+/// Where batches wait for their reader.
+struct Queue {
+    sender: SyncSender<Result<RecordBatch, String>>,
+    stop: Stop,
+}
+
+impl Queue {
+    /// Adds a batch; false where nobody reads any more, or the replay is stopped.
+    fn send(&self, batch: Result<RecordBatch, String>) -> bool {
+        let mut waiting = batch;
+        loop {
+            match self.sender.try_send(waiting) {
+                Ok(()) => return true,
+                Err(TrySendError::Disconnected(_)) => return false,
+                Err(TrySendError::Full(batch)) => waiting = batch,
+            }
+            if self.stop.is_set() {
+                return false;
+            }
+            thread::sleep(RETRY);
+        }
+    }
+}
+
 /// Replays `task`; none where nobody wants its estimates.
-fn work(
-    task: &Task,
-    mut rows: EstimateRows,
-    sender: &SyncSender<Result<RecordBatch, String>>,
-) -> Result<Option<End>, ReplayError> {
+fn work(task: &Task, mut rows: EstimateRows, queue: &Queue) -> Result<Option<End>, ReplayError> {
     let Task {
         machine, sensors, ..
     } = task;
@@ -161,9 +208,7 @@ fn work(
     };
     let deliver = |rows: &mut EstimateRows| {
         let batch = rows.take(recording::record_batch);
-        sender
-            .send(batch.map_err(|error| error.to_string()))
-            .is_ok()
+        queue.send(batch.map_err(|error| error.to_string()))
     };
     while run.next_block(|sample, estimate, line| rows.push(sample.t, estimate, line))? {
         if !deliver(&mut rows) {
@@ -171,9 +216,13 @@ fn work(
         }
     }
     let notes = run.notes();
-    let state = run.save();
     // A state that was asked for has to be there.
-    let state = if task.more { Some(state?) } else { state.ok() };
+    let state = if task.more {
+        Some(run.save()?)
+    } else {
+        // Given below, the estimates that lag would be given once more by the part after.
+        run.save().ok().filter(|_| !run.lags())
+    };
     if !task.more {
         run.finish(|sample, estimate, line| rows.push(sample.t, estimate, line));
     }

@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -176,6 +177,75 @@ class TestReplay(unittest.TestCase):
             with self.assertRaises(KeyboardInterrupt):
                 call()
             self.assertLess(time.monotonic() - began, 30)
+
+    def test_a_program_ends_while_replays_run(self):
+        begin = """
+import sys, loadtwin, pyarrow as pa, pyarrow.parquet as pq, pandas
+machine = loadtwin.Machine(sys.argv[1])
+table = pq.read_table(sys.argv[2])
+def endless():
+    while True:
+        yield from table.to_batches(max_chunksize=1000)
+endless = pa.RecordBatchReader.from_batches(table.schema, endless())
+"""
+        for end, code in {
+            # Refused at once: a unit is missing.
+            "machine.replay(pandas.read_parquet(sys.argv[2]))": 1,
+            "stream = machine.stream(endless)": 0,
+            "machine.stream(endless)": 0,
+            "next(iter(pa.RecordBatchReader.from_stream(machine.stream(table)))); raise KeyError": 1,
+        }.items():
+            for _ in range(5):
+                done = subprocess.run(
+                    [sys.executable, "-c", begin + end, GEARBOX, RECORDING], capture_output=True, text=True, timeout=60
+                )
+                self.assertEqual(done.returncode, code, f"{end}\n{done.stderr}")
+
+    def test_a_stream_of_a_forked_process_is_refused(self):
+        stream = self.machine.stream(self.table)
+        child = os.fork()
+        if child == 0:
+            try:
+                stream.read_all()
+                os._exit(1)
+            except loadtwin.Error:
+                os._exit(0)
+        self.assertEqual(os.waitpid(child, 0)[1], 0)
+        self.assertEqual(len(stream.read_all()), len(self.table))
+
+    def test_a_dropped_stream_reads_no_more(self):
+        read = 0
+
+        def batches():
+            nonlocal read
+            for batch in self.table.to_batches(max_chunksize=100):
+                read += 1
+                time.sleep(0.01)
+                yield batch
+
+        stream = self.machine.stream(pa.RecordBatchReader.from_batches(self.table.schema, batches()))
+        del stream
+        time.sleep(0.5)
+        self.assertLess(read, 10)
+
+    def test_estimates_that_lag_are_given_once(self):
+        machine = loadtwin.Machine("examples/rotor/machine.toml")
+        machine.simulate(self.at("rotor.parquet"), duration_s=1)
+        table = pq.read_table(self.at("rotor.parquet"))
+        text = Path("examples/rotor/machine.toml").read_text()
+        Path(self.at("lag.toml")).write_text(text.replace("[rotor]", "[rotor]\nlag_samples = 3", 1))
+        machine = loadtwin.Machine(self.at("lag.toml"))
+        _, state = machine.replay(table[:2000])
+        self.assertIsNone(state)
+        first, state = machine.replay(table[:2000], more=True)
+        second, _ = machine.replay(table[2000:], state)
+        self.assertEqual(len(first) + len(second), len(table))
+
+    def test_an_error_is_of_the_package(self):
+        with self.assertRaises(loadtwin.Error) as caught:
+            self.machine.replay(self.table, filter="none")
+        again = pickle.loads(pickle.dumps(caught.exception))
+        self.assertEqual((type(again), str(again)), (loadtwin.Error, str(caught.exception)))
 
     def test_other_threads_run_meanwhile(self):
         done = threading.Event()

@@ -185,7 +185,14 @@ pub enum Problem {
         allowed: &'static str,
     },
     /// Time that stands still or runs backwards.
-    #[error("{row}: time goes from {before} s to {found} s; allowed: only forwards")]
+    #[error(
+        "{row}: time goes from {before} s to {found} s; allowed: only forwards{}",
+        if *.continues {
+            " from the recording before, in seconds of one clock (timestamps count from the first row of their file)"
+        } else {
+            ""
+        }
+    )]
     Backwards {
         /// Where.
         row: Row,
@@ -193,6 +200,8 @@ pub enum Problem {
         before: f64,
         /// Time of this row.
         found: f64,
+        /// Whether the row before is in the recording before.
+        continues: bool,
     },
     /// Samples are missing.
     #[error(

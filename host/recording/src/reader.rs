@@ -415,6 +415,7 @@ fn read_rows(
                 row: rows.place(rows_before, i),
                 before,
                 found,
+                continues: rows_before == 0 && i == 0,
             });
         }
         before = found;

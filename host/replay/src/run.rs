@@ -21,6 +21,11 @@ pub const LARGEST_STATE: u64 = 1 << 20;
 const CRC: crc::Crc<u32, crc::Table<1>> =
     crc::Crc::<u32, crc::Table<1>>::new(&crc::CRC_32_ISO_HDLC);
 
+/// Why there is no state.
+const RESAMPLED: &str = "a replay whose rows are resampled (`timing = \"resample\"` under \
+    [recording], or a [balance] of regime \"steady\") has no state: its last ticks wait for \
+    rows after them; allowed: `timing = \"clocked\"`";
+
 /// The estimator of a machine on a recording.
 ///
 /// ```no_run
@@ -78,7 +83,7 @@ impl<'a> Run<'a> {
     /// As [`Self::open`], where the recording goes on from that of which `state` was saved.
     ///
     /// # Errors
-    /// As [`Self::open`]; when `state` is none, is damaged, or is of another image.
+    /// As [`Self::open`]; when `state` is none, is damaged, or is of another image; when rows are resampled.
     pub fn continued<'i>(
         machine: &Machine,
         sensors: &Sensors,
@@ -91,6 +96,9 @@ impl<'a> Run<'a> {
         line.restore(image, &state.line)
             .map_err(|error| ReplayError::State(refusal(error)))?;
         let samples = Samples::continued(machine, sensors, input.into(), state.samples)?;
+        if samples.saved().is_none() {
+            return Err(ReplayError::State(RESAMPLED));
+        }
         Ok(Self {
             image,
             line: HeldBack::continued(line, state.held, samples.tick()),
@@ -122,15 +130,17 @@ impl<'a> Run<'a> {
         (self.samples).next_block(|sample| line.push(sample, &mut each))
     }
 
+    /// Whether estimates come some samples after their sample.
+    pub fn lags(&self) -> bool {
+        self.line.line().lag_samples() > 0
+    }
+
     /// The state after the last block, with which another recording goes on to the bit. The
     /// samples that await their estimate are in it.
     ///
     /// # Errors
     /// When rows are brought onto ticks: the last ones wait for rows after them.
     pub fn save(&self) -> Result<Vec<u8>, ReplayError> {
-        const RESAMPLED: &str = "a replay whose rows are resampled (`timing = \"resample\"` under \
-            [recording], or a [balance] of regime \"steady\") has no state: its last ticks wait for \
-            rows after them; allowed: `timing = \"clocked\"`";
         let samples = self.samples.saved();
         let samples = samples.ok_or(ReplayError::State(RESAMPLED))?;
         let mut line = vec![0; MAX_STATE_BYTES];

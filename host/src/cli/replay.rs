@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use clap::Args;
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::io::estimate::Estimate;
@@ -23,7 +23,7 @@ use crate::files::content::Content;
 use crate::machine::{Kind, Machine, Rotor};
 use crate::replay::{
     Baselines, Consistency, Displacements, ESTIMATES, EstimateWriter, Figures, LARGEST_STATE,
-    NodeChoice, NodeColumns, Phasor, ReportPage, Run, STATE_MARK, Sample, Speeds,
+    NodeChoice, NodeColumns, Phasor, ReplayError, ReportPage, Run, STATE_MARK, Sample, Speeds,
 };
 use crate::report::{PAGE, Report, Table};
 
@@ -80,7 +80,7 @@ const STATE: Content = Content {
 #[derive(Clone, Copy, Default)]
 struct Part<'a> {
     /// State after the part before.
-    state: Option<&'a [u8]>,
+    state: Option<(&'a Path, &'a [u8])>,
     /// Whether another part follows.
     more: bool,
 }
@@ -200,7 +200,7 @@ impl Replay {
             .map(|path| read(path, LARGEST_STATE).with_context(|| path.display().to_string()))
             .transpose()?;
         let part = Part {
-            state: state.as_deref(),
+            state: self.state_in.as_deref().zip(state.as_deref()),
             more: self.state_out.is_some(),
         };
         let outcome = one_set(
@@ -269,7 +269,12 @@ fn one_set(
     let mut speeds = Speeds::new(machine);
     let image = build::image(machine, sensors)?;
     let mut run = match part.state {
-        Some(state) => Run::continued(machine, sensors, &image, recording, state)?,
+        Some((path, state)) => Run::continued(machine, sensors, &image, recording, state).map_err(
+            |error| match error {
+                ReplayError::State(_) => anyhow!(error).context(path.display().to_string()),
+                error => error.into(),
+            },
+        )?,
         None => Run::open(machine, sensors, &image, recording)?,
     };
     let mut push = |sample: &Sample<'_>, estimate: &Estimate, line: &Estimator<'_>| {
@@ -409,12 +414,12 @@ pub(super) fn print_table(machine: &Machine, outcomes: &[Outcome]) {
             }
             let mut line = format!("{:<24}{name:<14}", outcome.set);
             line += &format!(
-                "{:>8}",
+                " {:>7}",
                 cell(load.nmae_percent.get("full").copied().flatten())
             );
             for segment in &machine.segments {
                 line += &format!(
-                    "{:>11}",
+                    " {:>10}",
                     cell(load.nmae_percent.get(&segment.name).copied().flatten())
                 );
             }
@@ -423,7 +428,7 @@ pub(super) fn print_table(machine: &Machine, outcomes: &[Outcome]) {
                 percent.map_or_else(|| "-".to_owned(), |percent| format!("{percent:.1}"))
             };
             say!(
-                "{line}{:>8}{:>8}{:>8}{:>8}{:>8}{:>8}",
+                "{line} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7}",
                 cell(load.rmse_percent),
                 cell(outcome.figures.nis_mean()),
                 cell(outcome.figures.largest_next()),
@@ -471,10 +476,11 @@ fn print_phasor(machine: &Machine, phasor: &Phasor) {
             .filter_map(|name| Some((name, (*figures.nmae_percent.get(*name)?)?)))
             .map(|(name, percent)| format!("{name} {percent:.2} %"))
             .collect();
-        say!(
-            "1x phasor inversion, NMAE {load}: {}",
-            by_segment.join(", ")
-        );
+        let said = match by_segment.as_slice() {
+            [] => "none, for no turn of the shaft has a reference and all sensors".to_owned(),
+            all => all.join(", "),
+        };
+        say!("1x phasor inversion, NMAE {load}: {said}");
     }
 }
 

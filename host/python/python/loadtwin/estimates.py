@@ -25,6 +25,11 @@ class Estimates(_Exported):
     ``Y_innovation``, ``Y_nis`` and ``Y_fault``; 31 is no fault. Any library that reads
     ``__arrow_c_stream__`` takes it without a copy.
 
+    Attributes
+    ----------
+    notes : list of str
+        How the recording was read, where that is not plain.
+
     Examples
     --------
     >>> import pyarrow, loadtwin
@@ -34,6 +39,10 @@ class Estimates(_Exported):
     >>> table.schema.field("main_shaft").type
     DataType(float)
     """
+
+    def __init__(self, inner: Any, notes: list[str]) -> None:
+        super().__init__(inner)
+        self.notes = notes
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -76,7 +85,7 @@ class Stream(_Exported):
 
     def read_all(self) -> Estimates:
         """Read all estimates into memory; an interrupt ends the replay."""
-        return Estimates(self._inner.collect())
+        return Estimates(self._inner.collect(), self.notes)
 
     @property
     def state(self) -> bytes | None:

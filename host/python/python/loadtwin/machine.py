@@ -18,9 +18,8 @@ class Machine:
     Parameters
     ----------
     description : path-like or str
-        The name of a TOML file, or the text of one: a text has more than one line. Files that a
-        text names are looked for in the working directory's place of the text, so give paths
-        that are absolute.
+        The name of a TOML file, or the text of one: a text has more than one line. A text names
+        its files by absolute paths.
 
     Attributes
     ----------
@@ -53,7 +52,7 @@ class Machine:
             self.path = Path(self._folder.name) / "machine.toml"
             self.path.write_text(description, encoding="utf-8")
         else:
-            self.path = Path(description)
+            self.path = Path(description).absolute()
         self._description = _loadtwin.Description(self.path)
 
     def __repr__(self) -> str:
@@ -106,7 +105,8 @@ class Machine:
         estimates : Estimates
             One row a sample.
         state : bytes or None
-            The state at the end; none where rows are resampled.
+            The state at the end; none where rows are resampled, or where estimates lag and no
+            other part follows.
 
         Raises
         ------

@@ -96,6 +96,7 @@ impl<'a> Side<'a> {
                         },
                         before: self.last_t,
                         found,
+                        continues: false,
                     });
                 }
                 self.last_t = found;
