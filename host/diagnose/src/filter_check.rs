@@ -11,7 +11,7 @@ use crate::machine_kind::Diagnosable;
 use crate::regression::joint_fit::fit_jointly;
 use loadtwin_design::build::Sensors;
 use loadtwin_files::scratch::Scratch;
-use loadtwin_machine::Machine;
+use loadtwin_machine::{Machine, MachineError};
 use loadtwin_replay::{Comparison, Course, ReplayError};
 
 /// Last part of each fitted recording on which the estimator is evaluated where no recording took no
@@ -47,8 +47,11 @@ pub struct FilterCheck {
     /// On which data.
     #[serde(flatten)]
     pub evaluated: Evaluated,
-    /// Each set of sensors with all effects found.
+    /// Each set of sensors with all effects found; none where that description is refused.
     pub sets: Vec<Comparison>,
+    /// Value of an effect that a description does not allow: field, found and allowed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub refused: Option<String>,
     /// Effects without which no set of sensors is worse; empty where none is with them.
     pub left_out: Vec<&'static str>,
     /// Each set of sensors without the effects left out.
@@ -79,6 +82,34 @@ impl FilterCheck {
     }
 }
 
+/// The estimators with one improved description.
+struct Trial {
+    sets: Vec<Comparison>,
+    refused: Option<String>,
+}
+
+impl Trial {
+    fn is_accepted(&self) -> bool {
+        self.refused.is_none() && !self.sets.iter().any(Comparison::is_worse)
+    }
+
+    /// Largest rise of an error over all sets [% of nominal], or, without references, largest fall of the
+    /// logarithm of the likelihood.
+    fn harm(&self) -> f64 {
+        let of = |set: &Comparison| {
+            let rises = set.nmae_percent.values().map(|c| c.after - c.before);
+            let falls = (set.log_likelihood.iter())
+                .filter(|_| set.nmae_percent.is_empty())
+                .map(|c| c.before - c.after);
+            rises.chain(falls).fold(f64::NEG_INFINITY, f64::max)
+        };
+        match self.refused {
+            Some(_) => f64::INFINITY,
+            None => self.sets.iter().map(of).fold(f64::NEG_INFINITY, f64::max),
+        }
+    }
+}
+
 /// Runs the estimator of every set of sensors on `evaluated`, with `machine` and with the effects of
 /// `diagnosis`; where these make a set worse, without the effect that does the most harm, and so on.
 /// The selection of `diagnosis` becomes that which is accepted.
@@ -91,11 +122,12 @@ pub fn check_filter<S: Diagnosable>(
     evaluated: Evaluated,
 ) -> Result<FilterCheck, DiagnoseError> {
     let before = courses(machine, machine, &evaluated)?;
-    let sets = compared(machine, diagnosis, &evaluated, &before)?;
+    let whole = compared(machine, diagnosis, &evaluated, &before)?;
     let mut check = FilterCheck {
         evaluated,
-        is_accepted: !sets.iter().any(Comparison::is_worse),
-        sets,
+        is_accepted: whole.is_accepted(),
+        sets: whole.sets,
+        refused: whole.refused,
         left_out: Vec::new(),
         sets_without: Vec::new(),
     };
@@ -106,17 +138,18 @@ pub fn check_filter<S: Diagnosable>(
             let mut kept = all.clone();
             kept.remove(i);
             take(diagnosis, kept);
-            let sets = compared(machine, diagnosis, &check.evaluated, &before)?;
-            trials.push((harm(&sets), i, sets));
+            let trial = compared(machine, diagnosis, &check.evaluated, &before)?;
+            trials.push((trial.harm(), i, trial));
         }
-        let Some((_, i, sets)) = trials.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else {
+        let Some((_, i, trial)) = trials.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else {
             break;
         };
         let mut kept = all;
         check.left_out.push(kept.remove(i).effect.name());
         take(diagnosis, kept);
-        check.is_accepted = !sets.iter().any(Comparison::is_worse);
-        check.sets_without = sets;
+        check.is_accepted = trial.is_accepted();
+        check.sets_without = trial.sets;
+        check.refused = trial.refused;
     }
     Ok(check)
 }
@@ -125,19 +158,6 @@ pub fn check_filter<S: Diagnosable>(
 fn take<S: Diagnosable>(diagnosis: &mut Diagnosis<S>, mut kept: Vec<FittedEffect<S>>) {
     diagnosis.selection.nuisance = fit_jointly(&diagnosis.recordings, &mut kept, None);
     diagnosis.selection.found = kept;
-}
-
-/// Largest rise of an error over all sets [% of nominal], or, without references, largest fall of the
-/// logarithm of the likelihood.
-fn harm(sets: &[Comparison]) -> f64 {
-    let of = |set: &Comparison| {
-        let rises = set.nmae_percent.values().map(|c| c.after - c.before);
-        let falls = (set.log_likelihood.iter())
-            .filter(|_| set.nmae_percent.is_empty())
-            .map(|c| c.before - c.after);
-        rises.chain(falls).fold(f64::NEG_INFINITY, f64::max)
-    };
-    sets.iter().map(of).fold(f64::NEG_INFINITY, f64::max)
 }
 
 /// Names of the sets of sensors of `machine`; none for all sensors where it has no sets.
@@ -166,25 +186,43 @@ fn courses(
         .collect()
 }
 
-/// Every set of sensors as described, `before`, and with the effects of `diagnosis`.
+/// Every set of sensors as described, `before`, and with the effects of `diagnosis`; refused where an effect
+/// has a value that no description may have.
 fn compared<S: Diagnosable>(
     machine: &Machine,
     diagnosis: &Diagnosis<S>,
     evaluated: &Evaluated,
     before: &[(String, Vec<Course>)],
-) -> Result<Vec<Comparison>, DiagnoseError> {
+) -> Result<Trial, DiagnoseError> {
     let folder = Scratch::new()?;
     let path = folder.path().join("machine.toml");
     S::write(machine, diagnosis, &path)?;
-    let improved = read(machine, &path)?;
+    let improved = match read(machine, &path) {
+        Err(MachineError::Field {
+            field,
+            found,
+            allowed,
+            ..
+        }) => {
+            return Ok(Trial {
+                sets: Vec::new(),
+                refused: Some(format!("{field} = {found}, allowed: {allowed}")),
+            });
+        }
+        read => read?,
+    };
     let after = courses(machine, &improved, evaluated)?;
-    Ok((before.iter().zip(&after))
+    let sets = (before.iter().zip(&after))
         .map(|((name, before), (_, after))| Comparison::new(name, before, after))
-        .collect())
+        .collect();
+    Ok(Trial {
+        sets,
+        refused: None,
+    })
 }
 
 /// The description in `path`, for recordings as those of `machine`.
-fn read(machine: &Machine, path: &Path) -> Result<Machine, DiagnoseError> {
+fn read(machine: &Machine, path: &Path) -> Result<Machine, MachineError> {
     let mut improved = Machine::load(path)?;
     improved.recording = machine.recording.clone();
     Ok(improved)

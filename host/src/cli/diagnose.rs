@@ -307,7 +307,9 @@ fn print_filter(check: &FilterCheck) {
         say!("without {}:", check.left_out.join(", "));
         say_sets(&check.sets_without);
     }
-    if !check.is_accepted {
+    if let Some(refused) = &check.refused {
+        say!("no description is written: it would have {refused}");
+    } else if !check.is_accepted {
         let worse: Vec<&str> = check.worse().map(|set| set.sensors.as_str()).collect();
         say!(
             "no description is written: the estimator is worse with it ({})",
