@@ -219,7 +219,8 @@ impl Machine {
                     )?;
                 }
                 (Some(sensitivity), None) => nonzero(&field("sensitivity"), sensitivity)?,
-                (None, _) => {}
+                (None, Some(_)) => {}
+                (None, None) => check_unit_sensitivity(&field("sensitivity"), channel)?,
             }
             self.check_homed(&field("sensitivity_map"), channel.sensitivity_map.is_some())?;
             self.check_homed(&field("noise_map"), channel.noise_map.is_some())?;
@@ -360,6 +361,23 @@ impl Machine {
         }
         Ok(())
     }
+}
+
+/// Without a sensitivity a channel reads what it senses, 1 unit in 1 unit. A gauge that `reduce` or
+/// `calibrate` gives a map later needs none before.
+fn check_unit_sensitivity(field: &str, channel: &Channel) -> Checked {
+    let (sensed, of) = match channel.senses {
+        Senses::Speed(_) => (Quantity::AngularSpeed, "rad/s"),
+        _ => (Quantity::Torque, "Nm"),
+    };
+    let is_made_later = channel.place.is_some() || channel.patch_map.is_some();
+    let allowed = format!("a number [{}/{of}], or sensitivity_map", channel.unit);
+    within(
+        field,
+        "none",
+        channel.unit.quantity() == sensed || is_made_later,
+        &allowed,
+    )
 }
 
 /// What holds for a channel whatever it senses.
