@@ -14,6 +14,10 @@ use crate::machine::{Channel, DESCRIPTION, Machine};
 use crate::recording::{Quantity, Reader, Unit, Wanted, columns};
 use crate::strain::{Calibration, MV_PER_V, ShuntReading, Simulates, calibrate};
 
+/// Largest standard deviation of a reading at rest [`noise_std` of the channel]. `noise_std` is that about
+/// the model in operation; at rest noise alone is left, so that three times as much is motion or drift.
+const AT_REST: f64 = 3.0;
+
 /// Zero a strain bridge, and adjust its gauge factor by a shunt resistor.
 ///
 /// Recordings are of the unloaded structure, the bridge's column in mV/V or in
@@ -83,6 +87,18 @@ impl Zero {
             bail!("{}: has no bridge", place());
         };
         let zero = ratios(&machine, channel, &self.recording)?;
+        let deviation = standard_deviation(&zero, |ratio| bridge.strain(ratio));
+        let allowed = AT_REST * channel.to_si(channel.noise_std);
+        anyhow::ensure!(
+            deviation <= allowed,
+            "{}: {}: found a standard deviation of {:.2} µm/m over {} samples, allowed: up to {:.2} µm/m ({AT_REST} \
+             times noise_std); record while the structure is unloaded and at rest",
+            place(),
+            self.recording.display(),
+            1e6 * deviation,
+            zero.len(),
+            1e6 * allowed
+        );
         let shunt = match (&self.shunt, self.shunt_ohm) {
             (Some(path), Some(shunt_ohm)) => {
                 let readings = ratios(&machine, channel, path)?;
@@ -168,4 +184,12 @@ fn ratios(machine: &Machine, channel: &Channel, path: &Path) -> anyhow::Result<V
         }));
     }
     Ok(ratios)
+}
+
+/// Standard deviation of `of` each value; 0 of none.
+fn standard_deviation(values: &[f64], of: impl Fn(f64) -> f64) -> f64 {
+    let count = values.len().max(1) as f64;
+    let mean = values.iter().map(|v| of(*v)).sum::<f64>() / count;
+    let squares = values.iter().map(|v| (of(*v) - mean).powi(2));
+    (squares.sum::<f64>() / count).sqrt()
 }
