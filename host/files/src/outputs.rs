@@ -104,7 +104,7 @@ pub enum OutputError {
         allowed: String,
     },
     /// There is a file that this program did not write as such.
-    #[error("{option} {}: is there already, {found} and no {noun} as written by loadtwin; give another name, or --force to replace it", path.display())]
+    #[error("{option} {}: is there already, {found} and no {noun} as written by loadtwin, or edited since; give another name, or --force to replace it", path.display())]
     OtherContent {
         /// The option.
         option: &'static str,

@@ -46,7 +46,9 @@ const LEAST_VARIATION: f64 = 0.05;
 #[derive(Debug, Error)]
 pub enum CalibrateError {
     /// The machine is none whose gauges are over a carrier angle.
-    #[error("the machine has no [drivetrain]; only drivetrains can be calibrated")]
+    #[error(
+        "the machine has no [drivetrain]; allowed: a drivetrain, for calibrate also a bearing, for tune also a rotor"
+    )]
     NoDrivetrain,
     /// A file cannot be used.
     #[error(transparent)]
