@@ -13,7 +13,10 @@ use loadtwin_tests::emulator::{Emulator, MACHINE_ID, flash};
 use loadtwin_tests::gearbox::{image, samples};
 use serde_json::Value;
 
-const SAMPLES: u32 = 60_000;
+/// Seconds of the board's samples, or `LOADTWIN_SECONDS`.
+const SECONDS: u32 = 20;
+/// Samples a second of the board.
+const RATE_HZ: u32 = 1000;
 /// For the guest to start on a busy machine.
 const PATIENCE: Duration = Duration::from_mins(10);
 
@@ -27,7 +30,10 @@ fn json(out: &Path, name: &str) -> Value {
 }
 
 #[test]
-fn a_minute_of_the_emulated_board_is_recomputed_bit_for_bit_on_a_real_socket() {
+fn samples_of_the_emulated_board_are_recomputed_bit_for_bit_on_a_real_socket() {
+    let seconds =
+        std::env::var("LOADTWIN_SECONDS").map_or(SECONDS, |text| text.parse().expect("seconds"));
+    let count = RATE_HZ * seconds;
     let rig = concat!(env!("CARGO_MANIFEST_DIR"), "/rig");
     let target = concat!(env!("CARGO_MANIFEST_DIR"), "/../target");
     let place = tempfile::Builder::new()
@@ -39,8 +45,8 @@ fn a_minute_of_the_emulated_board_is_recomputed_bit_for_bit_on_a_real_socket() {
     let path = out.join("model.image");
 
     // Without the samples lost on purpose: nothing may be missing.
-    let mut samples = samples(SAMPLES + SAMPLES / 900);
-    samples.truncate(SAMPLES as usize);
+    let mut samples = samples(count + count / 900);
+    samples.truncate(count as usize);
     for (tick, sample) in (0..).zip(&mut samples) {
         sample.tick = tick;
     }
@@ -57,7 +63,7 @@ fn a_minute_of_the_emulated_board_is_recomputed_bit_for_bit_on_a_real_socket() {
         .arg(port.to_string())
         .arg(format!("{rig}/can-mcu"))
         .args([out, &path])
-        .arg(SAMPLES.to_string())
+        .arg(count.to_string())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
@@ -96,7 +102,7 @@ fn a_minute_of_the_emulated_board_is_recomputed_bit_for_bit_on_a_real_socket() {
         let found = json(out, name);
         println!("{name}: {found}");
         assert_eq!(found["verdict"], "identical", "{name}: {found}\n{link}");
-        assert_eq!(found["samples"], SAMPLES, "{name}: {found}\n{link}");
+        assert_eq!(found["samples"], count, "{name}: {found}\n{link}");
         for none in [
             "differing_bits",
             "lost_frames",
@@ -108,7 +114,7 @@ fn a_minute_of_the_emulated_board_is_recomputed_bit_for_bit_on_a_real_socket() {
         ] {
             assert_eq!(found[none], 0, "{name}: {none}");
         }
-        assert!(found["compared_frames"].as_u64() >= Some(u64::from(2 * SAMPLES)));
+        assert!(found["compared_frames"].as_u64() >= Some(u64::from(2 * count)));
     }
-    println!("{SAMPLES} samples in {took:.1} s\n{link}");
+    println!("{count} samples in {took:.1} s\n{link}");
 }
