@@ -14,9 +14,10 @@ use crate::machine::{Channel, DESCRIPTION, Machine};
 use crate::recording::{Quantity, Reader, Unit, Wanted, columns};
 use crate::strain::{Calibration, MV_PER_V, ShuntReading, Simulates, calibrate};
 
-/// Largest standard deviation of a reading at rest [`noise_std` of the channel]. `noise_std` is that about
-/// the model in operation; at rest noise alone is left, so that three times as much is motion or drift.
-const AT_REST: f64 = 3.0;
+/// Largest standard deviation of the reading of a machine that stands still [`noise_std` of the channel]. `noise_std`
+/// is that about the model in operation; of a machine that stands still the noise is less: three times as much is
+/// motion or drift.
+const STANDSTILL: f64 = 3.0;
 
 /// Zero a strain bridge, and adjust its gauge factor by a shunt resistor.
 ///
@@ -88,11 +89,11 @@ impl Zero {
         };
         let zero = ratios(&machine, channel, &self.recording)?;
         let deviation = standard_deviation(&zero, |ratio| bridge.strain(ratio));
-        let allowed = AT_REST * channel.to_si(channel.noise_std);
+        let allowed = STANDSTILL * channel.to_si(channel.noise_std);
         anyhow::ensure!(
             deviation <= allowed,
-            "{}: {}: found a standard deviation of {:.2} µm/m over {} samples, allowed: up to {:.2} µm/m ({AT_REST} \
-             times noise_std); record while the structure is unloaded and at rest",
+            "{}: {}: found a standard deviation of {:.2} µm/m over {} samples, allowed: up to {:.2} µm/m ({STANDSTILL} \
+             times noise_std); record while the machine is unloaded and stands still",
             place(),
             self.recording.display(),
             1e6 * deviation,
