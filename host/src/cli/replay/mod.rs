@@ -21,12 +21,12 @@ use crate::cli::progress::Progress;
 use crate::cli::spool::spooled;
 use crate::files::bounded::read;
 use crate::files::content::Content;
-use crate::machine::{Kind, Machine, Rotor};
+use crate::machine::{Machine, Rotor};
 use crate::replay::{
     Baselines, Consistency, Displacements, ESTIMATES, EstimateWriter, Figures, LARGEST_STATE,
     NodeChoice, NodeColumns, Phasor, ReplayError, ReportPage, Run, STATE_MARK, Sample, Speeds,
 };
-use crate::report::{PAGE, Report, Table};
+use crate::report::{PAGE, Report};
 
 pub(super) use text::print_table;
 use text::{print_baselines, print_displacements, print_flags, print_phasor, print_sizes};
