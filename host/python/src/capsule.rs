@@ -1,6 +1,6 @@
 //! Streams of Arrow between Python libraries: the capsules of the C stream interface.
 //!
-//! Source: The Arrow PyCapsule Interface, arrow.apache.org/docs/format/CDataInterface.
+//! Source: The Arrow `PyCapsule` Interface, arrow.apache.org/docs/format/CDataInterface.
 
 use std::ffi::CStr;
 use std::panic::{AssertUnwindSafe, catch_unwind};

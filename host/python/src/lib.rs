@@ -48,6 +48,7 @@ fn message(error: &dyn std::error::Error) -> String {
     said
 }
 
+#[allow(clippy::needless_pass_by_value, reason = "as `map_err` calls it")]
 fn error(error: impl std::error::Error) -> PyErr {
     Error::new_err(message(&error))
 }
