@@ -65,9 +65,9 @@ pub(crate) fn import(object: &Bound<'_, PyAny>, stop: &Stop) -> PyResult<Batches
 }
 
 /// A capsule with the batches of `reader`.
-pub(crate) fn export<'py>(
-    py: Python<'py>,
+pub(crate) fn export(
+    py: Python<'_>,
     reader: Box<dyn RecordBatchReader + Send>,
-) -> PyResult<Bound<'py, PyCapsule>> {
+) -> PyResult<Bound<'_, PyCapsule>> {
     PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(reader), NAME)
 }

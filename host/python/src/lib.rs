@@ -1,7 +1,11 @@
 //! The Python package `loadtwin`: what of it is compiled.
 //!
 //! Estimators run here, on streams of Arrow; the other commands run as a program of their own,
-//! by [`program`], so that an interrupt ends them.
+//! by `program`, so that an interrupt ends them.
+#![expect(
+    clippy::needless_pass_by_value,
+    reason = "PyO3 hands over what it converted, `map_err` its error"
+)]
 
 mod capsule;
 mod running;
@@ -48,7 +52,6 @@ fn message(error: &dyn std::error::Error) -> String {
     said
 }
 
-#[allow(clippy::needless_pass_by_value, reason = "as `map_err` calls it")]
 fn error(error: impl std::error::Error) -> PyErr {
     Error::new_err(message(&error))
 }

@@ -1,6 +1,7 @@
 //! A serial adapter: what a machine sends in a minute, over a pseudo-terminal.
 #![cfg(unix)]
 
+use std::fmt::Write as _;
 use std::io::{Read, Write};
 use std::sync::atomic::AtomicBool;
 use std::thread;
@@ -29,7 +30,10 @@ fn line(frame: &BusFrame) -> String {
         64 => 15,
         other => panic!("{other} bytes"),
     };
-    let bytes: String = data.iter().map(|byte| format!("{byte:02X}")).collect();
+    let bytes = data.iter().fold(String::new(), |mut text, byte| {
+        let _ = write!(text, "{byte:02X}");
+        text
+    });
     format!("{kind}{id:03X}{code:X}{bytes}\r")
 }
 

@@ -1,4 +1,4 @@
-//! A browser without a window, by the DevTools protocol.
+//! A browser without a window, by the `DevTools` protocol.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
