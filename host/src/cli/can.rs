@@ -29,11 +29,14 @@ use crate::can::send::{self, SendArgs};
 use crate::can::source::{DEVICE, Source};
 use crate::can::twin::{self, ProveArgs, TwinArgs, TwinSummary};
 use crate::can::{CanError, LOG, Model, page, stop_on_signal, upload};
-use crate::files::bounded;
+use crate::files::{bounded, content};
 use crate::machine::Machine;
 use crate::replay::Samples;
 use crate::upload::Uploader;
 use crate::web::{Labels, WebView};
+
+/// What [`content::named`] calls the payload of an image.
+const PAYLOAD: &str = "a binary file";
 
 /// Largest model image [bytes]: the flash of the largest boards has 2 MiB.
 const LARGEST_IMAGE: u64 = 16 << 20;
@@ -74,6 +77,12 @@ impl ModelArgs {
         let bytes = bounded::read(&self.machine, LARGEST_IMAGE)
             .with_context(|| self.machine.display().to_string())?;
         if !bytes.starts_with(&signed_image::MAGIC) {
+            let found = content::named(&bytes);
+            anyhow::ensure!(
+                found == PAYLOAD,
+                "{}: found {found}, allowed: a description (.toml) or a model image; it comes before the source",
+                self.machine.display()
+            );
             return Ok(bytes);
         }
         let (_, payload) =
