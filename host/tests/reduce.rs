@@ -262,7 +262,7 @@ fn five_gauges_fit_an_image() {
 fn maps_are_those_of_the_solver() {
     let folder = tempfile::tempdir().unwrap();
     let build = folder.path();
-    let angles = std::env::var("LOADTWIN_DIRECT_ANGLES").map_or(6, |n| n.parse().unwrap());
+    let angles = std::env::var("LOADTWIN_DIRECT_ANGLES").map_or(3, |n| n.parse().unwrap());
     // Two solutions at a time, each in one thread.
     let output = Command::new("make")
         .args(["-j2", "-C", HOUSING, "all", "direct"])
