@@ -70,7 +70,8 @@ impl Extremes {
     }
 
     fn load(&mut self, row: &LoadRow) {
-        self.take(row.value);
+        // A load that is not valid is a gap.
+        self.take(row.value.filter(|_| row.fault.is_none()));
         self.std = row.std.or(self.std);
         self.fault = row.fault.name();
         self.cause = row.fault.cause();
