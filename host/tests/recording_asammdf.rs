@@ -1,30 +1,15 @@
 //! MDF4 files exchanged with asammdf, the reader and writer of the trade.
-use std::path::{Path, PathBuf};
-use std::process::Command;
+
+#[path = "reference/python.rs"]
+mod python;
+
+use std::path::Path;
 
 use loadtwin::recording::{CsvLayout, OutputColumn, Problem, Reader, Wanted, Writer};
 
-/// Output of the peer script; Python is that of `LOADTWIN_PYTHON`, or the one
-/// that `tests/run` sets up.
+/// Output of the peer script.
 fn asammdf(action: &str, path: &Path) -> Vec<u8> {
-    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python = std::env::var_os("LOADTWIN_PYTHON")
-        .map_or_else(|| here.join("../target/venv/bin/python"), PathBuf::from);
-    let output = Command::new(&python)
-        .arg(here.join("tests/reference/asammdf_peer.py"))
-        .arg(action)
-        .arg(path)
-        .output()
-        .unwrap_or_else(|e| {
-            panic!(
-                "{}: {e}; tests/run sets it up, or LOADTWIN_PYTHON names a Python with \
-                 tests/requirements.txt",
-                python.display()
-            )
-        });
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "asammdf_peer.py {action}: {said}");
-    output.stdout
+    python::output("asammdf_peer.py", &[action.as_ref(), path.as_os_str()])
 }
 
 /// The same numbers but for the last bit, which the JSON in between may lose.

@@ -3,7 +3,6 @@
 
 use std::fmt::Write as _;
 use std::io::Write as _;
-use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 use loadtwin::can::dbc::{DBC, LoadScale, of_machine};
@@ -13,6 +12,8 @@ use loadtwin_common::io::frame;
 use loadtwin_common::io::frame::{Frame, FrameEncoder, Message, State, Status};
 use loadtwin_common::io::raw::RawSample;
 use serde_json::Value;
+
+use crate::python;
 
 /// Decodes `ID HEX` lines with cantools and `dbc`; one object for each line,
 /// raw numbers and physical ones.
@@ -28,23 +29,11 @@ for line in sys.stdin:
     print(json.dumps({"name": message.name, "raw": raw, "scaled": scaled}))
 "#;
 
-fn python() -> PathBuf {
-    std::env::var_os("LOADTWIN_PYTHON").map_or_else(
-        || {
-            PathBuf::from(concat!(
-                env!("CARGO_MANIFEST_DIR"),
-                "/../target/venv/bin/python3"
-            ))
-        },
-        PathBuf::from,
-    )
-}
-
 fn decode(dbc: &str, frames: &[(u16, Vec<u8>)]) -> Vec<Value> {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("loadtwin.dbc");
     std::fs::write(&path, dbc).expect("written");
-    let mut child = Command::new(python())
+    let mut child = Command::new(python::python())
         .args(["-c", DECODE])
         .arg(&path)
         .stdin(Stdio::piped())

@@ -1,7 +1,6 @@
 //! Logs of one traffic in every format: the proof is the same.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
 use loadtwin::can::Model;
@@ -11,6 +10,7 @@ use loadtwin::can::page::Quiet;
 use loadtwin::can::twin::{self, ProveArgs, TwinSummary};
 
 use crate::machine::{image, samples, traffic};
+use crate::python;
 
 fn proved(model: &Model<'_>, log: &Path) -> TwinSummary {
     let args = ProveArgs {
@@ -21,25 +21,9 @@ fn proved(model: &Model<'_>, log: &Path) -> TwinSummary {
         .unwrap_or_else(|error| panic!("{}: {error}", log.display()))
 }
 
-/// Writes the log in every format by python-can; Python is that of `LOADTWIN_PYTHON`, or the one
-/// that `tests/run` sets up.
+/// Writes the log in every format by python-can.
 fn converted(log: &Path, folder: &Path) -> Vec<PathBuf> {
-    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python = std::env::var_os("LOADTWIN_PYTHON")
-        .map_or_else(|| here.join("../target/venv/bin/python"), PathBuf::from);
-    let output = Command::new(&python)
-        .arg(here.join("tests/reference/can_peer.py"))
-        .args([log, folder])
-        .output()
-        .unwrap_or_else(|error| {
-            panic!(
-                "{}: {error}; tests/run sets it up, or LOADTWIN_PYTHON names a Python with \
-                 tests/requirements.txt",
-                python.display()
-            )
-        });
-    let reason = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "can_peer.py: {reason}");
+    python::output("can_peer.py", &[log.as_os_str(), folder.as_os_str()]);
     let entries = std::fs::read_dir(folder).expect("a folder");
     entries
         .map(|entry| entry.expect("an entry").path())

@@ -6,4 +6,6 @@ mod fuzz;
 mod layout;
 mod machine;
 mod proof;
+#[path = "../reference/python.rs"]
+mod python;
 mod slcan;

@@ -3,7 +3,11 @@
 //! bit, or is refused by a line that names the reason.
 //!
 //! `reference/recording_peer.py` writes the files and says what is right.
-use std::path::{Path, PathBuf};
+
+#[path = "../reference/python.rs"]
+mod python;
+
+use std::path::Path;
 use std::process::Command;
 
 use loadtwin::build::Sensors;
@@ -74,29 +78,9 @@ fn plain() -> String {
     text + "\n"
 }
 
-/// Python of `LOADTWIN_PYTHON`, or the one that `tests/run` sets up.
-fn python() -> PathBuf {
-    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    std::env::var_os("LOADTWIN_PYTHON")
-        .map_or_else(|| here.join("../target/venv/bin/python"), PathBuf::from)
-}
-
 /// Writes all files into `folder`.
 fn write(base: &Path, folder: &Path) {
-    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let output = Command::new(python())
-        .arg(here.join("tests/reference/recording_peer.py"))
-        .args([base, folder])
-        .output()
-        .unwrap_or_else(|e| {
-            panic!(
-                "{}: {e}; tests/run sets it up, or LOADTWIN_PYTHON names a Python with \
-                 tests/requirements.txt",
-                python().display()
-            )
-        });
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "recording_peer.py: {said}");
+    python::output("recording_peer.py", &[base.as_os_str(), folder.as_os_str()]);
 }
 
 /// What the estimator gets of a recording.
