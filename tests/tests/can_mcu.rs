@@ -31,8 +31,7 @@ fn json(out: &Path, name: &str) -> Value {
 
 #[test]
 fn samples_of_the_emulated_board_are_recomputed_bit_for_bit_on_a_real_socket() {
-    let seconds =
-        std::env::var("LOADTWIN_SECONDS").map_or(SECONDS, |text| text.parse().expect("seconds"));
+    let seconds = loadtwin_tests::seconds(SECONDS);
     let count = RATE_HZ * seconds;
     let rig = concat!(env!("CARGO_MANIFEST_DIR"), "/rig");
     let target = concat!(env!("CARGO_MANIFEST_DIR"), "/../target");

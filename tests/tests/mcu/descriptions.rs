@@ -38,8 +38,7 @@ fn compare(variant: &Variant, seconds: f64) {
 
 #[test]
 fn every_machine_with_every_set_and_filter_gives_the_bits_of_the_host() {
-    let seconds =
-        std::env::var("LOADTWIN_SECONDS").map_or(SECONDS, |text| text.parse().expect("seconds"));
+    let seconds = loadtwin_tests::seconds(SECONDS);
     let variants = variants();
     assert!(variants.len() >= 43, "{} variants", variants.len());
     // One emulator for each of two cores.

@@ -38,8 +38,7 @@ const SECONDS: u32 = 20;
 
 #[test]
 fn samples_give_the_same_payloads_on_the_board_and_on_the_host() {
-    let seconds =
-        std::env::var("LOADTWIN_SECONDS").map_or(SECONDS, |text| text.parse().expect("seconds"));
+    let seconds = loadtwin_tests::seconds(SECONDS);
     let samples = gearbox::samples(1000 * seconds);
     compare("gearbox", &gearbox::image(), &samples, WITHIN);
 }
