@@ -2,6 +2,7 @@
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
 use serde::Serialize;
@@ -80,6 +81,18 @@ pub trait Bus {
     /// When it cannot be written.
     fn finish(&mut self) -> Result<(), BusError> {
         Ok(())
+    }
+}
+
+/// The next of what a reading thread received, within `timeout`.
+pub(crate) fn next_within(
+    received: &Receiver<Result<Received, BusError>>,
+    timeout: Duration,
+) -> Result<Option<Received>, BusError> {
+    match received.recv_timeout(timeout) {
+        Ok(message) => message.map(Some),
+        Err(RecvTimeoutError::Timeout) => Ok(None),
+        Err(RecvTimeoutError::Disconnected) => Err(BusError::Ended),
     }
 }
 

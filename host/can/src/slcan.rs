@@ -6,14 +6,14 @@
 use std::io::{ErrorKind, Read, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 
 use serialport::SerialPort;
 
 use super::CanError;
-use super::bus::{Bus, BusError, Received};
+use super::bus::{Bus, BusError, Received, next_within};
 use super::bus_frame::{BusFrame, FrameKind};
 
 /// Bit rates of the commands `S0` to `S8` (bit/s).
@@ -213,11 +213,7 @@ impl Drop for SlcanBus {
 
 impl Bus for SlcanBus {
     fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {
-        match self.received.recv_timeout(timeout) {
-            Ok(message) => message.map(Some),
-            Err(RecvTimeoutError::Timeout) => Ok(None),
-            Err(RecvTimeoutError::Disconnected) => Err(BusError::Ended),
-        }
+        next_within(&self.received, timeout)
     }
 
     fn send(&mut self, frame: &BusFrame) -> Result<(), BusError> {

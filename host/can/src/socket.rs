@@ -3,7 +3,7 @@
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 
@@ -14,7 +14,7 @@ use socketcan::{
 };
 
 use super::CanError;
-use super::bus::{Backoff, Bus, BusError, Received};
+use super::bus::{Backoff, Bus, BusError, Received, next_within};
 use super::bus_frame::{BusFrame, ERROR_FLAG, FrameKind};
 
 const SOL_SOCKET: i32 = 1;
@@ -239,11 +239,7 @@ impl Drop for SocketBus {
 
 impl Bus for SocketBus {
     fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {
-        match self.received.recv_timeout(timeout) {
-            Ok(message) => message.map(Some),
-            Err(RecvTimeoutError::Timeout) => Ok(None),
-            Err(RecvTimeoutError::Disconnected) => Err(BusError::Ended),
-        }
+        next_within(&self.received, timeout)
     }
 
     fn send(&mut self, frame: &BusFrame) -> Result<(), BusError> {
