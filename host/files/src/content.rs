@@ -126,6 +126,9 @@ impl Existing {
     }
 }
 
+/// [`named`] of what is no text, such as the payload of an image.
+pub const BINARY: &str = "a binary file";
+
 /// [`named`] of TOML.
 pub const TOML: &str = "a TOML file";
 
@@ -144,7 +147,7 @@ pub fn named(start: &[u8]) -> &'static str {
         _ if start.starts_with(b"-----BEGIN ") => "a key",
         _ if text.starts_with(b"<!DOCTYPE html") || text.starts_with(b"<html") => "an HTML page",
         _ if start.starts_with(b"%PDF") => "a PDF",
-        _ if start.contains(&0) || std::str::from_utf8(first).is_err() => "a binary file",
+        _ if start.contains(&0) || std::str::from_utf8(first).is_err() => BINARY,
         _ if first.starts_with(b"(") && first.contains(&b'#') => "a candump log",
         _ if toml(first) => TOML,
         _ if first.iter().any(|b| matches!(b, b',' | b';' | b'\t')) => "a table of text",

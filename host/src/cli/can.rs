@@ -35,9 +35,6 @@ use crate::replay::Samples;
 use crate::upload::Uploader;
 use crate::web::{Labels, WebView};
 
-/// What [`content::named`] calls the payload of an image.
-const PAYLOAD: &str = "a binary file";
-
 /// Largest model image [bytes]: the flash of the largest boards has 2 MiB.
 const LARGEST_IMAGE: u64 = 16 << 20;
 
@@ -79,7 +76,7 @@ impl ModelArgs {
         if !bytes.starts_with(&signed_image::MAGIC) {
             let found = content::named(&bytes);
             anyhow::ensure!(
-                found == PAYLOAD,
+                found == content::BINARY,
                 "{}: found {found}, allowed: a description (.toml) or a model image; it comes before the source",
                 self.machine.display()
             );
