@@ -42,6 +42,20 @@ fn an_eccentric_encoder_is_named_on_the_lighter_side() {
     assert_eq!(said["effects"][0]["name"], "encoder-eccentricity");
 }
 
+/// Where torque hardly changes, the noise of a reference is most of what effects of torque are made
+/// of, and it is in the residual as well.
+#[test]
+fn the_noise_of_a_reference_is_no_effect() {
+    let folder = tempfile::tempdir().unwrap();
+    let bench = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/bench/machine.toml");
+    for scenario in ["constant", "torque-ramps"] {
+        let name = format!("{scenario}.parquet");
+        let clean = recorded_of(&bench, folder.path(), &name, scenario, "60", &[]);
+        let said = diagnosed_as(&bench, &clean, &[]);
+        assert_eq!(said["verdict"], "none", "{scenario}: {said}");
+    }
+}
+
 /// Wrong inertias of a description are no effect of the machine, but are reported.
 #[test]
 fn wrong_moments_of_inertia_are_reported() {

@@ -14,11 +14,8 @@ use loadtwin_simulate::{Course, Demand};
 /// done again [s]: short against torsional vibrations.
 const TRACKED_S: f64 = 0.02;
 
-/// Noise of a reference, part of nominal, from which its readings are no torque sample by sample.
-const NOISY: f64 = 2e-4;
-
-/// Each load as its reference measures it, denoised where that is noisy, or by a channel that
-/// senses the load itself.
+/// Each load as its reference measures it, without its noise, or by a channel that senses the load
+/// itself.
 pub(crate) fn loads(
     machine: &Machine,
     drivetrain: &Drivetrain,
@@ -33,11 +30,7 @@ pub(crate) fn loads(
             if reference.iter().any(|v| v.is_finite()) {
                 let measured = forward_filled(reference);
                 let noise = white_noise_std(&measured);
-                return Some(if noise > NOISY * load.nominal_nm {
-                    wiener_denoise(&measured, recorded.dt_s, noise)
-                } else {
-                    measured
-                });
+                return Some(wiener_denoise(&measured, recorded.dt_s, noise));
             }
             sensed(machine, recorded, &Senses::Load(load.name.clone()), None)
         })
