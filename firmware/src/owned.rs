@@ -1,4 +1,5 @@
-//! Data that one interrupt handler owns, with all other interrupts on.
+//! Data of one interrupt handler. Interrupts are disabled while the handler takes and returns the
+//! reference, not while it works on the data.
 
 use core::cell::Cell;
 

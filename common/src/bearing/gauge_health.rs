@@ -1,4 +1,5 @@
-//! Whether a gauge still answers to the balls.
+//! Detection of dead strain gauges of a bearing: a gauge is stuck when it shows no ball-passing
+//! strain although the filter predicts it.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,15 +11,17 @@ use crate::io::fault::Fault;
 /// Blocks of a window over which a gauge is judged.
 const WINDOW: u16 = 25;
 
-/// Windows in a row in which a gauge is silent though it should be heard: a posterior that is still on
-/// its way expects anything for a quarter of a second.
+/// Consecutive windows in which a stuck gauge is silent: a filter that has not converged may predict
+/// wrongly for one.
 const PATIENCE: u8 = 2;
 
-/// Mean square of the local strain over what noise alone comes to: below the first a gauge is silent,
-/// above the second it is heard. The third is what the primary must expect of a silent one, three times the noise.
+/// Thresholds of the mean square of local strain over that of noise: below `DEAD_RATIO` a gauge is
+/// silent, above `ALIVE_RATIO` it is live. Silence counts where the filter predicts at least `EXPECTED`,
+/// three times the standard deviation of noise: without a moment a live gauge may be silent for half a
+/// second.
 ///
-/// Noise scatters by `sqrt(2 / 150) = 0.12` over the window's 25 blocks of six readings: the first is four of these from it.
-/// Silence alone is no fault: without a moment a live gauge may hear nothing for half a second.
+/// Noise scatters by `sqrt(2 / 150) = 0.12` over the window's 25 blocks of six readings: `DEAD_RATIO` is
+/// four of these above it.
 const DEAD_RATIO: f32 = 1.5;
 const ALIVE_RATIO: f32 = 2.0;
 const EXPECTED: f32 = 9.0;

@@ -1,4 +1,5 @@
-//! What the estimator says after each sample.
+//! Output of the estimator for one sample: loads with standard deviations, innovations of the
+//! sensors, angle, faults. Values that are not finite are replaced and marked as not valid.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};

@@ -278,8 +278,8 @@ impl<'a> Comparison<'a> {
     fn sample(&mut self, sample: &RawSample, t_us: u64) {
         let joined_late = self.assembler.counts().samples == 1 && sample.tick != 0;
         self.estimate = self.line.step(sample);
-        // A gap is no loss where the machine has it too; should something
-        // differ now, it cannot be detected.
+        // The machine may have the same gap, which is no loss then. From here on a difference does not
+        // prove a fault.
         if joined_late || self.estimate.lost > 0 {
             self.known = false;
         }

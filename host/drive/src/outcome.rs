@@ -1,5 +1,5 @@
-//! The four models of a diagnosis and their errors: linear part as described and
-//! fitted anew, without and with the effects.
+//! Result of the diagnosis of a drive: effects found, verdict, and the errors of four models: the
+//! linear part as described and refitted, each without and with the effects.
 
 use std::path::PathBuf;
 
@@ -416,9 +416,8 @@ fn figure_about_means(rest: &[f64], table: &Dataset) -> Figure {
 /// RMS of a residual over that of the drive, with the interval in which it is on as
 /// many other recordings.
 ///
-/// Power `p = p_own + p_rest`, of the mean that each recording has of its own and of what
-/// is about it. Of an offset each recording of `n_k` rows shows one draw, normal about 0:
-/// relative variance of `p` is `(p_own / p)^2 2 sum n_k^2 / (sum n_k)^2 + (p_rest / p)^2 v`,
+/// Power `p = p_own + p_rest`: that of the offsets of the recordings, and that of the residual about
+/// them. Each recording of `n_k` rows has one offset, normal about 0: the relative variance of `p` is `(p_own / p)^2 2 sum n_k^2 / (sum n_k)^2 + (p_rest / p)^2 v`,
 /// with `v` from stretch to stretch.
 fn figure(rest: &[f64], table: &Dataset) -> Figure {
     let rows = rows_by_recording(table);

@@ -1,5 +1,5 @@
-//! What an output holds: its suffixes, and whether a file that is there holds
-//! the same.
+//! Kinds of output files: their suffixes, and whether an existing file is of the same kind and may
+//! be replaced.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};

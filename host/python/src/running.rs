@@ -1,4 +1,5 @@
-//! Replays that run, each on a thread that may hold objects of Python.
+//! Registry of the threads that replay: all are stopped and joined before the interpreter ends, and
+//! none is known to a forked process.
 
 use std::mem;
 use std::sync::atomic::{AtomicBool, Ordering};

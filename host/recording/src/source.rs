@@ -1,5 +1,5 @@
-//! A recording's rows, decoded on a thread of its own while the caller works
-//! on the rows before.
+//! Opening of recordings: the format is recognised by the first bytes; rows are decoded on another
+//! thread while the caller works on the rows before.
 use std::cell::Cell;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -192,7 +192,7 @@ impl Format {
         wanted: &[(&str, bool)],
     ) -> Result<Self, Problem> {
         let file = File::open(path)?;
-        // A pipe can only be read once, and neither of these through a pipe.
+        // A pipe can be read once: its start is not inspected. Parquet and MDF4 are not read from a pipe.
         let mut start = Vec::new();
         if file.metadata()?.is_file() {
             (&file).take(HEAD as u64).read_to_end(&mut start)?;
@@ -319,8 +319,7 @@ impl Source {
         std::thread::Builder::new()
             .name("recording".into())
             .spawn(move || {
-                // No rows mark the end, so that an end without them is known
-                // to be none.
+                // An empty block marks the end: without one the decoder has failed.
                 let end = format
                     .run(&picks, &output)
                     .map(|()| Rows::with_columns(picks.len()));

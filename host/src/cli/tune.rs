@@ -1,4 +1,5 @@
-//! `loadtwin tune`.
+//! The command `loadtwin tune`: chooses the noise of the filter from recordings, evaluates it on
+//! hold-out data and writes the tuned description.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

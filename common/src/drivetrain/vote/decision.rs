@@ -1,4 +1,5 @@
-//! Which gauges are left out: the simplest hypothesis that explains the readings.
+//! Fault isolation among redundant gauges: the gauges to exclude, by the residual cost of each
+//! hypothesis, and the kinds of their faults. The prediction of the filter is a witness.
 
 use crate::drivetrain::kind::Moments;
 use crate::drivetrain::vote::{ANCHORED, Gauge, RETURN, Vote, Voting, pair};
@@ -24,9 +25,10 @@ fn bit(i: usize) -> u8 {
 }
 
 impl Voting {
-    /// Chooses among the hypotheses of direction `d`: all sound, one gauge at fault, two that
-    /// are each other's, two at fault; where the gauges cannot decide, those that
-    /// contradict the prediction; else none, and the direction is contradicted.
+    /// Takes the first hypothesis of direction `d` that explains the readings: all gauges sound;
+    /// those at fault that contradict a sound prediction, where the others agree; one at fault; two
+    /// exchanged; two at fault; all but one that the prediction confirms. Where none does, or the
+    /// prediction does not tell one turned gauge from two exchanged, the direction is contradicted.
     pub(crate) fn decide(
         &self,
         vote: &mut Vote,
@@ -67,8 +69,8 @@ impl Voting {
         self.test_alternative(vote, d, members, chosen, before);
     }
 
-    /// Of three gauges, two with the same gain explain the readings as simply as one with the inverse gain, unless the
-    /// prediction accuses the one alone when it is left out.
+    /// Of three gauges, the same wrong gain in two fits as well as the inverse gain in the third: the
+    /// fault is ambiguous unless the prediction contradicts the excluded gauge alone.
     fn test_alternative(
         &self,
         vote: &mut Vote,

@@ -1,5 +1,5 @@
-//! The flash for models: a copy, in memory that outlives a reset, of what the
-//! test put at `MODEL` before start.
+//! The emulated flash for models, in memory that keeps its contents over a reset. At power-on it is
+//! filled from `MODEL`, with the signing key and the identity of the machine.
 #![allow(unsafe_code)]
 
 use core::{ptr, slice};

@@ -1,4 +1,5 @@
-//! Deviations of a bearing from its description, by the residual of the gauges' responses.
+//! Maximum a posteriori fit of the physical parameters of a bearing to calibration recordings,
+//! together with the coefficients of the gauges (Gauss-Newton).
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
@@ -13,7 +14,7 @@ use crate::bearing::physical_parameters::{PARAMETERS, PhysicalParameters};
 use crate::bearing::rig_fit::{ERROR_CORRELATION_FACTOR, Rig};
 use crate::error::BuildError;
 
-/// Blocks of which one is used.
+/// One block in this many is used.
 const THINNED: usize = 4;
 /// Steps of Gauss and Newton, and the most times that one is halved.
 const STEPS: usize = 3;

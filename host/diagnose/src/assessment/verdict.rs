@@ -1,4 +1,5 @@
-//! The verdict: effects found and excess that remains.
+//! Verdict of a diagnosis: no effect, named effects, effects that the data do not separate, or
+//! unknown; by the excess that remains and the evidence of faulty samples.
 
 use crate::assessment::residual_excess::ResidualExcess;
 use crate::assessment::residual_tests::{ResidualTests, Test, TestResult};
@@ -98,8 +99,9 @@ fn unexplained<S: Diagnosable>(
     let samples: f64 = recordings.iter().map(|s| s.speed().len() as f64).sum();
     let weight = |k: usize| {
         let n = samples / recordings[0].samples_per_independent(k);
-        // What a mean square differs by over the null samples, beside what is fitted of it as well, and, as
-        // null samples share blocks, from block to block of a null sample; at least that of white noise.
+        // Relative scatter of the mean square: the larger of its spread over the null samples after the
+        // fit and of its standard error from block to block, as null samples share blocks; at least
+        // that of white noise.
         let (mut of_samples, mut of_blocks) = (Vec::new(), Vec::new());
         for null_sample in null_samples {
             let blocks: Vec<f64> = (recordings.iter().zip(null_sample))

@@ -1,4 +1,5 @@
-//! Fewer samples, tables over the angle, gaps.
+//! Resampling: decimation by block means, periodic interpolation of maps over the angle, forward
+//! filling of missing values.
 
 /// Fewer samples: means of so many.
 pub(crate) struct Decimator {

@@ -1,4 +1,5 @@
-//! Changes to a machine description that leave the person's text as it is.
+//! Edits of a machine description that keep the comments and the format of the file, and the maps
+//! beside it.
 
 use std::io;
 use std::path::{Path, PathBuf};

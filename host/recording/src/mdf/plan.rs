@@ -1,4 +1,5 @@
-//! Which channel groups of an MDF4 file a recording is read from.
+//! Channel groups of an MDF4 file that a recording is read from: one gives the time, channels of
+//! others are taken at its stamps.
 use falcon_mdf::Mf4File;
 use falcon_mdf::io::reader::BufferedSource;
 
@@ -183,7 +184,7 @@ impl<'a> Planner<'a> {
     fn stamped(&self, groups: &[usize]) -> Result<Candidates, Problem> {
         let mut stamped = Vec::new();
         for &group in groups {
-            // Which follows which takes the ends of all.
+            // The order of several groups needs their ends.
             if let Some(stamps) = self.groups[group].stamps(self.file, groups.len() > 1)? {
                 stamped.push((group, stamps));
             }

@@ -44,8 +44,8 @@ const BETTER: f64 = 0.01;
 /// Causes beside the most likely one that are named where their likelihood is not lower by [`BETTER`].
 const ALTERNATIVES: usize = 2;
 
-/// Rounds in which the angle of the index pulse is found, to a thousandth of a turn; and a zero or a
-/// scale: of three gauges, each round leaves a third of the error.
+/// Rounds of refinement. The angle of the index pulse is found to a thousandth of a turn. With three
+/// gauges, each round leaves a third of the error of a zero or a scale.
 const REFINED: u32 = 3;
 
 /// Residuals of one sensor or reference.

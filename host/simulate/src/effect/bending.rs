@@ -1,4 +1,4 @@
-//! A bending load that torque does not explain.
+//! A bending load: a constant and a slow random reading of every gauge, whatever the torque.
 
 use std::sync::Arc;
 
