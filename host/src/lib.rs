@@ -18,6 +18,7 @@
 
 pub mod cli;
 pub mod init;
+mod origin;
 pub mod tables;
 pub mod web;
 

@@ -91,7 +91,7 @@ impl Orbits {
             x: Axis::new("x", "µm"),
             y: Axis::new("y", "µm"),
             data: Data::Own { x, series },
-            limits: Vec::new(),
+            ..Plot::default()
         }
     }
 }

@@ -50,8 +50,8 @@ impl ReportPage {
         let encoders = sensors.encoders.iter().map(|encoder| SensorLabel {
             name: encoder.name.clone(),
             quantity: "Angle".into(),
-            unit: "mrad".into(),
-            factor: 1e3,
+            unit: "rad".into(),
+            factor: 1.0,
             over_angle: false,
         });
         Self {

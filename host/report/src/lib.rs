@@ -131,6 +131,8 @@ pub struct Plot {
     pub data: Data,
     /// Horizontal lines at fixed values, e.g. chi-squared bounds.
     pub limits: Vec<Limit>,
+    /// Times that are shaded; only over time.
+    pub shaded: Option<Shaded>,
 }
 
 impl Default for Plot {
@@ -142,6 +144,26 @@ impl Default for Plot {
             y: Axis::new("", ""),
             data: Data::Time(Vec::new()),
             limits: Vec::new(),
+            shaded: None,
+        }
+    }
+}
+
+/// Times in which something is so, shaded behind the curves.
+#[derive(Clone, Debug, Serialize)]
+pub struct Shaded {
+    /// What is so, e.g. `not valid`.
+    pub label: String,
+    /// Column of [`Report::time`] that is above 0 then.
+    pub column: usize,
+}
+
+impl Shaded {
+    /// Where `column` is above 0.
+    pub fn new(label: &str, column: usize) -> Self {
+        Self {
+            label: label.to_owned(),
+            column,
         }
     }
 }
@@ -163,7 +185,8 @@ pub enum PlotSize {
 pub struct Axis {
     /// Quantity.
     pub quantity: String,
-    /// Unit, or empty. Large values in N, N m, W or Pa are shown with a prefix.
+    /// Unit, or empty. Values in N, N m, W, Pa, m, m/m, rad, V and Hz are shown with a
+    /// prefix.
     pub unit: String,
     /// Logarithmic scale; values that are not positive are left out.
     pub logarithmic: bool,
@@ -289,6 +312,7 @@ pub fn autocorrelation_plot(title: &str, acf: &Autocorrelation) -> Plot {
         } else {
             Vec::new()
         },
+        ..Plot::default()
     }
 }
 
@@ -314,6 +338,6 @@ pub fn normalised_histogram_plot(title: &str, histogram: &Histogram) -> Plot {
                 (Series::line("normal", Role::Reference), normal),
             ],
         },
-        limits: Vec::new(),
+        ..Plot::default()
     }
 }

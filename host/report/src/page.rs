@@ -1,6 +1,6 @@
 //! Writing the page.
 
-use super::{Data, Mark, MinMaxDecimator, Plot, Report, Section, UPLOT_CSS, UPLOT_JS};
+use super::{Data, Mark, MinMaxDecimator, Plot, Report, Section, Table, UPLOT_CSS, UPLOT_JS};
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
 use loadtwin_files::content::Content;
@@ -153,7 +153,8 @@ impl Report {
         footer(&mut html, time);
         let _ = write!(
             html,
-            "<script type=\"application/json\" id=\"data\">{data}</script><script>{UPLOT_JS}</script><script>{}</script></body></html>",
+            "<script type=\"application/json\" id=\"data\">{data}</script><script>{UPLOT_JS}</script><script>{}</script><script>{}</script></body></html>",
+            include_str!("assets/save.js"),
             include_str!("assets/page.js"),
         );
         html
@@ -179,25 +180,42 @@ impl Report {
         }
         *html += "</div><div class=\"tables\">";
         for table in &self.tables {
+            let is_words = columns_of_words(table);
             let _ = write!(
                 html,
-                "<table><caption>{}</caption><thead><tr>{}</tr></thead><tbody>",
+                "<div class=\"table\" tabindex=\"0\"><table><caption>{}</caption><thead><tr>{}</tr></thead><tbody>",
                 escape(&table.caption),
-                cells(&table.head, "th")
+                cells(&table.head, "th", &is_words)
             );
             for row in &table.rows {
-                let _ = write!(html, "<tr>{}</tr>", cells(row, "td"));
+                let _ = write!(html, "<tr>{}</tr>", cells(row, "td", &is_words));
             }
-            *html += "</tbody></table>";
+            *html += "</tbody></table></div>";
         }
         *html += "</div>";
     }
 }
 
-fn cells(cells: &[String], tag: &str) -> String {
-    cells.iter().fold(String::new(), |html, cell| {
-        html + "<" + tag + ">" + &escape(cell) + "</" + tag + ">"
-    })
+/// Cells of a row; columns of words stand left.
+fn cells(cells: &[String], tag: &str, is_words: &[bool]) -> String {
+    let mut html = String::new();
+    for (cell, is_words) in cells.iter().zip(is_words) {
+        let class = if *is_words { " class=\"words\"" } else { "" };
+        // Writing to a String cannot fail.
+        let _ = write!(html, "<{tag}{class}>{}</{tag}>", escape(cell));
+    }
+    html
+}
+
+/// Of each column whether some cell begins with a letter.
+fn columns_of_words(table: &Table) -> Vec<bool> {
+    let is_words = |column: usize| {
+        let cells = table.rows.iter().filter_map(|row| row.get(column));
+        cells
+            .into_iter()
+            .any(|cell| cell.starts_with(char::is_alphabetic))
+    };
+    (0..table.head.len()).map(is_words).collect()
 }
 
 fn section_html(html: &mut String, section: &Section, next_plot: &mut usize) {
@@ -270,8 +288,12 @@ fn check(plot: &Plot, time: Option<&MinMaxDecimator>) -> Result<(), ReportError>
     let unpaired = before
         .zip(after)
         .any(|(before, mark)| (before == Mark::Upper) != (mark == Mark::Lower));
-    let problem =
-        problem.or_else(|| unpaired.then(|| "an upper edge needs its lower edge next".to_owned()));
+    let shaded = (plot.shaded.iter().map(|shaded| shaded.column)).find(|column| *column >= columns);
+    let problem = problem
+        .or_else(|| {
+            shaded.map(|column| format!("found column {column}, allowed is below {columns}"))
+        })
+        .or_else(|| unpaired.then(|| "an upper edge needs its lower edge next".to_owned()));
     problem.map_or(Ok(()), |problem| {
         Err(ReportError::Plot {
             plot: plot.title.clone(),
@@ -283,6 +305,7 @@ fn check(plot: &Plot, time: Option<&MinMaxDecimator>) -> Result<(), ReportError>
 fn plot_json(plot: &Plot, halvings: u32) -> Value {
     let mut json = json!({
         "title": plot.title, "size": plot.size, "x": plot.x, "y": plot.y, "limits": plot.limits,
+        "shaded": plot.shaded,
     });
     match &plot.data {
         Data::Time(series) => {
@@ -372,7 +395,7 @@ mod tests {
     fn text_cannot_become_markup() {
         let page = with_plot(Data::Time(vec![]), None).to_html().unwrap();
         assert!(!page.contains("<script>alert") && !page.contains("<b a="));
-        assert_eq!(page.matches("</script>").count(), 3);
+        assert_eq!(page.matches("</script>").count(), 4);
         assert!(page.contains("&lt;/script&gt;&lt;b a=&#39;&quot;&#39;&gt;&amp;"));
     }
 

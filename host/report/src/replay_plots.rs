@@ -2,7 +2,7 @@
 
 use super::{
     Axis, Data, Limit, Mark, MinMaxDecimator, Plot, PlotSize, Role, ScatterSample, Section, Series,
-    autocorrelation_plot, normalised_histogram_plot,
+    Shaded, autocorrelation_plot, normalised_histogram_plot,
 };
 use loadtwin_common::io::estimate::{Estimate, LoadEstimate, SensorEstimate};
 use loadtwin_common::io::fault::Fault;
@@ -18,8 +18,8 @@ const POINTS: usize = 2000;
 const SMOOTHED_SAMPLES: f64 = 200.0;
 
 /// Columns over time for each load and each sensor, and for the NIS.
-const LOAD_COLUMNS: usize = 5;
-const SENSOR_COLUMNS: usize = 3;
+const LOAD_COLUMNS: usize = 6;
+const SENSOR_COLUMNS: usize = 4;
 const NIS_COLUMNS: usize = 4;
 
 /// How a load is shown.
@@ -110,8 +110,9 @@ impl ReplayPlots {
             let reference = references.get(i).copied().unwrap_or(f64::NAN);
             *has_reference |= reference.is_finite();
             let (upper, lower) = (value + deviation, value - deviation);
+            let not_valid = flag(load.fault);
             self.row
-                .extend([value, upper, lower, reference, value - reference]);
+                .extend([value, upper, lower, reference, value - reference, not_valid]);
         }
         let (mut nis, mut channels) = (0.0, 0);
         let degrees = f64::from(estimate.angle_rad).to_degrees().rem_euclid(360.0);
@@ -206,7 +207,8 @@ impl SensorPlots {
         let shown = read.filter(|s| matches!(s.fault, Fault::None | Fault::Erratic));
         let Some(sensor) = shown else {
             self.acf.push(f64::NAN);
-            return [f64::NAN; SENSOR_COLUMNS];
+            let flagged = read.map_or(f64::NAN, |sensor| flag(sensor.fault));
+            return [f64::NAN, f64::NAN, f64::NAN, flagged];
         };
         let innovation = f64::from(sensor.innovation);
         if sensor.fault.is_none() {
@@ -221,7 +223,8 @@ impl SensorPlots {
         if self.label.over_angle {
             self.over_angle.push(&[angle, values[0], values[1]]);
         }
-        values
+        let [measured, predicted, innovation] = values;
+        [measured, predicted, innovation, flag(sensor.fault)]
     }
 
     fn reading_plots(&self, column: usize) -> Vec<Plot> {
@@ -234,6 +237,7 @@ impl SensorPlots {
                 (Series::line("measured", Role::Measured), column),
                 (Series::line("predicted", Role::Predicted), column + 1),
             ]),
+            shaded: Some(Shaded::new("flagged", column + 3)),
             ..Plot::default()
         };
         let mut columns = self.over_angle.columns().into_iter();
@@ -253,6 +257,7 @@ impl SensorPlots {
                     (points("predicted", Role::Predicted), predicted),
                 ],
             },
+            shaded: None,
             ..over_time.clone()
         };
         vec![over_time, over_angle]
@@ -269,12 +274,18 @@ impl SensorPlots {
                     Series::line("innovation", Role::Innovation),
                     column + 2,
                 )]),
+                shaded: Some(Shaded::new("flagged", column + 3)),
                 ..Plot::default()
             },
             autocorrelation_plot(&format!("{name}, autocorrelation"), &self.acf),
             normalised_histogram_plot(&format!("{name}, distribution"), &self.histogram),
         ]
     }
+}
+
+/// 1 where there is a fault, as plots are shaded by it.
+fn flag(fault: Fault) -> f64 {
+    f64::from(u8::from(!fault.is_none()))
 }
 
 fn load_plots(label: &LoadLabel, known: bool, column: usize) -> Vec<Plot> {
@@ -289,6 +300,7 @@ fn load_plots(label: &LoadLabel, known: bool, column: usize) -> Vec<Plot> {
             column + 2,
         ),
     ];
+    let shaded = Some(Shaded::new("not valid", column + 5));
     let mut plots = Vec::new();
     if known {
         series.push((Series::line("reference", Role::Reference), column + 3));
@@ -296,6 +308,7 @@ fn load_plots(label: &LoadLabel, known: bool, column: usize) -> Vec<Plot> {
             title: format!("{}, error", label.name),
             y: Axis::new("Estimate - reference", &label.unit),
             data: Data::Time(vec![(Series::line("error", Role::Other), column + 4)]),
+            shaded: shaded.clone(),
             ..Plot::default()
         });
     }
@@ -303,6 +316,7 @@ fn load_plots(label: &LoadLabel, known: bool, column: usize) -> Vec<Plot> {
         title: label.name.clone(),
         y: Axis::new(&label.quantity, &label.unit),
         data: Data::Time(series),
+        shaded,
         ..Plot::default()
     };
     plots.insert(0, load);
@@ -419,10 +433,13 @@ mod tests {
         near(2, [94.0, 94.0, gap]);
         near(3, [90.0, gap, gap]);
         near(4, [10.0, gap, gap]);
-        near(5, [50.0, 50.0, gap]);
-        near(6, [48.0, 48.0, gap]);
-        near(8, [50.0, gap, gap]);
-        near(11, [1.0, 1.0, gap]);
+        near(5, [0.0, 0.0, 1.0]);
+        near(6, [50.0, 50.0, gap]);
+        near(7, [48.0, 48.0, gap]);
+        near(9, [0.0, 0.0, gap]);
+        near(10, [50.0, gap, gap]);
+        near(13, [1.0, 1.0, gap]);
+        near(14, [1.0, 1.0, gap]);
         let counts: Vec<_> = sections.iter().map(|s| s.plots.len()).collect();
         assert_eq!(counts, [2, 2, 4, 6]);
         // One channel in use at most: 0.001 and 5.02.

@@ -18,6 +18,7 @@ use crate::calibrate::{
     page, select,
 };
 use crate::machine::{Bearing, Kind, Machine, resampled};
+use crate::origin::with_origin;
 use crate::replay::recorded;
 use crate::report::PAGE;
 use crate::tune::{NOISE_BINS, rms};
@@ -125,7 +126,7 @@ impl Calibrate {
         let proposals = self.proposals(&machine, &gauges, source);
         if let Some(path) = &self.report {
             let page = page(&machine, &observations, &gauges, source, &proposals);
-            files.push(page.complete(path)?);
+            files.push(with_origin(page, Some(&machine.path)).complete(path)?);
         }
         publish(files)?;
         let selection = selection(&machine, &proposals);

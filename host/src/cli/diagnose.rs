@@ -18,6 +18,7 @@ use crate::diagnose::{
     Innovations, ResidualTests, RotorResiduals, Verdict,
 };
 use crate::machine::{Kind, Machine};
+use crate::origin::with_origin;
 use crate::replay::{Comparison, ReplayError};
 use crate::report::PAGE;
 
@@ -123,14 +124,14 @@ impl Diagnose {
                 .map(|r| r.display().to_string())
                 .collect();
             let innovations = innovations.as_deref().unwrap_or_default();
-            diagnose::page(
+            let page = diagnose::page(
                 machine,
                 &names.join(", "),
                 &diagnosis,
                 innovations,
                 filter.as_ref(),
-            )
-            .write(path)?;
+            );
+            with_origin(page, Some(&machine.path)).write(path)?;
         }
         if as_json {
             let mut out = diagnose::report(

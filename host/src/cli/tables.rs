@@ -11,6 +11,7 @@ use super::output::say;
 use super::plan::{Plan, Replace};
 use super::progress::Progress;
 use crate::machine::Machine;
+use crate::origin::with_origin;
 use crate::report::PAGE;
 use crate::simulate::Applied;
 use crate::tables::{
@@ -72,7 +73,8 @@ impl Tables {
         }
         drop(progress);
         if let Some(path) = &self.report {
-            page(&machine, &self.effects, &rows, &cells, &curves).write(path)?;
+            let page = page(&machine, &self.effects, &rows, &cells, &curves);
+            with_origin(page, Some(&machine.path)).write(path)?;
         }
         let of_row = |i: usize| cells.iter().map(|row| &row[i]).collect::<Vec<_>>();
         let seconds = started.elapsed().as_secs_f64();

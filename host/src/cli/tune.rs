@@ -23,6 +23,7 @@ use crate::calibrate::{Description, with_noise};
 use crate::files::content::Content;
 use crate::files::scratch::Scratch;
 use crate::machine::Machine;
+use crate::origin::with_origin;
 use crate::recording::columns;
 use crate::report::PAGE;
 use crate::tune::{
@@ -45,7 +46,7 @@ const RESPONSE: Content = Content {
 ///
 /// Of a drivetrain: R over the carrier angle from the errors of the model in the first
 /// recording, which should be at constant load and have reference loads; Qd of
-/// the loads for each set of sensors, by the likelihood one for all of them. Of a
+/// the loads for each set of sensors, with `likelihood` one for all sets. Of a
 /// rotor: walk of the loads, model error, spread
 /// before the first sample and noise of the sensors, by the likelihood of the
 /// innovations and by the differential evolution of the paper, side by side.
@@ -64,8 +65,8 @@ pub struct Tune {
     /// Only this set of sensors.
     #[arg(long, value_name = "NAME")]
     pub(super) sensors: Option<String>,
-    /// How the noise is chosen: on a drivetrain that of the loads' steps, where absent reference if a
-    /// recording has reference loads, else likelihood; on a rotor all of it, likelihood where absent.
+    /// How the noise is chosen. Drivetrain: of the loads' steps; where absent `reference` if a recording
+    /// has reference loads, else `likelihood`. Rotor: all noise; where absent `likelihood`.
     #[arg(long, value_enum)]
     pub(super) method: Option<Choice>,
     /// A recording that takes no part and on which the noise is evaluated; without it the last
@@ -403,7 +404,7 @@ impl Tune {
                 &tuned,
                 &attempt.checks,
             );
-            files.push(page.complete(path)?);
+            files.push(with_origin(page, Some(&attempt.machine.path)).complete(path)?);
         }
         Ok(publish(files)?)
     }

@@ -12,6 +12,7 @@ use crate::atomic_file::{Complete, publish};
 use crate::build::Sensors;
 use crate::calibrate::Description;
 use crate::machine::{Machine, Rotor, RotorLoad, six_digits};
+use crate::origin::with_origin;
 use crate::replay::Comparison;
 use crate::rotor_tune::{Choice, Evaluation, Method, evaluate, page, tune};
 
@@ -70,7 +71,7 @@ impl Tune {
         }
         if let Some(path) = &self.report {
             let page = page(described, &choices, &recording.display().to_string());
-            files.push(page.complete(path)?);
+            files.push(with_origin(page, Some(&described.path)).complete(path)?);
         }
         publish(files)?;
         if as_json {

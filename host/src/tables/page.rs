@@ -141,7 +141,7 @@ fn error_plot(curves: &[&Curve], chosen: &[(&Published, Vec<&Cell>)]) -> Plot {
             ..Axis::new("NMAE", "%")
         },
         data: Data::Own { x, series },
-        limits: Vec::new(),
+        ..Plot::default()
     }
 }
 
@@ -161,6 +161,6 @@ fn innovation_plot(curves: &[&Curve]) -> Plot {
                 mean(curves, |point| point.innovation),
             )],
         },
-        limits: Vec::new(),
+        ..Plot::default()
     }
 }

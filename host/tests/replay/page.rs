@@ -91,6 +91,11 @@ fn replay() -> (ReplayPlots, LoadError) {
             loads: std::iter::once(LoadEstimate {
                 value: value as f32,
                 std: (0.015 * NOMINAL_NM * (1.0 + 4.0 * (-t).exp())) as f32,
+                fault: if (50.0..52.0).contains(&t) {
+                    Fault::NotValid
+                } else {
+                    Fault::None
+                },
                 ..LoadEstimate::default()
             })
             .collect(),
@@ -298,6 +303,52 @@ fn every_plot_draws_and_the_cursors_measure() {
             "{all_low} {all_high}"
         );
     }
+}
+
+#[test]
+fn plots_are_shaded_saved_and_printed() {
+    let path = write_sample("saved.html");
+    let result = selftest(&dom(&path, "selftest&theme=dark"));
+    assert_eq!(result["errors"], serde_json::json!([]));
+    let spans: Vec<[f64; 2]> = serde_json::from_value(result["spans"].clone()).unwrap();
+    assert_eq!(spans.len(), 1, "{spans:?}");
+    // To within a bucket of 22 ms.
+    assert!((spans[0][0] - 50.0).abs() < 0.03 && (spans[0][1] - 52.0).abs() < 0.03);
+
+    assert_eq!(result["unsaved"], serde_json::json!([]));
+    let texts: Vec<String> = serde_json::from_value(result["svg"].clone()).unwrap();
+    for text in [
+        "Main shaft",
+        "Time [s]",
+        "Torque [kN m]",
+        "reference",
+        "± 2 σ",
+        "400",
+    ] {
+        assert!(
+            texts.iter().any(|found| found == text),
+            "no {text} in {texts:?}"
+        );
+    }
+    assert_eq!(
+        result["csv"][0],
+        "Time [s],estimate [N m],± 2 σ [N m],- 2 σ [N m],reference [N m]"
+    );
+    let cells = result["csv"][1].as_str().unwrap().split(',').count();
+    assert_eq!(cells, 5);
+    let [width, height]: [f64; 2] = serde_json::from_value(result["png"].clone()).unwrap();
+    assert!(width > 1000.0 && height > 300.0, "{width} {height}");
+
+    // Of A4 without its margins, at 96 pixels an inch.
+    let printed = &result["printed"];
+    assert_eq!(
+        (&printed["theme"], &printed["open"]),
+        (&"light".into(), &true.into())
+    );
+    assert!(
+        printed["widest"].as_f64().unwrap() < 186.0 / 25.4 * 96.0,
+        "{printed}"
+    );
 }
 
 /// A recording of no or one sample, a sensor that never answered, a constant: no script error.

@@ -1,7 +1,10 @@
 //! The page of a diagnosis.
 
+use crate::assessment::parameter_std::parameter_stds;
+use crate::assessment::verdict::cannot_show;
 use crate::diagnosis::Diagnosis;
 use crate::effect::Scope;
+use crate::effect::fitted::FittedEffect;
 use crate::filter_check::FilterCheck;
 use crate::machine_kind::Diagnosable;
 use crate::{Innovations, Interval, Verdict};
@@ -27,10 +30,7 @@ pub fn page<S: Diagnosable>(
     let errors = &diagnosis.errors;
     Report {
         title: format!("{}: diagnosis", machine.name),
-        facts: vec![
-            ["Recording".into(), recording.into()],
-            ["Verdict".into(), headline(&diagnosis.verdict)],
-        ],
+        facts: facts(recording, diagnosis),
         key_figures: [
             ("as described", errors.nominal.before),
             ("as described, with what was found", errors.nominal.after),
@@ -49,7 +49,8 @@ pub fn page<S: Diagnosable>(
             note: note(figure),
         })
         .collect(),
-        tables: (filter.map(filter_table).into_iter())
+        tables: (effects_table(diagnosis).into_iter())
+            .chain(filter.map(filter_table))
             .chain([
                 ranking(diagnosis),
                 residual_table(diagnosis),
@@ -62,6 +63,122 @@ pub fn page<S: Diagnosable>(
             .into_iter()
             .map(|k| section(diagnosis, k))
             .collect(),
+    }
+}
+
+/// Recording and verdict; what else it may be, what to record next, what the recording does not show.
+fn facts<S: Diagnosable>(recording: &str, diagnosis: &Diagnosis<S>) -> Vec<[String; 2]> {
+    let selection = &diagnosis.selection;
+    let mut facts = vec![
+        ["Recording".into(), recording.into()],
+        ["Verdict".into(), headline(&diagnosis.verdict)],
+    ];
+    let mut add = |label: &str, value: String| {
+        if !value.is_empty() {
+            facts.push([label.into(), value]);
+        }
+    };
+    for found in named(diagnosis) {
+        let effect = found.effect.name();
+        add(
+            &format!("Instead of {effect}"),
+            found.indistinguishable_from.join(", "),
+        );
+    }
+    if let Some(ambiguous) = named(diagnosis).iter().find(|found| found.is_ambiguous()) {
+        add(
+            "Record next",
+            ambiguous.effect.recommended_experiment().into(),
+        );
+    }
+    add(
+        "Not shown by this recording",
+        cannot_show(selection).join(", "),
+    );
+    add(
+        "Note",
+        diagnosis.recordings[0]
+            .remarks(selection)
+            .unwrap_or_default(),
+    );
+    facts
+}
+
+/// The effects that the verdict names: none where something else is missing.
+fn named<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> &[FittedEffect<S>] {
+    match diagnosis.verdict {
+        Verdict::Unknown => &[],
+        _ => &diagnosis.selection.found,
+    }
+}
+
+/// Each effect found with its parameters, and their standard deviations where they are linear.
+fn effects_table<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Option<Table> {
+    let recordings = &diagnosis.recordings;
+    let mut rows = Vec::new();
+    for found in named(diagnosis) {
+        let effect = found.effect;
+        let place = effect
+            .location(&recordings[0], &found.shape)
+            .unwrap_or_default();
+        let mut row = |place: &str, parameter: String, value: String, std: String| {
+            let what = [effect.name(), effect.description(), place].map(str::to_owned);
+            rows.push([&what[..], &[parameter, value, std]].concat());
+        };
+        for (parameter, value) in effect.nonlinear_parameters().iter().zip(&found.shape) {
+            let name = format!("{} [{}]", parameter.name, parameter.unit);
+            row(
+                &place,
+                name.replace(" []", ""),
+                significant(*value),
+                String::new(),
+            );
+        }
+        let stds = parameter_stds(recordings, found, &diagnosis.selection.residuals_after);
+        let acting = (0..stds.len()).filter(|k| !found.parameters[*k].is_empty());
+        let shown = match effect.scope() {
+            Scope::Machine => 1,
+            Scope::PerSignal => stds.len(),
+        };
+        for k in acting.take(shown) {
+            let place = match effect.scope() {
+                Scope::Machine => &place,
+                Scope::PerSignal => recordings[0].name(k),
+            };
+            let values = found.parameters[k].iter().zip(&stds[k]);
+            for (parameter, (value, std)) in effect.linear_parameters().iter().zip(values) {
+                row(
+                    place,
+                    parameter.name.into(),
+                    significant(*value),
+                    significant(*std),
+                );
+            }
+        }
+    }
+    (!rows.is_empty()).then(|| Table {
+        caption: "Effects found".into(),
+        head: [
+            "Effect",
+            "what it is",
+            "where",
+            "parameter",
+            "value",
+            "standard deviation",
+        ]
+        .map(String::from)
+        .to_vec(),
+        rows,
+    })
+}
+
+/// Three significant digits.
+fn significant(value: f64) -> String {
+    if value == 0.0 || (1e-2..1e4).contains(&value.abs()) {
+        let digits = 2 - value.abs().max(1e-2).log10().floor() as i32;
+        format!("{value:.*}", digits.max(0) as usize)
+    } else {
+        format!("{value:.2e}")
     }
 }
 
@@ -124,7 +241,7 @@ fn note(figure: Interval) -> String {
 
 fn ranking<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Table {
     Table {
-        caption: "Candidates: logarithm of the evidence on blocks left out".into(),
+        caption: "Candidates: logarithm of the evidence on blocks left out; the largest margin over chance first".into(),
         head: ["Candidate", "what it is", "evidence", "by chance"]
             .map(String::from)
             .to_vec(),
@@ -270,7 +387,7 @@ fn section<S: Diagnosable>(diagnosis: &Diagnosis<S>, k: usize) -> Section {
                         (Series::new("after", Role::Estimate, Mark::Points), next()),
                     ],
                 },
-                limits: Vec::new(),
+                ..Plot::default()
             }
         })
         .collect();

@@ -230,7 +230,7 @@ fn front_plot(machine: &Machine, proposal: &Proposal) -> Plot {
                 ),
             ],
         },
-        limits: Vec::new(),
+        ..Plot::default()
     }
 }
 
@@ -304,7 +304,7 @@ fn compared(
                 ),
             ],
         },
-        limits: Vec::new(),
+        ..Plot::default()
     })
 }
 
@@ -346,6 +346,6 @@ fn surface_plot(machine: &Machine, observations: &Observations, gauge: &Gauge) -
             x: degrees(),
             series: cuts.collect(),
         },
-        limits: Vec::new(),
+        ..Plot::default()
     })
 }

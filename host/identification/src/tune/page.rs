@@ -131,6 +131,7 @@ fn response(loads: &[&str], name: &str, tuned: &Tuned) -> Plot {
             label: "wanted below the cut-off".into(),
             value: 1.0,
         }],
+        ..Plot::default()
     }
 }
 
@@ -151,6 +152,6 @@ fn over_angle(machine: &Machine, (channel, noise): &(usize, MeasurementNoise)) -
                 (Series::line("eq. (15)", Role::Other), own(&noise.plain)),
             ],
         },
-        limits: Vec::new(),
+        ..Plot::default()
     }
 }

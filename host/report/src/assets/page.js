@@ -3,7 +3,6 @@
 const errors = [];
 window.addEventListener("error", e => errors.push(String(e.message)));
 
-(() => {
 const page = JSON.parse(document.getElementById("data").textContent);
 const root = document.documentElement;
 const css = name => getComputedStyle(root).getPropertyValue("--" + name).trim();
@@ -26,11 +25,15 @@ function dataOf(plot) {
 
 // ---- numbers
 
+const PREFIXED = ["N", "N m", "N·m", "Nm", "W", "Pa", "m", "m/m", "rad", "V", "Hz"];
+const PREFIXES = [["G", 2e9], ["M", 2e6], ["k", 2e3], ["", 0.2], ["m", 2e-4], ["µ", 2e-7], ["n", 0]];
+const FACTOR = { G: 1e9, M: 1e6, k: 1e3, "": 1, m: 1e-3, "µ": 1e-6, n: 1e-9 };
 function prefixOf(unit, data) {
-  if (!["N", "N m", "N·m", "W", "Pa"].includes(unit)) return ["", 1];
+  if (!PREFIXED.includes(unit)) return ["", 1];
   let most = 0;
   for (const column of data) for (const v of column) if (v !== null && Math.abs(v) > most) most = Math.abs(v);
-  return most >= 2e6 ? ["M", 1e6] : most >= 2e3 ? ["k", 1e3] : ["", 1];
+  const [prefix] = most === 0 ? [""] : PREFIXES.find(([, least]) => most >= least);
+  return [prefix, FACTOR[prefix]];
 }
 function text(v, digits = 5) {
   if (v === null || v === undefined || Number.isNaN(v)) return "–";
@@ -165,19 +168,34 @@ function addHandles(chart) {
 // ---- one plot
 
 const HEIGHT = { wide: 300, half: 250, third: 220 };
+const ROLES = ["estimate", "reference", "measured", "predicted", "innovation", "other"];
 
-function seriesOptions(s, chart) {
-  const { prefix: [prefix, factor], plot } = chart;
-  const stroke = () => colours[s.role], base = {
+// Names of the colours of the series: that of its role; a further series of the same role has one that
+// is not in use in the plot.
+function colourNames(plot) {
+  // Both are what the model says, and blue.
+  const own = s => s.role === "predicted" ? "estimate" : s.role;
+  const free = ["other", "innovation", "measured", "estimate", "a", "limit", "reference"].filter(c => !plot.series.some(s => own(s) === c));
+  const last = {};
+  return plot.series.map(s => {
+    if (s.mark === "lower" || s.mark === "upper") return last[own(s)] ?? own(s);
+    return last[own(s)] = own(s) in last && free.length ? free.shift() : own(s);
+  });
+}
+
+function seriesOptions(s, chart, i) {
+  const { prefix: [prefix, factor], plot } = chart, name = chart.colours[i];
+  const stroke = () => colours[name], base = {
     label: s.label, stroke, width: s.role === "reference" ? 1.6 : 1.3, points: { show: false }, spanGaps: false,
     value: (u, v) => v === null || v === undefined ? "–" : text(v / factor) + (plot.y.unit ? ` ${prefix}${plot.y.unit}` : ""),
   };
   switch (s.mark) {
-    case "points": return { ...base, paths: () => null, points: { show: true, size: 5, width: 0, fill: () => colours[s.role] + "99" } };
-    case "bars": return { ...base, width: 1, fill: () => colours[s.role] + "b0", paths: uPlot.paths.bars({ size: [0.75, 40] }), fillTo: () => 0 };
+    // A few points stay in sight beneath those of later series.
+    case "points": return { ...base, paths: () => null, points: { show: true, size: 5 + (chart.data[0].length <= 200 ? 3 * (plot.series.length - 1 - i) : 0), width: 0, fill: () => colours[name] + (chart.data[0].length <= 200 ? "" : "99") } };
+    case "bars": return { ...base, width: 1, fill: () => colours[name] + "b0", paths: uPlot.paths.bars({ size: [0.75, 40] }), fillTo: () => 0 };
     // The legend shows half the band's width.
     case "upper": case "lower": return {
-      ...base, width: 0.6, stroke: () => colours[s.role] + "70",
+      ...base, width: 0.6, stroke: () => colours[name] + "70",
       value: (u, v, i, at) => base.value(u, at === null || v === null || s.mark === "lower" ? null : (v - u.data[i + 1][at]) / 2),
     };
     default: return base;
@@ -189,9 +207,35 @@ function yRange(plot) {
     for (const { value } of plot.limits) { low = Math.min(low ?? value, value); high = Math.max(high ?? value, value); }
     if (plot.series.some(s => s.mark === "bars")) { low = Math.min(low ?? 0, 0); high = Math.max(high ?? 0, 0); }
     if (low === null || low === undefined) return plot.y.logarithmic ? [0.1, 10] : [0, 1];
-    if (plot.y.logarithmic) return uPlot.rangeLog(low, high, 10, false);
+    // Two decades below the lowest limit nothing is read off.
+    if (plot.y.logarithmic && plot.limits.length) low = Math.max(low, Math.min(...plot.limits.map(l => l.value)) / 100);
+    if (plot.y.logarithmic) return uPlot.rangeLog(low, Math.max(high, low * 10), 10, false);
     return uPlot.rangeNum(low, high, 0.08, true).map((v, i) => low >= 0 && i === 0 ? Math.max(v, 0) : v);
   };
+}
+
+// Spans in which a column of flags is set, each from halfway to the row before to halfway to the row after.
+function spansOf(shaded) {
+  if (!shaded) return [];
+  timeX ??= Array.from(new Float64Array(bytes(page.time.x)));
+  const x = timeX, flags = timeColumns[shaded.column] ??= values(page.time.columns[shaded.column]), spans = [];
+  const between = i => i <= 0 ? x[0] : i >= x.length ? x.at(-1) : (x[i - 1] + x[i]) / 2;
+  for (let i = 0; i < x.length; i++) {
+    if (!(flags[i] > 0)) continue;
+    const last = spans.at(-1);
+    if (last && last[1] === between(i)) last[1] = between(i + 1); else spans.push([between(i), between(i + 1)]);
+  }
+  return spans;
+}
+function drawSpans(u, spans) {
+  const { ctx, bbox } = u, right = bbox.left + bbox.width;
+  ctx.save();
+  ctx.fillStyle = colours.limit + "30";
+  for (const [from, to] of spans) {
+    const a = Math.max(u.valToPos(from, "x", true), bbox.left), b = Math.min(u.valToPos(to, "x", true), right);
+    if (b >= bbox.left && a <= right) ctx.fillRect(a, bbox.top, Math.max(b - a, devicePixelRatio), bbox.height);
+  }
+  ctx.restore();
 }
 
 function drawLimits(u, plot) {
@@ -232,7 +276,7 @@ function drawPlot(figure) {
   let data = dataOf(plot);
   if (plot.y.logarithmic) data = data.map((c, i) => i ? c.map(v => v > 0 ? v : null) : c);
   const group = groupOf(plot, index);
-  const chart = { plot, data, group, figure, prefix: prefixOf(plot.y.unit, data.slice(1)), handles: [] };
+  const chart = { plot, data, group, figure, prefix: prefixOf(plot.y.unit, data.slice(1)), colours: colourNames(plot), handles: [] };
   const [prefix, factor] = chart.prefix;
   if (!data[0].length) {
     const p = document.createElement("p");
@@ -248,8 +292,14 @@ function drawPlot(figure) {
     stroke: () => colours.soft, grid: { stroke: () => colours.grid, width: 1 }, ticks: { stroke: () => colours.line, width: 1, size: 5 },
     font: "11px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif", labelSize: 20,
   };
-  const start = group.range ??= group.full;
-  const bands = plot.series.flatMap((s, i) => s.mark === "upper" ? [{ series: [i + 1, i + 2], fill: () => colours[s.role] + "38" }] : []);
+  const start = group.range ??= group.full, spans = chart.spans = spansOf(plot.shaded);
+  if (spans.length) {
+    const key = document.createElement("span");
+    key.className = "shaded";
+    key.textContent = plot.shaded.label;
+    figure.querySelector("figcaption").append(key);
+  }
+  const bands = plot.series.flatMap((s, i) => s.mark === "upper" ? [{ series: [i + 1, i + 2], fill: () => colours[chart.colours[i]] + "38" }] : []);
   const options = {
     width: Math.max(figure.clientWidth, 200), height: HEIGHT[plot.size],
     scales: {
@@ -263,7 +313,7 @@ function drawPlot(figure) {
     ],
     series: [
       { label: plot.x.quantity, value: (u, v) => v === null ? "–" : text(v, 8) + (plot.x.unit ? " " + plot.x.unit : "") },
-      ...plot.series.map(s => seriesOptions(s, chart)),
+      ...plot.series.map((s, i) => seriesOptions(s, chart, i)),
     ],
     bands,
     cursor: {
@@ -275,6 +325,7 @@ function drawPlot(figure) {
       },
     },
     hooks: {
+      drawClear: [u => drawSpans(u, spans)],
       draw: [u => { drawLimits(u, plot); if (chart.readout) drawCursors(chart); }],
       setScale: [(u, key) => {
         if (key !== "x" || !chart.u) return;
@@ -305,11 +356,12 @@ function drawPlot(figure) {
   group.charts.push(chart);
   charts.push(chart);
   addHandles(chart);
+  addSaving(chart);
   if (cursorsOn && group.cursors === null) defaultCursors(group);
   drawCursors(chart);
   new ResizeObserver(() => {
     const width = figure.clientWidth;
-    if (width > 0 && width !== u.width) u.setSize({ width, height: u.height });
+    if (!beforePrint && width > 0 && width !== u.width) u.setSize({ width, height: u.height });
   }).observe(figure);
 }
 
@@ -324,7 +376,7 @@ function drawSection(details) {
 
 function setTheme(theme) {
   root.dataset.theme = theme;
-  for (const name of ["estimate", "reference", "measured", "predicted", "innovation", "other", "limit", "soft", "grid", "line", "card"]) colours[name] = css(name);
+  for (const name of [...ROLES, "a", "limit", "text", "soft", "grid", "line", "card"]) colours[name] = css(name);
   for (const { u } of charts) u.redraw(false, true);
 }
 function setCursors(on) {
@@ -357,6 +409,26 @@ for (const details of document.querySelectorAll("details")) {
   if (details.open) drawSection(details);
 }
 if (options.has("cursors")) setCursors(true);
+
+// ---- print: light, all sections open, plots as wide as A4 lets them
+
+// Of the 178 mm between margins and padding, at 96 px an inch.
+const PRINTED = { wide: 672, half: 327, third: 212 };
+let beforePrint = null;
+addEventListener("beforeprint", () => {
+  const sections = [...document.querySelectorAll("details")];
+  beforePrint = { theme: root.dataset.theme, open: sections.map(details => details.open) };
+  setTheme("light");
+  for (const details of sections) { details.open = true; drawSection(details); }
+  for (const { u, plot } of charts) u.setSize({ width: PRINTED[plot.size], height: HEIGHT[plot.size] * 0.8 });
+});
+addEventListener("afterprint", () => {
+  if (!beforePrint) return;
+  document.querySelectorAll("details").forEach((details, i) => details.open = beforePrint.open[i]);
+  setTheme(beforePrint.theme);
+  beforePrint = null;
+  for (const { u, plot, figure } of charts) u.setSize({ width: figure.clientWidth || u.width, height: HEIGHT[plot.size] });
+});
 
 // ---- `#selftest`: open all, look at the pixels, use zoom and cursors, print what came of it
 
@@ -400,7 +472,19 @@ async function selftest() {
     actions.reset();
     await drawn();
     result.reset = time.group.charts.map(c => [c.u.scales.x.min, c.u.scales.x.max]);
+    result.spans = time.spans;
+    result.csv = csvOf(time).split("\n").slice(0, 2);
+    const picture = pngOf(time);
+    result.png = [picture.width, picture.height];
   }
+  const parsed = chart => new DOMParser().parseFromString(svgOf(chart), "image/svg+xml");
+  result.unsaved = charts.filter(c => c.spans && (parsed(c).querySelector("parsererror") || /NaN|undefined/.test(svgOf(c)))).map(c => c.plot.title);
+  result.svg = time ? [...parsed(time).querySelectorAll("text")].map(t => t.textContent) : [];
+  dispatchEvent(new Event("beforeprint"));
+  await drawn();
+  const sections = [...document.querySelectorAll("details")];
+  result.printed = { theme: root.dataset.theme, open: sections.every(details => details.open), widest: Math.max(...charts.map(c => c.u.width)) };
+  dispatchEvent(new Event("afterprint"));
   result.requests = performance.getEntriesByType("resource").map(e => e.name);
   result.errors = errors;
   return result;
@@ -411,4 +495,3 @@ if (options.has("selftest")) drawn().then(selftest).catch(e => ({ errors: [...er
   pre.textContent = JSON.stringify(result);
   document.body.append(pre);
 });
-})();

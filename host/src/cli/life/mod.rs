@@ -19,6 +19,7 @@ use super::output::{say, shown_all};
 use super::plan::{Plan, Replace};
 use crate::atomic_file::publish;
 use crate::life::{Beyond, COUNTS, CountsTable, EXPONENTS, Loads, SnCurve};
+use crate::origin::with_origin;
 use crate::report::PAGE;
 
 /// Count load cycles and compute damage-equivalent loads.
@@ -160,7 +161,7 @@ impl Life {
         let mut complete = Vec::new();
         if let Some(path) = &self.report {
             let page = page::report(&self.files, counted, figures, period_s);
-            complete.push(page.complete(path)?);
+            complete.push(with_origin(page, None).complete(path)?);
         }
         if let Some(path) = &self.output {
             let mut table = CountsTable::default();

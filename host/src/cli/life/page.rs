@@ -127,7 +127,7 @@ fn half(title: &str, x: Axis, y: Axis, data: Data) -> Plot {
         x,
         y,
         data,
-        limits: Vec::new(),
+        ..Plot::default()
     }
 }
 

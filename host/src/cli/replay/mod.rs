@@ -22,6 +22,7 @@ use crate::cli::spool::spooled;
 use crate::files::bounded::read;
 use crate::files::content::Content;
 use crate::machine::{Machine, Rotor};
+use crate::origin::with_origin;
 use crate::replay::{
     Baselines, Consistency, Displacements, ESTIMATES, EstimateWriter, Figures, LARGEST_STATE,
     NodeChoice, NodeColumns, Phasor, ReplayError, ReportPage, Run, STATE_MARK, Sample, Speeds,
@@ -229,7 +230,7 @@ impl Replay {
         if let (Some(page), Some(path)) = (page, &self.report) {
             let recording = self.recording.display().to_string();
             let page = outcome.page(page, machine, &sensors, &recording);
-            files.push(page.complete(path)?);
+            files.push(with_origin(page, Some(&machine.path)).complete(path)?);
         }
         if let (Some(state), Some(path)) = (&outcome.state, &self.state_out) {
             let written = AtomicFile::create(path).and_then(|mut file| {
@@ -252,7 +253,8 @@ pub(super) fn write_page(machine: &Machine, recording: &Path, path: &Path) -> an
         page.push(sample, estimate);
     })?;
     let name = recording.file_name().unwrap_or_default().to_string_lossy();
-    outcome.page(page, machine, &sensors, &name).write(path)?;
+    let page = outcome.page(page, machine, &sensors, &name);
+    with_origin(page, Some(&machine.path)).write(path)?;
     Ok(())
 }
 

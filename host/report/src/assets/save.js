@@ -1,0 +1,121 @@
+"use strict";
+// A plot as a file: picture (PNG, SVG) or data (CSV), of what is in view.
+
+const MARGIN = { top: 34, bottom: 30 };
+
+function fileName(chart, end) {
+  return (chart.plot.title.replace(/[^\p{L}\p{N}]+/gu, "-").replace(/^-|-$/g, "") || "plot") + end;
+}
+function download(content, type, name) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([content], { type }));
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
+// The series that are in view; a band has its upper edge only.
+const shownSeries = ({ u, plot }) => plot.series.map((s, i) => ({ ...s, i })).filter(s => u.series[s.i + 1].show && s.mark !== "lower");
+
+function csvOf(chart) {
+  const { u, plot, data } = chart, { min, max } = u.scales.x;
+  const cell = text => /[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
+  const lines = [[label(plot.x), ...plot.series.map(s => s.label + (plot.y.unit ? ` [${plot.y.unit}]` : ""))].map(cell)];
+  for (let row = 0; row < data[0].length; row++) {
+    if (data[0][row] >= min && data[0][row] <= max) lines.push(data.map(column => column[row] ?? ""));
+  }
+  return lines.map(cells => cells.join(",")).join("\n") + "\n";
+}
+
+function pngOf(chart) {
+  const { u, plot } = chart, px = devicePixelRatio, picture = u.ctx.canvas, canvas = document.createElement("canvas");
+  canvas.width = picture.width;
+  canvas.height = picture.height + (MARGIN.top + MARGIN.bottom) * px;
+  const ctx = canvas.getContext("2d");
+  ctx.fillStyle = colours.card;
+  ctx.fillRect(0, 0, canvas.width, canvas.height);
+  ctx.drawImage(picture, 0, MARGIN.top * px);
+  ctx.textBaseline = "middle";
+  ctx.fillStyle = colours.text;
+  ctx.font = `600 ${13 * px}px system-ui, sans-serif`;
+  ctx.fillText(plot.title, 8 * px, MARGIN.top / 2 * px);
+  ctx.font = `${12 * px}px system-ui, sans-serif`;
+  let x = 58 * px;
+  for (const s of shownSeries(chart)) {
+    const y = canvas.height - MARGIN.bottom / 2 * px;
+    ctx.fillStyle = colours[chart.colours[s.i]];
+    ctx.fillRect(x, y - 2 * px, 14 * px, 4 * px);
+    ctx.fillStyle = colours.text;
+    ctx.fillText(s.label, x + 20 * px, y);
+    x += ctx.measureText(s.label).width + 44 * px;
+  }
+  return canvas;
+}
+
+function svgOf(chart) {
+  const { u, plot, data } = chart, { min, max } = u.scales.x, px = devicePixelRatio;
+  const [left, top, wide, high] = [u.bbox.left / px, u.bbox.top / px + MARGIN.top, u.bbox.width / px, u.bbox.height / px];
+  const [width, height] = [u.width, u.height + MARGIN.top + MARGIN.bottom];
+  const escape = text => String(text).replace(/[&<>"]/g, c => `&#${c.charCodeAt(0)};`);
+  const [right, bottom] = [left + wide, top + high];
+  const X = v => (left + u.valToPos(v, "x")).toFixed(2), Y = v => (top + u.valToPos(v, "y")).toFixed(2);
+  const write = (x, y, text, more = "") => `<text x="${x}" y="${y}" ${more}>${escape(text)}</text>`;
+  const out = [`<svg xmlns="http://www.w3.org/2000/svg" width="${width}" height="${height}" viewBox="0 0 ${width} ${height}" font-family="system-ui, sans-serif" font-size="11" fill="${colours.text}">`,
+    `<rect width="100%" height="100%" fill="${colours.card}"/>`, write(8, MARGIN.top / 2 + 4, plot.title, 'font-size="13" font-weight="600"')];
+  u.axes.forEach((axis, side) => axis._splits.forEach((v, i) => {
+    const text = axis._values[i];
+    if (text === null || text === undefined || text === "") return;
+    const [x, y] = side ? [left, Y(v)] : [X(v), top];
+    out.push(`<path d="M${x} ${y}${side ? `H${right}` : `V${bottom}`}" stroke="${colours.grid}"/>`,
+      side ? write(left - 6, y, text, 'text-anchor="end" dominant-baseline="middle"') : write(x, bottom + 16, text, 'text-anchor="middle"'));
+  }));
+  // What is outside of an inner picture is cut off.
+  out.push(`<svg x="${left}" y="${top}" width="${wide}" height="${high}" viewBox="${left} ${top} ${wide} ${high}" fill="none">`);
+  for (const [from, to] of chart.spans) out.push(`<rect x="${X(from)}" y="${top}" width="${Math.max(X(to) - X(from), 0.5)}" height="${high}" fill="${colours.limit}" fill-opacity="0.19"/>`);
+  const rows = data[0].map((x, i) => i).filter(i => data[0][i] >= min && data[0][i] <= max);
+  const line = (column, all = rows) => {
+    let pen = "M";
+    return all.map(i => column[i] === null ? (pen = "M", "") : [pen + X(data[0][i]) + " " + Y(column[i]), pen = "L"][0]).join("");
+  };
+  for (const s of shownSeries(chart)) {
+    const column = data[s.i + 1], colour = colours[chart.colours[s.i]];
+    const known = rows.filter(i => column[i] !== null);
+    if (s.mark === "points") out.push(...known.map(i => `<circle cx="${X(data[0][i])}" cy="${Y(column[i])}" r="2.5" fill="${colour}" fill-opacity="0.6"/>`));
+    else if (s.mark === "bars") out.push(...known.map(i => `<path d="M${X(data[0][i])} ${Y(0)}V${Y(column[i])}" stroke="${colour}" stroke-width="${Math.max(0.75 * wide / rows.length, 1).toFixed(2)}"/>`));
+    else if (s.mark === "upper") {
+      const lower = data[s.i + 2], both = known.filter(i => lower[i] !== null);
+      if (both.length) out.push(`<path d="${line(column, both)}${line(lower, both.toReversed()).replace("M", "L")}Z" fill="${colour}" fill-opacity="0.22"/>`);
+    } else out.push(`<path d="${line(column)}" stroke="${colour}" stroke-width="1.3"/>`);
+  }
+  for (const { value } of plot.limits) out.push(`<path d="M${left} ${Y(value)}H${right}" stroke="${colours.limit}" stroke-width="1.6" stroke-dasharray="7 4"/>`);
+  out.push("</svg>", `<rect x="${left}" y="${top}" width="${wide}" height="${high}" fill="none" stroke="${colours.line}"/>`);
+  for (const { value, label } of plot.limits) out.push(write(right - 4, Number(Y(value)) - 5, label, `text-anchor="end" fill="${colours.limit}"`));
+  const [prefix] = chart.prefix, unit = plot.y.unit && prefix + plot.y.unit;
+  out.push(write(left + wide / 2, bottom + 36, label(plot.x), 'text-anchor="middle" font-size="12"'),
+    write(0, 0, label({ ...plot.y, unit }), `transform="translate(14 ${top + high / 2}) rotate(-90)" text-anchor="middle" font-size="12"`));
+  let x = left;
+  for (const s of shownSeries(chart)) {
+    const y = height - MARGIN.bottom / 2;
+    out.push(`<rect x="${x}" y="${y - 2}" width="14" height="4" fill="${colours[chart.colours[s.i]]}"/>`, write(x + 20, y + 4, s.label, 'font-size="12"'));
+    x += 44 + 7 * s.label.length;
+  }
+  return out.join("\n") + "\n</svg>\n";
+}
+
+const SAVED = {
+  PNG: chart => pngOf(chart).toBlob(blob => download(blob, "image/png", fileName(chart, ".png"))),
+  SVG: chart => download(svgOf(chart), "image/svg+xml", fileName(chart, ".svg")),
+  CSV: chart => download(csvOf(chart), "text/csv", fileName(chart, ".csv")),
+};
+function addSaving(chart) {
+  const group = document.createElement("span");
+  group.className = "save";
+  for (const [kind, save] of Object.entries(SAVED)) {
+    const button = document.createElement("button");
+    button.textContent = kind;
+    button.title = `Save what is in view as ${kind}`;
+    button.setAttribute("aria-label", `${chart.plot.title}: save as ${kind}`);
+    button.addEventListener("click", () => save(chart));
+    group.append(button);
+  }
+  chart.figure.querySelector("figcaption").append(group);
+}
