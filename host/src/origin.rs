@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 
 use crate::report::Report;
 
-/// Digits of a hash that are shown, as versions of files are told apart by.
+/// Digits of a hash that are shown: enough for the versions of one file.
 const SHOWN: usize = 12;
 
 /// `report` with the facts that it can be traced by: file name and the start of the SHA-256 of

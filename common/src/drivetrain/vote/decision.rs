@@ -28,7 +28,7 @@ impl Voting {
     /// Takes the first hypothesis of direction `d` that explains the readings: all gauges sound;
     /// those at fault that contradict a sound prediction, where the others agree; one at fault; two
     /// exchanged; two at fault; all but one that the prediction confirms. Where none does, or the
-    /// prediction does not tell one turned gauge from two exchanged, the direction is contradicted.
+    /// prediction cannot separate one turned gauge from two exchanged, the direction is contradicted.
     pub(crate) fn decide(
         &self,
         vote: &mut Vote,
