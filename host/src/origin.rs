@@ -37,9 +37,9 @@ fn with_hash(path: &Path) -> String {
         .to_string_lossy()
         .into_owned();
     if let Ok(content) = std::fs::read(path) {
-        let hash: String = (Sha256::digest(&content).iter().take(SHOWN / 2))
-            .map(|byte| format!("{byte:02x}"))
-            .collect();
+        let bytes = Sha256::digest(&content);
+        let first = bytes.iter().take(SHOWN / 2);
+        let hash = first.fold(String::new(), |hash, byte| hash + &format!("{byte:02x}"));
         name += &format!(" (SHA-256 {hash})");
     }
     name

@@ -10,6 +10,7 @@ use loadtwin_common::image::{Image, Model};
 use loadtwin_common::io::signed_image;
 use serde_json::json;
 
+use super::layout::load;
 use super::output::{say, shown};
 use super::plan::{Plan, Replace};
 use crate::atomic_file::AtomicFile;
@@ -77,7 +78,7 @@ impl Build {
             .reads(&self.key)
             .writes("--output", Some(&self.output), IMAGE)
             .check(as_json)?;
-        let machine = Machine::load(&self.machine)?;
+        let machine = load(&self.machine)?;
         let sensors = Sensors::choose(&machine, self.sensors.as_deref())?.filtered_by(self.filter);
         let payload = build::image(&machine, &sensors)?;
         let image = Image::from_bytes(&payload)?;

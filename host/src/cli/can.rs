@@ -10,7 +10,7 @@ use loadtwin_common::io::raw::RawSample;
 use loadtwin_common::io::signed_image;
 use serde::Serialize;
 
-use super::layout::LayoutFile;
+use super::layout::{LayoutFile, load};
 use super::output::{note, print as output, say};
 use super::plan::{Plan, Replace};
 use super::progress::Progress;
@@ -58,7 +58,7 @@ impl ModelArgs {
     /// description that has them.
     fn load_with_sensors(&self) -> anyhow::Result<(Vec<u8>, Vec<String>)> {
         if self.machine.extension().is_some_and(|end| end == "toml") {
-            let machine = Machine::load(&self.machine)?;
+            let machine = load(&self.machine)?;
             let sensors = Sensors::choose(&machine, self.sensors.as_deref())?;
             return Ok((build::image(&machine, &sensors)?, sensors.names()));
         }

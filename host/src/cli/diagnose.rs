@@ -61,7 +61,7 @@ impl Diagnose {
         Plan::new(self.replace)
             .description(&self.machine)
             .reads(self.layout.file())
-            .reads(self.recordings.iter().chain(&self.validate))
+            .reads_held_out(&self.recordings, &self.validate)
             .writes_description("--output", self.output.as_deref())
             .writes("--report", self.report.as_deref(), PAGE)
             .check(as_json)?;

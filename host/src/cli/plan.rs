@@ -1,6 +1,6 @@
 //! What a command reads and writes, checked before it works.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
@@ -20,7 +20,7 @@ pub(super) struct Replace {
 }
 
 /// Inputs and outputs of a command, and what is refused of its inputs.
-pub(super) struct Plan(Outputs, Option<&'static str>);
+pub(super) struct Plan(Outputs, Option<String>);
 
 impl Plan {
     /// Nothing yet.
@@ -31,7 +31,8 @@ impl Plan {
     /// Reads a machine description and whatever files it names.
     pub(super) fn description(mut self, path: &Path) -> Self {
         if path == Path::new("-") {
-            self.1 = Some("-: a description names files beside it; give the name of a file");
+            let reason = "-: a description names files beside it; give the name of a file";
+            self.1 = Some(reason.to_owned());
         }
         self.0.reads(path);
         for named in named_files(path) {
@@ -44,11 +45,33 @@ impl Plan {
     pub(super) fn reads<P: AsRef<Path>>(mut self, paths: impl IntoIterator<Item = P>) -> Self {
         for path in paths {
             if path.as_ref() == Path::new("-") {
-                self.1 = Some("-: only replay and send read standard input; save it to a file");
+                let reason = "-: only replay and send read standard input; save it to a file";
+                self.1 = Some(reason.to_owned());
             }
             self.0.reads(path.as_ref());
         }
         self
+    }
+
+    /// Reads `fitted`, and `held_out`, which take no part in the fit and are none of them.
+    pub(super) fn reads_held_out<'a>(
+        mut self,
+        fitted: &[PathBuf],
+        held_out: impl IntoIterator<Item = &'a PathBuf>,
+    ) -> Self {
+        let place = |path: &PathBuf| std::fs::canonicalize(path).ok();
+        for path in held_out {
+            if place(path)
+                .is_some_and(|at| fitted.iter().any(|f| place(f).is_some_and(|f| f == at)))
+            {
+                self.1 = Some(format!(
+                    "--validate {}: it is fitted as well; give a recording that takes no part",
+                    path.display()
+                ));
+            }
+            self.0.reads(path);
+        }
+        self.reads(fitted)
     }
 
     /// Writes one file, where `option` is given.

@@ -186,7 +186,7 @@ impl Tune {
         Plan::new(self.replace)
             .description(&self.machine)
             .reads(self.layout.file())
-            .reads(self.recordings.iter().chain(&self.validate))
+            .reads_held_out(&self.recordings, &self.validate)
             .writes("--response", self.response.as_deref(), RESPONSE)
             .writes("--report", self.report.as_deref(), PAGE)
             .writes_description("--output", self.output.as_deref())

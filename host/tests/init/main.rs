@@ -161,6 +161,36 @@ fn four_gauges_and_an_encoder() {
 }
 
 #[test]
+fn places_that_are_not_filled_in_are_noted() {
+    let folder = bench();
+    let machine = root().join("examples/bench/machine.toml");
+    simulated(folder.path(), &machine, "bench.csv", &["--duration-s", "4"]);
+    done(folder.path(), &["init", "bench.csv", "-o", "mine.toml"]);
+    let path = folder.path().join("mine.toml");
+    let text = std::fs::read_to_string(&path).expect("a description");
+    let marked: Vec<usize> = (text.lines().zip(1..))
+        .filter(|(line, _)| line.starts_with(MARK))
+        .map(|(_, number)| number)
+        .collect();
+    let noted = || {
+        let output = run(folder.path(), &["replay", "mine.toml", "bench.csv"]);
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    let expected = format!(
+        "mine.toml: {} values are marked `# TO FILL IN`, the first in line {}",
+        marked.len(),
+        marked[0]
+    );
+    assert!(noted().starts_with(&expected), "{}", noted());
+    let without: String = (text.lines())
+        .filter(|line| !line.starts_with(MARK))
+        .map(|line| format!("{line}\n"))
+        .collect();
+    std::fs::write(&path, without).expect("written");
+    assert!(!noted().contains("TO FILL IN"), "{}", noted());
+}
+
+#[test]
 fn the_gearbox_with_its_index_and_more_gauges_than_an_estimator_takes() {
     let folder = bench();
     let machine = root().join("examples/gearbox/machine.toml");

@@ -236,6 +236,10 @@ fn names_folders_and_permissions_are_checked_first() {
         ("build - -o x.image", "give the name of a file"),
         ("calibrate machine.toml - -o x.toml", "standard input"),
         ("replay good.csv machine.toml", "it comes first"),
+        (
+            "diagnose machine.toml good.csv --validate ./good.csv",
+            "it is fitted as well",
+        ),
         ("build /dev/zero -o x.image", "allowed: up to 16 MiB"),
     ] {
         bench.refused(line, &[expected]);

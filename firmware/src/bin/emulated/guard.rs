@@ -18,7 +18,7 @@ unsafe extern "C" {
 /// Length of the forbidden region, 2^15 bytes: longer than any frame.
 const LOG2_LEN: u32 = 15;
 
-/// Blocks access to it from here on, but for HardFault and NMI, which start a stack of their own.
+/// Blocks access to it from here on, but for `HardFault` and NMI, which start a stack of their own.
 pub fn forbid_below_stack() {
     let end = ptr::addr_of!(_stack_end) as u32;
     // SAFETY: nothing of this program is in the region, and everywhere else the

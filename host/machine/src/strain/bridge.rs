@@ -70,13 +70,14 @@ pub enum TensionReads {
 pub struct StrainBridge {
     /// Bridge type, National Instruments nomenclature.
     pub bridge: BridgeKind,
-    /// Gauge factor on the gauge's data sheet, > 0. A calibration never changes it.
-    #[serde(deserialize_with = "positive")]
-    #[schemars(extend("exclusiveMinimum" = 0))]
+    /// Gauge factor on the gauge's data sheet, 0.5 to 200: metals have about 2, semiconductors up to
+    /// 200. A calibration never changes it.
+    #[serde(deserialize_with = "gauge_factor")]
+    #[schemars(range(min = 0.5, max = 200.0))]
     pub gauge_factor: f64,
-    /// Nominal resistance of one gauge (ohm), > 0.
-    #[serde(deserialize_with = "positive")]
-    #[schemars(extend("exclusiveMinimum" = 0))]
+    /// Nominal resistance of one gauge (ohm), 10 to 100 000; 120, 350 and 1000 are usual.
+    #[serde(deserialize_with = "gauge_resistance")]
+    #[schemars(range(min = 10.0, max = 1e5))]
     pub gauge_resistance_ohm: f64,
     /// Resistance of one lead wire (ohm), >= 0. Quarter and half bridges only: the formulas of
     /// the full bridges do not contain it.
@@ -229,6 +230,18 @@ fn not_negative<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Er
     in_range(deserializer, "a number >= 0", |v| v >= 0.0)
 }
 
+fn gauge_factor<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    in_range(deserializer, "0.5 to 200 (about 2 of metals)", |v| {
+        (0.5..=200.0).contains(&v)
+    })
+}
+
+fn gauge_resistance<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    in_range(deserializer, "10 to 100000 (ohm)", |v| {
+        (10.0..=1e5).contains(&v)
+    })
+}
+
 fn poisson_ratio<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     in_range(deserializer, "0 to 0.5", |v| (0.0..=0.5).contains(&v))
 }
@@ -375,8 +388,11 @@ mod tests {
             (
                 good.replace("2.08", "-1"),
                 2,
-                "found -1, allowed is a number > 0",
+                "found -1, allowed is 0.5 to 200",
             ),
+            // A point that is missing, and a value in kilohms.
+            (good.replace("2.08", "208"), 2, "allowed is 0.5 to 200"),
+            (good.replace("350", "0.35"), 3, "allowed is 10 to 100000"),
             (good.replace("2.08", "nan"), 2, "found NaN"),
             (
                 good.replace("full-2", "full-4"),
