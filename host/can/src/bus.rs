@@ -31,6 +31,9 @@ pub enum BusError {
     /// The controller has left the bus after too many errors.
     #[error("the controller is bus-off")]
     Off,
+    /// The serial adapter was unplugged.
+    #[error("the serial adapter is gone")]
+    Gone,
     /// There will never be another frame: the log has ended.
     #[error("the log has ended")]
     Ended,
@@ -73,6 +76,16 @@ pub trait Bus {
     /// Lines of a log that are no frame, and the number of the first.
     fn malformed(&self) -> (u64, Option<u64>) {
         (0, None)
+    }
+
+    /// Frames that the bus took at first and then refused.
+    fn refused(&self) -> u64 {
+        0
+    }
+
+    /// What a user should know of the bus before the first frame.
+    fn remark(&self) -> Option<&'static str> {
+        None
     }
 
     /// Brings what was written onto the disk.
@@ -123,6 +136,14 @@ impl<B: Bus + ?Sized> Bus for Box<B> {
 
     fn malformed(&self) -> (u64, Option<u64>) {
         (**self).malformed()
+    }
+
+    fn refused(&self) -> u64 {
+        (**self).refused()
+    }
+
+    fn remark(&self) -> Option<&'static str> {
+        (**self).remark()
     }
 
     fn finish(&mut self) -> Result<(), BusError> {
@@ -204,7 +225,12 @@ impl<B: Bus> Link<B> {
 
     /// Faults so far.
     pub fn counts(&self) -> LinkCounts {
-        self.counts
+        let refused = self.bus.refused();
+        LinkCounts {
+            sent: self.counts.sent.saturating_sub(refused),
+            dropped: self.counts.dropped + refused,
+            ..self.counts
+        }
     }
 
     /// The bus below.

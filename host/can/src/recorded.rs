@@ -93,6 +93,14 @@ impl<B: Bus> Bus for Recorded<B> {
         self.bus.malformed()
     }
 
+    fn refused(&self) -> u64 {
+        self.bus.refused()
+    }
+
+    fn remark(&self) -> Option<&'static str> {
+        self.bus.remark()
+    }
+
     fn finish(&mut self) -> Result<(), BusError> {
         self.bus.finish()?;
         self.log

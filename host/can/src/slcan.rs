@@ -5,7 +5,7 @@
 
 use std::io::{ErrorKind, Read, Write};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime};
@@ -24,11 +24,17 @@ const BIT_RATES: [u32; 9] = [
 /// Rate of the serial line (bit/s); adapters on USB ignore it.
 const LINE_RATE: u32 = 115_200;
 
+/// The answer that refuses a command or a frame.
+const BELL: u8 = 7;
+
 /// How often the reader looks whether it is to end.
 const POLL: Duration = Duration::from_millis(50);
 
 /// Longest time for which the adapter may take no bytes.
 const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Within this an adapter answers a command; some never do.
+const ANSWER: Duration = Duration::from_millis(300);
 
 /// Longest line: an FD frame of 64 bytes with its stamp (bytes).
 const LONGEST: usize = 160;
@@ -39,13 +45,17 @@ pub struct SlcanBus {
     received: Receiver<Result<Received, BusError>>,
     stop: Arc<AtomicBool>,
     start: Instant,
+    /// Frames that the adapter refused.
+    refused: Arc<AtomicU64>,
+    /// Whether it answered the commands that open the bus.
+    answers: bool,
 }
 
 impl SlcanBus {
     /// Opens the adapter at `port` and its bus with `bit_rate` (bit/s).
     ///
     /// # Errors
-    /// When there is no such port, or slcan has no such bit rate.
+    /// When there is no such port, slcan has no such bit rate, or the adapter refuses it.
     pub fn open(port: &str, bit_rate: u32) -> Result<Self, CanError> {
         let failed = |source: std::io::Error| CanError::Open {
             interface: port.to_owned(),
@@ -65,18 +75,34 @@ impl SlcanBus {
             .open()
             .map_err(|error| failed(error.into()))?;
         let reader = serial.try_clone().map_err(|error| failed(error.into()))?;
-        serial
-            .write_all(format!("C\rS{code}\rO\r").as_bytes())
-            .map_err(failed)?;
+        // An adapter whose bus is closed already refuses to close it, an open one still has frames.
+        command(serial.as_mut(), "C").map_err(failed)?;
+        let mut answers = true;
+        for (text, what) in [
+            (format!("S{code}"), format!("{bit_rate} bit/s")),
+            ("O".to_owned(), "to open its bus".to_owned()),
+        ] {
+            match command(serial.as_mut(), &text).map_err(failed)? {
+                Some(true) => {}
+                Some(false) => {
+                    let message = format!("the adapter refuses {what} (`{text}`)");
+                    return Err(failed(std::io::Error::other(message)));
+                }
+                None => answers = false,
+            }
+        }
         let (sender, received) = channel();
         let stop = Arc::new(AtomicBool::new(false));
-        let stopped = Arc::clone(&stop);
-        thread::spawn(move || read(reader, &sender, &stopped));
+        let refused = Arc::new(AtomicU64::new(0));
+        let (stopped, refusals) = (Arc::clone(&stop), Arc::clone(&refused));
+        thread::spawn(move || read(reader, &sender, &stopped, &refusals));
         Ok(Self {
             port: serial,
             received,
             stop,
             start: Instant::now(),
+            refused,
+            answers,
         })
     }
 
@@ -87,10 +113,38 @@ impl SlcanBus {
                 Ok(count) => bytes = bytes.get(count..).unwrap_or_default(),
                 Err(error) if is_wait(error.kind()) && Instant::now() < deadline => {}
                 Err(error) if is_wait(error.kind()) => return Err(BusError::Down),
-                Err(error) => return Err(error.into()),
+                Err(error) => return Err(gone_or(error)),
             }
         }
         Ok(())
+    }
+}
+
+/// Sends a command and waits for its answer: true for a carriage return, false for a bell, none where
+/// none comes in time.
+fn command(port: &mut dyn SerialPort, text: &str) -> std::io::Result<Option<bool>> {
+    port.write_all(format!("{text}\r").as_bytes())?;
+    let deadline = Instant::now() + ANSWER;
+    // One at a time: behind the answer come frames.
+    let mut byte = [0];
+    while Instant::now() < deadline {
+        match port.read(&mut byte) {
+            Ok(0) => break,
+            Ok(_) if byte == [b'\r'] => return Ok(Some(true)),
+            Ok(_) if byte == [BELL] => return Ok(Some(false)),
+            Ok(_) => {}
+            Err(error) if is_wait(error.kind()) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(None)
+}
+
+/// What an error of the port means: another side that was closed is an adapter that is gone.
+fn gone_or(error: std::io::Error) -> BusError {
+    match error.kind() {
+        ErrorKind::BrokenPipe | ErrorKind::NotFound => BusError::Gone,
+        _ => error.into(),
     }
 }
 
@@ -106,6 +160,7 @@ fn read(
     mut port: Box<dyn SerialPort>,
     sender: &Sender<Result<Received, BusError>>,
     stop: &AtomicBool,
+    refused: &AtomicU64,
 ) {
     let mut line = Vec::with_capacity(LONGEST);
     let mut bytes = [0; 4096];
@@ -113,14 +168,13 @@ fn read(
         let count = match port.read(&mut bytes) {
             // The other side of a terminal is closed.
             Ok(0) => {
-                let _ = sender.send(Err(BusError::Ended));
+                let _ = sender.send(Err(BusError::Gone));
                 return;
             }
             Ok(count) => count,
             Err(error) if is_wait(error.kind()) => continue,
             Err(error) => {
-                let gone = matches!(error.kind(), ErrorKind::BrokenPipe | ErrorKind::NotFound);
-                let _ = sender.send(Err(if gone { BusError::Ended } else { error.into() }));
+                let _ = sender.send(Err(gone_or(error)));
                 return;
             }
         };
@@ -129,8 +183,10 @@ fn read(
             .unwrap_or_default();
         let t_us = since.as_micros() as u64;
         for byte in bytes.iter().take(count) {
-            // A bell refuses a command.
-            if !matches!(byte, b'\r' | 7) {
+            if *byte == BELL {
+                refused.fetch_add(1, Ordering::Relaxed);
+            }
+            if !matches!(*byte, b'\r' | BELL) {
                 if line.len() < LONGEST {
                     line.push(*byte);
                 }
@@ -221,6 +277,16 @@ impl Bus for SlcanBus {
             Some(line) => self.write(line.as_bytes()),
             None => Ok(()),
         }
+    }
+
+    fn refused(&self) -> u64 {
+        self.refused.load(Ordering::Relaxed)
+    }
+
+    fn remark(&self) -> Option<&'static str> {
+        (!self.answers).then_some(
+            "the adapter does not answer commands; where no frames come, check that it speaks slcan and is free",
+        )
     }
 
     /// The adapter restarts the controller by itself.

@@ -57,7 +57,7 @@ pub struct TwinSummary {
     pub figures: Figures,
     /// What the bus did.
     pub bus: LinkCounts,
-    /// Lines of the log that are no frame.
+    /// Lines of the log that are no frame; damaged or missing containers of a BLF log.
     pub malformed_lines: u64,
     /// The first of them.
     pub first_malformed_line: Option<u64>,
@@ -154,8 +154,13 @@ fn compare<B: Bus>(
     let mut figures = comparison.figures();
     figures.foreign_frames += link.bus().foreign();
     let (malformed_lines, first_malformed_line) = link.bus().malformed();
+    // What could not be read may have been a frame of the machine.
+    let verdict = match comparison.verdict(true) {
+        Verdict::Identical if malformed_lines > 0 => Verdict::Incomplete,
+        verdict => verdict,
+    };
     Ok(TwinSummary {
-        verdict: comparison.verdict(true),
+        verdict,
         model: model.hash,
         figures,
         bus: link.counts(),

@@ -26,11 +26,17 @@ pub struct Figures {
     /// Normalised innovations of each sensor.
     innovations: Vec<Autocorrelation>,
     flags: BTreeMap<&'static str, u64>,
+    /// The same of each load alone.
+    load_flags: Vec<BTreeMap<&'static str, u64>>,
 }
 
 /// One load's errors, in the keys of `--json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct LoadFigures {
+    /// Samples in which it is valid [%].
+    pub valid_percent: Option<f64>,
+    /// How often each kind of fault was flagged on it.
+    pub flags: BTreeMap<&'static str, u64>,
     /// Normalised mean absolute error, full and by segment [% of the nominal load].
     pub nmae_percent: BTreeMap<String, Option<f64>>,
     /// Root mean square error [% of the nominal load].
@@ -79,6 +85,7 @@ impl Figures {
             bands: vec![Band::default(); loads.len()],
             innovations: Vec::new(),
             sums: vec![(0.0, 0.0, 0); loads.len()],
+            load_flags: vec![BTreeMap::new(); loads.len()],
             loads,
             reference_of,
             samples: 0,
@@ -132,8 +139,9 @@ impl Figures {
                 *count += 1;
             }
         }
-        for load in &estimate.loads {
+        for (load, flags) in estimate.loads.iter().zip(&mut self.load_flags) {
             if !load.fault.is_none() {
+                *flags.entry(load.fault.name()).or_default() += 1;
                 *self.flags.entry(load.fault.name()).or_default() += 1;
             }
         }
@@ -202,7 +210,12 @@ impl Figures {
                     nmae.insert(segment.into(), percent(figures.nmae_percent(*nominal)));
                 }
                 let rmse = percent(error.full().rmse());
+                let flags = self.load_flags[j].clone();
+                let valid = self.samples.saturating_sub(flags.values().sum());
                 let figures = LoadFigures {
+                    valid_percent: (self.samples > 0)
+                        .then(|| 100.0 * valid as f64 / self.samples as f64),
+                    flags,
                     nmae_percent: nmae,
                     rmse_percent: rmse.map(|rmse| 100.0 * rmse / nominal),
                     rmse,

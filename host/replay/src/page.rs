@@ -1,5 +1,7 @@
 //! The report of a replay.
 
+use std::collections::BTreeMap;
+
 use loadtwin_common::io::estimate::Estimate;
 
 use super::{Consistency, Displacements, Figures, Phasor, Sample};
@@ -116,7 +118,10 @@ fn key_figures(figures: &Figures) -> Vec<KeyFigure> {
             Some(KeyFigure {
                 label: format!("NMAE {name}"),
                 value: format!("{nmae:.2} %"),
-                note: "mean absolute error over the nominal load".into(),
+                note: format!(
+                    "mean absolute error over the nominal load; valid in {} % of the time",
+                    cell(load.valid_percent)
+                ),
             })
         })
         .collect();
@@ -153,16 +158,12 @@ fn key_figures(figures: &Figures) -> Vec<KeyFigure> {
 /// Consistency and flags of each sensor.
 fn sensor_table(consistency: &Consistency) -> Table {
     let rows = consistency.sensors.iter().map(|sensor| {
-        let flags = sensor
-            .flags
-            .iter()
-            .map(|(fault, count)| format!("{fault}: {count}"));
         vec![
             sensor.name.clone(),
             cell(sensor.contradicting_percent),
             cell(sensor.nis),
             cell(sensor.bias),
-            flags.collect::<Vec<_>>().join(", "),
+            listed(&sensor.flags),
         ]
     });
     Table {
@@ -177,14 +178,18 @@ fn error_table(machine: &Machine, figures: &Figures) -> Table {
     let segments = machine.segments.iter().map(|s| s.name.clone());
     let mut columns = vec!["Load".to_owned(), "full".to_owned()];
     columns.extend(segments.clone());
-    columns.push("RMSE".into());
+    columns.extend(["RMSE", "valid [% of the time]", "flagged"].map(String::from));
     let rows = figures
         .loads()
         .map(|(name, load)| {
             let nmae = |key: &str| cell(load.nmae_percent.get(key).copied().flatten());
             let mut row = vec![name.to_owned(), nmae("full")];
             row.extend(segments.clone().map(|segment| nmae(&segment)));
-            row.push(cell(load.rmse_percent));
+            row.extend([
+                cell(load.rmse_percent),
+                cell(load.valid_percent),
+                listed(&load.flags),
+            ]);
             row
         })
         .collect();
@@ -214,6 +219,13 @@ fn baseline_table(machine: &Machine, phasor: &Phasor) -> Option<Table> {
             .collect(),
         rows,
     })
+}
+
+fn listed(flags: &BTreeMap<&'static str, u64>) -> String {
+    let flags = flags
+        .iter()
+        .map(|(fault, count)| format!("{fault}: {count}"));
+    flags.collect::<Vec<_>>().join(", ")
 }
 
 fn cell(value: Option<f64>) -> String {

@@ -78,6 +78,8 @@ pub struct Rows {
     pub x: Vec<f64>,
     /// The columns, each as long as `x`.
     pub columns: Vec<Vec<f32>>,
+    /// Rows of each bucket, 1 to 3.
+    pub buckets: Vec<u8>,
 }
 
 impl MinMaxDecimator {
@@ -176,6 +178,7 @@ impl MinMaxDecimator {
         let mut rows = Rows {
             x: Vec::new(),
             columns: vec![Vec::new(); self.columns],
+            buckets: Vec::new(),
         };
         for (bucket, &[first, last]) in self.spans.iter().enumerate() {
             let extremes = &self.extremes[bucket * self.columns..(bucket + 1) * self.columns];
@@ -183,6 +186,7 @@ impl MinMaxDecimator {
             let one_value = |e: &Extremes| e.low == e.high || e.low.is_nan();
             let single = first == last && extremes.iter().all(one_value);
             let broken = extremes.iter().any(breaks);
+            rows.buckets.push(1 + u8::from(!single) + u8::from(broken));
             rows.x.push(first);
             if !single {
                 rows.x.push(last);

@@ -49,6 +49,7 @@ mod decimator;
 mod page;
 mod replay_plots;
 mod scatter;
+mod sensor_plots;
 
 pub use decimator::{MinMaxDecimator, Rows};
 pub use page::{PAGE, ReportError};

@@ -128,6 +128,8 @@ impl Report {
         let data = json!({
             "time": {
                 "x": encode_f64(&rows.x),
+                "buckets": STANDARD.encode(&rows.buckets),
+                "perBucket": time.map_or(1, MinMaxDecimator::samples_per_bucket),
                 "columns": rows.columns.iter().map(|c| encode_f32(c)).collect::<Vec<_>>(),
             },
             "plots": self.plots().map(|plot| plot_json(plot, halvings)).collect::<Vec<_>>(),

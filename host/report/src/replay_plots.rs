@@ -1,25 +1,18 @@
 //! The plots of a replay, gathered sample by sample.
 
-use super::{
-    Axis, Data, Limit, Mark, MinMaxDecimator, Plot, PlotSize, Role, ScatterSample, Section, Series,
-    Shaded, autocorrelation_plot, normalised_histogram_plot,
-};
-use loadtwin_common::io::estimate::{Estimate, LoadEstimate, SensorEstimate};
-use loadtwin_common::io::fault::Fault;
-use loadtwin_math::metrics::{Autocorrelation, Histogram, NisConsistency, chi_squared_bounds};
+use super::{Axis, Data, Limit, Mark, MinMaxDecimator, Plot, Role, Section, Series, Shaded};
+use crate::sensor_plots::{SENSOR_COLUMNS, SensorPlots, flag};
+use loadtwin_common::io::estimate::{Estimate, LoadEstimate};
+use loadtwin_math::metrics::{NisConsistency, chi_squared_bounds};
 
 /// Buckets over time: with two points each, more than a wide screen has pixels.
 const BUCKETS: usize = 4096;
 
-/// Points of a scatter plot: enough for a shape, few enough to distinguish them.
-const POINTS: usize = 2000;
-
 /// Samples that the smoothed NIS looks back on.
 const SMOOTHED_SAMPLES: f64 = 200.0;
 
-/// Columns over time for each load and each sensor, and for the NIS.
+/// Columns over time for each load, and for the NIS.
 const LOAD_COLUMNS: usize = 6;
-const SENSOR_COLUMNS: usize = 4;
 const NIS_COLUMNS: usize = 4;
 
 /// How a load is shown.
@@ -59,28 +52,13 @@ pub struct ReplayPlots {
     most_channels: usize,
 }
 
-struct SensorPlots {
-    label: SensorLabel,
-    over_angle: ScatterSample,
-    acf: Autocorrelation,
-    histogram: Histogram,
-}
-
 impl ReplayPlots {
     /// Nothing gathered yet; loads and sensors in the order of [`Estimate`].
     pub fn new(loads: Vec<LoadLabel>, sensors: Vec<SensorLabel>) -> Self {
         let columns = LOAD_COLUMNS * loads.len() + SENSOR_COLUMNS * sensors.len() + NIS_COLUMNS;
         Self {
             loads: loads.into_iter().map(|load| (load, false)).collect(),
-            sensors: sensors
-                .into_iter()
-                .map(|label| SensorPlots {
-                    label,
-                    over_angle: ScatterSample::new(POINTS),
-                    acf: Autocorrelation::default(),
-                    histogram: Histogram::new(-5.0, 5.0, 50),
-                })
-                .collect(),
+            sensors: sensors.into_iter().map(SensorPlots::new).collect(),
             time: MinMaxDecimator::new(columns, BUCKETS),
             row: Vec::with_capacity(columns),
             nis: NisConsistency::default(),
@@ -92,8 +70,8 @@ impl ReplayPlots {
     /// Adds the estimate at `t_s` (s), not before the last.
     ///
     /// `references`: one for each load, in its unit, NaN where there is none; may be shorter. A
-    /// load that is not valid and a sensor that was not read leave a gap; a sensor that was gated out
-    /// is shown, but takes no part in autocorrelation, distribution and NIS.
+    /// load that is not valid and a sensor that was not read leave a gap; a sensor that is flagged is
+    /// shown, but takes no part in autocorrelation, distribution and NIS.
     pub fn push(&mut self, t_s: f64, references: &[f64], estimate: &Estimate) {
         self.row.clear();
         for (i, (_, has_reference)) in self.loads.iter_mut().enumerate() {
@@ -201,93 +179,6 @@ impl ReplayPlots {
     }
 }
 
-impl SensorPlots {
-    /// Gathers one reading; measured, predicted and innovation for the row.
-    fn push(&mut self, angle: f64, read: Option<SensorEstimate>) -> [f64; SENSOR_COLUMNS] {
-        let shown = read.filter(|s| matches!(s.fault, Fault::None | Fault::Erratic));
-        let Some(sensor) = shown else {
-            self.acf.push(f64::NAN);
-            let flagged = read.map_or(f64::NAN, |sensor| flag(sensor.fault));
-            return [f64::NAN, f64::NAN, f64::NAN, flagged];
-        };
-        let innovation = f64::from(sensor.innovation);
-        if sensor.fault.is_none() {
-            self.acf.push(innovation);
-            self.histogram
-                .push(innovation / f64::from(sensor.innovation_variance).sqrt());
-        } else {
-            self.acf.push(f64::NAN);
-        }
-        let measured = f64::from(sensor.measured);
-        let values = [measured, measured - innovation, innovation].map(|v| v * self.label.factor);
-        if self.label.over_angle {
-            self.over_angle.push(&[angle, values[0], values[1]]);
-        }
-        let [measured, predicted, innovation] = values;
-        [measured, predicted, innovation, flag(sensor.fault)]
-    }
-
-    fn reading_plots(&self, column: usize) -> Vec<Plot> {
-        let label = &self.label;
-        let over_time = Plot {
-            title: label.name.clone(),
-            size: PlotSize::Half,
-            y: Axis::new(&label.quantity, &label.unit),
-            data: Data::Time(vec![
-                (Series::line("measured", Role::Measured), column),
-                (Series::line("predicted", Role::Predicted), column + 1),
-            ]),
-            shaded: Some(Shaded::new("flagged", column + 3)),
-            ..Plot::default()
-        };
-        let mut columns = self.over_angle.columns().into_iter();
-        let (Some(x), Some(measured), Some(predicted)) =
-            (columns.next(), columns.next(), columns.next())
-        else {
-            return vec![over_time];
-        };
-        let points = |label: &str, role| Series::new(label, role, Mark::Points);
-        let over_angle = Plot {
-            title: format!("{}, over the angle", label.name),
-            x: Axis::new("Angle", "°"),
-            data: Data::Own {
-                x,
-                series: vec![
-                    (points("measured", Role::Measured), measured),
-                    (points("predicted", Role::Predicted), predicted),
-                ],
-            },
-            shaded: None,
-            ..over_time.clone()
-        };
-        vec![over_time, over_angle]
-    }
-
-    fn innovation_plots(&self, column: usize) -> [Plot; 3] {
-        let name = &self.label.name;
-        [
-            Plot {
-                title: format!("{name}, innovation"),
-                size: PlotSize::Third,
-                y: Axis::new("Innovation", &self.label.unit),
-                data: Data::Time(vec![(
-                    Series::line("innovation", Role::Innovation),
-                    column + 2,
-                )]),
-                shaded: Some(Shaded::new("flagged", column + 3)),
-                ..Plot::default()
-            },
-            autocorrelation_plot(&format!("{name}, autocorrelation"), &self.acf),
-            normalised_histogram_plot(&format!("{name}, distribution"), &self.histogram),
-        ]
-    }
-}
-
-/// 1 where there is a fault, as plots are shaded by it.
-fn flag(fault: Fault) -> f64 {
-    f64::from(u8::from(!fault.is_none()))
-}
-
 fn load_plots(label: &LoadLabel, known: bool, column: usize) -> Vec<Plot> {
     let mut series = vec![
         (Series::line("estimate", Role::Estimate), column),
@@ -366,6 +257,8 @@ fn flags_plot(column: usize) -> Plot {
 mod tests {
     use super::*;
     use crate::Report;
+    use loadtwin_common::io::estimate::SensorEstimate;
+    use loadtwin_common::io::fault::Fault;
 
     fn labels() -> (Vec<LoadLabel>, Vec<SensorLabel>) {
         let load = LoadLabel {
@@ -433,7 +326,7 @@ mod tests {
         near(2, [94.0, 94.0, gap]);
         near(3, [90.0, gap, gap]);
         near(4, [10.0, gap, gap]);
-        near(5, [0.0, 0.0, 1.0]);
+        near(5, [0.0, 0.0, 0.0]);
         near(6, [50.0, 50.0, gap]);
         near(7, [48.0, 48.0, gap]);
         near(9, [0.0, 0.0, gap]);
@@ -457,7 +350,7 @@ mod tests {
     fn a_load_that_is_not_valid_is_a_gap() {
         let (loads, sensors) = labels();
         let mut plots = ReplayPlots::new(loads, sensors);
-        let mut not_valid = estimate([Fault::None, Fault::Erratic]);
+        let mut not_valid = estimate([Fault::None, Fault::Stuck]);
         not_valid.loads[0] = LoadEstimate {
             value: 0.0,
             fault: Fault::NotValid,
@@ -469,7 +362,9 @@ mod tests {
         for gap in [0, 1, 2, 4] {
             assert!(columns[gap][0].is_nan(), "{gap}: {:?}", columns[gap]);
         }
-        assert_eq!(columns[3][0], 90.0);
+        assert_eq!((columns[3][0], columns[5][0]), (90.0, 1.0));
+        // What a sensor that is flagged read is shown.
+        assert_eq!((columns[10][0], columns[13][0]), (50.0, 1.0));
         let flags = columns.len() - 2;
         assert_eq!([columns[flags][0], columns[flags + 1][0]], [1.0, 1.0]);
     }

@@ -17,7 +17,7 @@ use crate::atomic_file::AtomicFile;
 use crate::build::{self, Filter, Sensors};
 use crate::files::content::Content;
 use crate::key::SigningKey;
-use crate::machine::{Kind, Machine, Rotor};
+use crate::machine::{Kind, Rotor};
 use crate::rotor::RotorFilterDesign;
 use crate::seal::seal;
 

@@ -161,13 +161,21 @@ pub struct Dbc {
     sensors: Option<String>,
 }
 
+/// The bus, with what is to be known of it on standard error.
+fn noted(bus: Box<dyn Bus>) -> Box<dyn Bus> {
+    if let Some(remark) = bus.remark() {
+        note(format_args!("{remark}\n"));
+    }
+    bus
+}
+
 /// Opens a bus; with `log`, all that it carries is written there.
 fn opened(
     source: Source<'_>,
     block: Option<u16>,
     log: Option<&Path>,
 ) -> Result<Box<dyn Bus>, CanError> {
-    let bus = source.open(block, None)?;
+    let bus = noted(source.open(block, None)?);
     let Some(log) = log else {
         return Ok(bus);
     };
@@ -259,7 +267,7 @@ impl Upload {
         let image = bounded::read(&self.image, LARGEST_IMAGE).with_context(|| name.clone())?;
         let uploader = Uploader::new(image).context(name)?;
         let stop = stop_on_signal()?;
-        let bus = Source::of(&self.interface)?.open(None, None)?;
+        let bus = noted(Source::of(&self.interface)?.open(None, None)?);
         let progress = Progress::new("upload");
         let summary = upload::run(uploader, bus, |part| progress.show(part), &stop)?;
         drop(progress);
@@ -344,7 +352,7 @@ impl Twin {
         let image = self.model.load()?;
         let model = Model::from_bytes(&image)?;
         let stop = stop_on_signal()?;
-        let bus = source.open(Some(model.image.can_base), None)?;
+        let bus = noted(source.open(Some(model.image.can_base), None)?);
         let mut view = shown_of(source.log().is_some())?;
         let summary = twin::run(&model, bus, &self.args, &mut *view, &stop)?;
         report_verdict(&summary, as_json)
@@ -381,7 +389,7 @@ impl Monitor {
         let stop = stop_on_signal()?;
         // The whole bus: what is not the machine's is counted too.
         let source = Source::of(&self.args.interface)?;
-        let mut bus = source.open(None, None)?;
+        let mut bus = noted(source.open(None, None)?);
         let mut view: Box<dyn View> = match self.args.web {
             None => shown_of(source.log().is_some())?,
             Some(address) => {

@@ -83,8 +83,9 @@ function build() {
 
 function faultIn(element, { fault, cause }) {
   const good = fault === "none" || fault === "";
-  element.className = good ? "good" : "bad";
-  element.textContent = good ? "valid" : `${fault.replaceAll("_", " ")}: ${cause}`;
+  const isSilent = fault === "";
+  element.className = good && !isSilent ? "good" : "bad";
+  element.textContent = isSilent ? "no data" : good ? "valid" : `${fault.replaceAll("_", " ")}: ${cause}`;
 }
 
 const BITS = {
@@ -100,7 +101,9 @@ function draw() {
     c.show(last);
   }
   const state = byId("state");
-  state.textContent = last.status ? last.status.state : "";
+  // The status is the last one that came; it says nothing of a machine that is silent.
+  const isSilent = last.loads.length > 0 && last.loads.every(load => load.fault === "");
+  state.textContent = isSilent ? "no frames" : last.status ? last.status.state : "";
   const bits = byId("bits"), [className, words] = BITS[last.verdict] ?? ["", ""];
   bits.className = "tag " + className;
   bits.textContent = words;
@@ -131,6 +134,9 @@ function connect() {
   socket.onclose = () => {
     link.className = "tag bad";
     link.textContent = "not connected";
+    byId("bits").textContent = byId("state").textContent = "";
+    for (const value of document.querySelectorAll(".load .value, .load .std")) value.textContent = "";
+    for (const good of document.querySelectorAll(".load .good, #sensors .good")) { good.className = "bad"; good.textContent = "no data"; }
     setTimeout(connect, delay);
     delay = Math.min(2 * delay, LAST_DELAY);
   };

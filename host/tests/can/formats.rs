@@ -63,3 +63,42 @@ fn every_format_of_the_same_traffic_gives_the_same_proof() {
         }
     }
 }
+
+/// A BLF log that is cut off or damaged in one container: the others are compared, and it is no proof.
+#[test]
+fn a_damaged_binary_log_is_incomplete() {
+    let image = image();
+    let model = Model::from_bytes(&image).expect("good");
+    let folder = tempfile::tempdir().expect("a folder");
+    let log = folder.path().join("bus.log");
+    let mut writer = LogWriter::create(&log, "can0").expect("created");
+    for received in traffic(&model, &samples(3000, |_| false), false) {
+        writer.write(&received).expect("written");
+    }
+    writer.finish().expect("written");
+    let others = folder.path().join("others");
+    std::fs::create_dir(&others).expect("a folder");
+    let others = converted(&log, &others);
+    let blf = others.iter().find(|path| path.ends_with("blf"));
+    let whole = std::fs::read(blf.expect("a BLF log")).expect("read");
+    let containers: Vec<usize> = (0..whole.len() - 4)
+        .filter(|at| whole[*at..].starts_with(b"LOBJ"))
+        .collect();
+    assert!(containers.len() > 2, "{containers:?}");
+    let mut bits = whole.clone();
+    let middle = usize::midpoint(containers[1], containers[2]);
+    bits[middle..middle + 64].fill(0xFF);
+    let path = folder.path().join("damaged.blf");
+    for (damaged, most) in [
+        (&whole[..2 * whole.len() / 3], 2999),
+        (&whole[..containers[2]], 2999),
+        (&bits[..], 2999),
+    ] {
+        std::fs::write(&path, damaged).expect("written");
+        let summary = proved(&model, &path);
+        assert_eq!(summary.verdict, Verdict::Incomplete);
+        assert_eq!(summary.malformed_lines, 1);
+        let samples = summary.figures.samples;
+        assert!((1000..=most).contains(&samples), "{samples}");
+    }
+}

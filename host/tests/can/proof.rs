@@ -289,7 +289,8 @@ fn a_log_is_proved_and_its_bad_lines_are_counted() {
         interface: None,
     };
     let summary = twin::prove(&model, &args, &mut Quiet, &NEVER).expect("proved");
-    assert_eq!(summary.verdict, Verdict::Identical);
+    // The torn line may have been a frame of the machine.
+    assert_eq!(summary.verdict, Verdict::Incomplete);
     assert_eq!(
         (summary.figures.samples, summary.malformed_lines),
         (1000, 1)

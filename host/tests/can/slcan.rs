@@ -7,6 +7,8 @@ use std::sync::atomic::AtomicBool;
 use std::thread;
 use std::time::Duration;
 
+use loadtwin::can::CanError;
+use loadtwin::can::bus::{Bus, BusError, Link};
 use loadtwin::can::bus_frame::{BusFrame, FrameKind};
 use loadtwin::can::comparison::Verdict;
 use loadtwin::can::page::Quiet;
@@ -79,4 +81,85 @@ fn a_minute_of_a_machine_over_a_terminal_is_identical() {
         assert_eq!(figures.samples, taken.len() as u64);
         assert_eq!((figures.lost_frames, figures.differing_bits), (0, 0));
     }
+}
+
+/// A pseudo-terminal, and an adapter at its end that answers each command or frame with what `answer`
+/// says, until that says nothing.
+fn adapter(
+    mut answer: impl FnMut(&str) -> Option<&'static [u8]> + Send + 'static,
+) -> (String, thread::JoinHandle<()>, TTYPort) {
+    let (mut adapter, terminal) = TTYPort::pair().expect("a pseudo-terminal");
+    adapter.set_timeout(Duration::from_secs(5)).expect("a time");
+    let name = format!("slcan:{}@500000", terminal.name().expect("a name"));
+    let thread = thread::spawn(move || {
+        let (mut line, mut byte) = (String::new(), [0]);
+        while adapter.read_exact(&mut byte).is_ok() {
+            if byte != *b"\r" {
+                line.push(char::from(byte[0]));
+                continue;
+            }
+            let Some(bytes) = answer(&line) else { return };
+            adapter.write_all(bytes).expect("written");
+            line.clear();
+        }
+    });
+    (name, thread, terminal)
+}
+
+fn open(name: &str) -> Result<Box<dyn Bus>, CanError> {
+    Source::of(name).expect("a name").open(None, None)
+}
+
+#[test]
+fn a_bit_rate_that_the_adapter_refuses_is_an_error() {
+    // A bus that is closed already cannot be closed, which is no error.
+    let (name, _adapter, _terminal) =
+        adapter(|line| Some(if line == "O" { b"\r" } else { b"\x07" }));
+    let error = open(&name).err().expect("refused").to_string();
+    assert!(error.contains("refuses 500000 bit/s (`S6`)"), "{error}");
+}
+
+#[test]
+fn an_adapter_that_is_gone_is_an_error() {
+    let mut commands = 0;
+    let (name, adapter, terminal) = adapter(move |_| {
+        commands += 1;
+        (commands < 4).then_some(&b"\r"[..])
+    });
+    let bus = open(&name).expect("opened");
+    assert_eq!(bus.remark(), None);
+    let mut link = Link::new(bus, Duration::from_secs(1));
+    drop(terminal);
+    let frame = BusFrame::new(FrameKind::Data, 0x123, false, &[1]).expect("a frame");
+    link.send(&frame, &AtomicBool::new(false)).expect("taken");
+    adapter.join().expect("gone");
+    let gone = (0..50).find_map(|_| link.receive(Duration::from_millis(100)).err());
+    assert!(matches!(gone, Some(BusError::Gone)), "{gone:?}");
+}
+
+#[test]
+fn frames_that_the_adapter_refuses_are_dropped() {
+    let (name, _adapter, _terminal) = adapter(|line| match line {
+        "C" | "S6" | "O" => Some(b"\r"),
+        _ => Some(b"\x07"),
+    });
+    let mut link = Link::new(open(&name).expect("opened"), Duration::from_secs(1));
+    let frame = BusFrame::new(FrameKind::Data, 0x123, false, &[1]).expect("a frame");
+    for _ in 0..3 {
+        assert!(link.send(&frame, &AtomicBool::new(false)).expect("taken"));
+    }
+    let all_answered = (0..50).any(|_| {
+        let _ = link.receive(Duration::from_millis(100));
+        link.counts().dropped == 3
+    });
+    assert!(all_answered, "{:?}", link.counts());
+    assert_eq!(link.counts().sent, 0);
+}
+
+#[test]
+fn an_adapter_that_does_not_answer_is_remarked() {
+    let (_adapter, terminal) = TTYPort::pair().expect("a pseudo-terminal");
+    let name = format!("slcan:{}@500000", terminal.name().expect("a name"));
+    let bus = open(&name).expect("opened");
+    assert!(bus.remark().expect("a remark").contains("does not answer"));
 }

@@ -330,12 +330,21 @@ fn plots_are_shaded_saved_and_printed() {
             "no {text} in {texts:?}"
         );
     }
+    // Of each bucket from when to when, and the least and the greatest value.
+    let names = ["estimate", "estimate + 2 σ", "estimate - 2 σ", "reference"];
+    let ends = names.map(|name| format!("{name} [N m] least,{name} [N m] greatest"));
     assert_eq!(
         result["csv"][0],
-        "Time [s],estimate [N m],± 2 σ [N m],- 2 σ [N m],reference [N m]"
+        format!("Time [s] from,Time [s] to,{},not valid", ends.join(","))
     );
-    let cells = result["csv"][1].as_str().unwrap().split(',').count();
-    assert_eq!(cells, 5);
+    let cells: Vec<f64> = (result["csv"][1].as_str().unwrap().split(','))
+        .map(|cell| cell.parse().unwrap())
+        .collect();
+    assert_eq!((cells.len(), cells[0], cells[10]), (11, 0.0, 0.0));
+    assert!(
+        cells[1] > 0.01 && cells[2] <= cells[3] && cells[4] > cells[2],
+        "{cells:?}"
+    );
     let [width, height]: [f64; 2] = serde_json::from_value(result["png"].clone()).unwrap();
     assert!(width > 1000.0 && height > 300.0, "{width} {height}");
 

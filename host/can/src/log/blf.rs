@@ -34,6 +34,14 @@ pub(super) struct Blf<R> {
     objects: Vec<u8>,
     at: usize,
     started: bool,
+    /// Containers read, those that are damaged or missing, and the first of them.
+    containers: u64,
+    malformed: u64,
+    first_malformed: Option<u64>,
+    /// Bytes read, and those that the header states; 0 where its writer did not come to an end.
+    read: u64,
+    stated: u64,
+    ended: bool,
 }
 
 fn u16_at(bytes: &[u8], at: usize) -> Option<u16> {
@@ -58,7 +66,33 @@ impl<R: Read> Blf<R> {
             objects: Vec::new(),
             at: 0,
             started: false,
+            containers: 0,
+            malformed: 0,
+            first_malformed: None,
+            read: 0,
+            stated: 0,
+            ended: false,
         }
+    }
+
+    /// Containers that are damaged or missing, and the number of the first.
+    pub(super) fn malformed(&self) -> (u64, Option<u64>) {
+        (self.malformed, self.first_malformed)
+    }
+
+    fn damaged(&mut self) {
+        self.malformed += 1;
+        self.first_malformed.get_or_insert(self.containers);
+    }
+
+    /// Nothing more is read; what the header states and is not there is missing.
+    fn end(&mut self) -> bool {
+        if !self.ended && self.read < self.stated {
+            self.containers += 1;
+            self.damaged();
+        }
+        self.ended = true;
+        false
     }
 
     /// The next frame; none at the end.
@@ -82,7 +116,10 @@ impl<R: Read> Blf<R> {
             let size = start.and_then(|start| Some((start, u32_at(open, start + 8)? as usize)));
             if let Some((start, size)) = size {
                 if !(HEAD..=LARGEST).contains(&size) {
-                    return Err(damaged("the size of an object"));
+                    // On to what looks like the next object.
+                    self.at += start + 4;
+                    self.damaged();
+                    continue;
                 }
                 if let Some(object) = open.get(start..start + size) {
                     let object = object.to_vec();
@@ -96,35 +133,38 @@ impl<R: Read> Blf<R> {
         }
     }
 
-    /// Reads the next container; false at the end.
+    /// Reads the next container; false at the end. A damaged one is counted and passed over.
     fn fill(&mut self) -> io::Result<bool> {
         if !self.started {
             self.started = true;
-            let mut head = [0; 8];
-            self.source.read_exact(&mut head)?;
+            let head = self.take(24)?;
             let size = u32_at(&head, 4).unwrap_or(0) as usize;
-            if !head.starts_with(b"LOGG") || !(8..=LARGEST).contains(&size) {
+            if !head.starts_with(b"LOGG") || !(24..=LARGEST).contains(&size) {
                 return Err(damaged("its header"));
             }
-            if self.take(size - 8)?.len() < size - 8 {
+            if self.take(size - 24)?.len() < size - 24 {
                 return Err(damaged("its header is cut off"));
             }
+            let stated = head.get(16..24).and_then(|bytes| bytes.try_into().ok());
+            self.stated = stated.map_or(0, u64::from_le_bytes);
         }
-        let mut head = [0; HEAD];
-        // Where the log is cut off, what came before is there.
-        if let Err(error) = self.source.read_exact(&mut head) {
-            return if error.kind() == io::ErrorKind::UnexpectedEof {
-                Ok(false)
-            } else {
-                Err(error)
-            };
+        if self.ended {
+            return Ok(false);
         }
+        let head = self.take(HEAD)?;
+        if head.len() < HEAD {
+            return Ok(self.end());
+        }
+        self.containers += 1;
         let (size, kind) = (
             u32_at(&head, 8).unwrap_or(0) as usize,
             u32_at(&head, 12).unwrap_or(0),
         );
         if !head.starts_with(b"LOBJ") || !(HEAD..=LARGEST).contains(&size) {
-            return Err(damaged("the head of a container"));
+            // Where the next one begins is not known.
+            self.damaged();
+            self.ended = true;
+            return Ok(false);
         }
         let body = self.take(size - HEAD)?;
         // Objects are padded to whole words in the file.
@@ -136,20 +176,18 @@ impl<R: Read> Blf<R> {
             self.objects.extend(body);
             return Ok(true);
         }
-        let method = u16_at(&body, 0).ok_or_else(|| damaged("a container"))?;
-        let content = body.get(16..).ok_or_else(|| damaged("a container"))?;
-        match method {
-            0 => self.objects.extend(content),
-            2 => {
+        match (u16_at(&body, 0), body.get(16..)) {
+            (Some(0), Some(content)) => self.objects.extend(content),
+            (Some(2), Some(content)) => {
                 let mut expanded = ZlibDecoder::new(content).take(LARGEST as u64);
-                // A container that is cut off holds whole objects all the same.
-                match expanded.read_to_end(&mut self.objects) {
-                    Ok(_) => {}
-                    Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => {}
-                    Err(error) => return Err(damaged(&error.to_string())),
+                // What stands before the damage is whole; a cut at the end of the file is counted there.
+                if let Err(error) = expanded.read_to_end(&mut self.objects)
+                    && (error.kind() != io::ErrorKind::UnexpectedEof || self.read >= self.stated)
+                {
+                    self.damaged();
                 }
             }
-            _ => return Err(damaged("a compression that is not known")),
+            _ => self.damaged(),
         }
         Ok(true)
     }
@@ -160,6 +198,7 @@ impl<R: Read> Blf<R> {
             .by_ref()
             .take(size as u64)
             .read_to_end(&mut bytes)?;
+        self.read += bytes.len() as u64;
         Ok(bytes)
     }
 }

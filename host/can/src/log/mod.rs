@@ -36,6 +36,9 @@ pub use writer::{LOG, LogWriter};
 /// Bytes by which a format is known.
 const HEAD: usize = 16 << 10;
 
+/// What editors put before text in UTF-8.
+const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
+
 /// Lines by which a format is known.
 const HEAD_LINES: usize = 50;
 
@@ -54,7 +57,7 @@ enum Format<R> {
 
 /// A log, frame by frame; sending is refused.
 ///
-/// A line that is no frame is counted and passed over. A log of several
+/// A line that is no frame is counted and passed over, as is a container of a BLF log. A log of several
 /// interfaces is read whole unless one is chosen.
 pub struct LogBus<R> {
     format: Format<R>,
@@ -100,6 +103,9 @@ impl<R: Read> LogBus<R> {
     fn start(mut source: R, interface: Option<&str>) -> io::Result<(Self, Option<&'static str>)> {
         let mut head = Vec::new();
         source.by_ref().take(HEAD as u64).read_to_end(&mut head)?;
+        if head.starts_with(BYTE_ORDER_MARK) {
+            head.drain(..BYTE_ORDER_MARK.len());
+        }
         let (format, found) = Format::of(head, source);
         let bus = Self {
             format,
@@ -206,7 +212,10 @@ impl<R: Read> Bus for LogBus<R> {
     fn wait(&mut self, _time: Duration) {}
 
     fn malformed(&self) -> (u64, Option<u64>) {
-        (self.malformed, self.first_malformed)
+        match &self.format {
+            Format::Blf(blf) => blf.malformed(),
+            _ => (self.malformed, self.first_malformed),
+        }
     }
 }
 

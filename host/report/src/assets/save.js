@@ -16,14 +16,50 @@ function download(content, type, name) {
 // The series that are in view; a band has its upper edge only.
 const shownSeries = ({ u, plot }) => plot.series.map((s, i) => ({ ...s, i })).filter(s => u.series[s.i + 1].show && s.mark !== "lower");
 
+// Entries of the legend: bands and shaded times have the colour that they are drawn in.
+function legendOf(chart) {
+  const entries = shownSeries(chart).map(s => {
+    const colour = colours[chart.colours[s.i]], isBand = s.mark === "upper";
+    return { label: s.label, colour: isBand ? colour + "38" : colour, high: isBand ? 10 : 4 };
+  });
+  if (chart.spans.length) entries.push({ label: chart.plot.shaded.label, colour: colours.limit + "30", high: 10 });
+  return entries;
+}
+
+// Names of the columns: the edges of a band are those of the series before it.
+function columnNames({ series, y }) {
+  let line = "";
+  return series.map(s => {
+    if (s.mark === "upper" || s.mark === "lower") return `${line} ${s.label.replace("±", "+")}`;
+    line = s.label;
+    return s.label;
+  }).map(name => name.trim() + (y.unit ? ` [${y.unit}]` : ""));
+}
+// Rows of samples, of a scatter plot or of a curve; where samples are drawn by the least and the greatest
+// of several, a row for these with both.
 function csvOf(chart) {
-  const { u, plot, data } = chart, { min, max } = u.scales.x;
+  const { u, plot, data } = chart, { min, max } = u.scales.x, x = data[0];
   const cell = text => /[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
-  const lines = [[label(plot.x), ...plot.series.map(s => s.label + (plot.y.unit ? ` [${plot.y.unit}]` : ""))].map(cell)];
-  for (let row = 0; row < data[0].length; row++) {
-    if (data[0][row] >= min && data[0][row] <= max) lines.push(data.map(column => column[row] ?? ""));
+  const names = columnNames(plot), columns = data.slice(1), inView = i => x[i] >= min && x[i] <= max;
+  const flag = plot.shaded ? timeColumns[plot.shaded.column] : null, flagName = flag ? [plot.shaded.label] : [];
+  const lines = [];
+  if (plot.own || page.time.perBucket <= 1) {
+    lines.push([label(plot.x), ...names, ...flagName]);
+    x.forEach((at, i) => { if (inView(i)) lines.push([at, ...columns.map(c => c[i] ?? ""), ...(flag ? [flag[i] ?? ""] : [])]); });
+  } else {
+    const time = `${plot.x.quantity} [${plot.x.unit}]`;
+    lines.push([`${time} from`, `${time} to`, ...names.flatMap(name => [`${name} least`, `${name} greatest`]), ...flagName]);
+    let row = 0;
+    for (const count of new Uint8Array(bytes(page.time.buckets))) {
+      const rows = Array.from({ length: count }, (_, k) => row + k);
+      row += count;
+      if (!inView(rows[0]) && !inView(rows.at(-1))) continue;
+      const known = c => rows.map(i => c[i]).filter(v => v !== null);
+      const ends = c => known(c).length ? [Math.min(...known(c)), Math.max(...known(c))] : ["", ""];
+      lines.push([x[rows[0]], x[rows.at(-1)], ...columns.flatMap(ends), ...(flag ? [Math.max(0, ...known(flag))] : [])]);
+    }
   }
-  return lines.map(cells => cells.join(",")).join("\n") + "\n";
+  return lines.map((cells, i) => (i ? cells : cells.map(cell)).join(",")).join("\n") + "\n";
 }
 
 function pngOf(chart) {
@@ -40,10 +76,10 @@ function pngOf(chart) {
   ctx.fillText(plot.title, 8 * px, MARGIN.top / 2 * px);
   ctx.font = `${12 * px}px system-ui, sans-serif`;
   let x = 58 * px;
-  for (const s of shownSeries(chart)) {
+  for (const s of legendOf(chart)) {
     const y = canvas.height - MARGIN.bottom / 2 * px;
-    ctx.fillStyle = colours[chart.colours[s.i]];
-    ctx.fillRect(x, y - 2 * px, 14 * px, 4 * px);
+    ctx.fillStyle = s.colour;
+    ctx.fillRect(x, y - s.high / 2 * px, 14 * px, s.high * px);
     ctx.fillStyle = colours.text;
     ctx.fillText(s.label, x + 20 * px, y);
     x += ctx.measureText(s.label).width + 44 * px;
@@ -93,9 +129,9 @@ function svgOf(chart) {
   out.push(write(left + wide / 2, bottom + 36, label(plot.x), 'text-anchor="middle" font-size="12"'),
     write(0, 0, label({ ...plot.y, unit }), `transform="translate(14 ${top + high / 2}) rotate(-90)" text-anchor="middle" font-size="12"`));
   let x = left;
-  for (const s of shownSeries(chart)) {
+  for (const s of legendOf(chart)) {
     const y = height - MARGIN.bottom / 2;
-    out.push(`<rect x="${x}" y="${y - 2}" width="14" height="4" fill="${colours[chart.colours[s.i]]}"/>`, write(x + 20, y + 4, s.label, 'font-size="12"'));
+    out.push(`<rect x="${x}" y="${y - s.high / 2}" width="14" height="${s.high}" fill="${s.colour}"/>`, write(x + 20, y + 4, s.label, 'font-size="12"'));
     x += 44 + 7 * s.label.length;
   }
   return out.join("\n") + "\n</svg>\n";
