@@ -1,4 +1,5 @@
-//! Gears and bearings: what turns the torque of a gearbox into forces on its housing.
+//! Description of the planetary stage, helical stages and bearings
+//! of a gearbox, and the checks of its teeth and bearings.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -136,6 +137,7 @@ impl Gears {
             "more than sun_teeth, and with sun_teeth a multiple of planets, so that these stand in equal steps",
         )?;
         positive(&field("normal_module_m"), p.normal_module_m)?;
+        range(&field("contact_ratio"), p.contact_ratio, 0.0, 10.0)?;
         range(
             &field("pressure_angle_deg"),
             p.pressure_angle_deg,

@@ -1,4 +1,5 @@
-//! Displacements of a rotor at every node against those that a recording carries.
+//! Errors of a rotor's estimated displacements at every node, against the true displacements in the
+//! recording: maximum and RMS for each segment.
 
 use std::collections::BTreeMap;
 
@@ -95,7 +96,7 @@ impl Displacements {
         self.mismatched += u64::from(line.rotor_level() > 0);
         let speed = f64::from(line.rotor_speed());
         plan.displacements(line.rotor_state(), speed, &mut self.estimate);
-        orbits.push(sample.t, &self.estimate, sample.displacements);
+        orbits.push(sample.segment_t, &self.estimate, sample.displacements);
         for (segment, errors) in self.segments.iter().zip(&mut self.errors) {
             if !(segment.from_s..segment.to_s).contains(&sample.segment_t) {
                 continue;

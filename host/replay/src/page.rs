@@ -1,4 +1,5 @@
-//! The report of a replay.
+//! Report page of a replay: key figures, tables of errors and sensors, plots of estimates,
+//! references and sensors, orbits of a rotor.
 
 use std::collections::BTreeMap;
 
@@ -132,7 +133,7 @@ fn key_figures(figures: &Figures) -> Vec<KeyFigure> {
                 label: format!("inside 2 σ {name}"),
                 value: format!("{two:.1} %"),
                 note: format!(
-                    "1 σ {one:.1} %, 3 σ {three:.1} %, error over σ {:.2}; normal: 95.4, 68.3, 99.7 % and 1",
+                    "inside 1 and 3 σ: {one:.1} and {three:.1} %, error over σ {:.2}; normal: 95.4, 68.3 and 99.7 %, 1",
                     band.error_over_sigma
                 ),
             });
@@ -229,7 +230,13 @@ fn listed(flags: &BTreeMap<&'static str, u64>) -> String {
 }
 
 fn cell(value: Option<f64>) -> String {
-    value.map_or_else(|| "–".into(), |value| format!("{value:.2}"))
+    value.map_or_else(
+        || "–".into(),
+        |value| {
+            // Without the sign of what is rounded to 0.
+            format!("{:.2}", (100.0 * value).round() / 100.0 + 0.0)
+        },
+    )
 }
 
 fn capitalised(word: &str) -> String {

@@ -1,4 +1,5 @@
-//! Signals of any length in bounded memory, for plotting.
+//! Min-max decimation of signals for plotting: minimum and maximum of each bucket of samples, in
+//! memory that does not grow with the length.
 
 /// Least and greatest of a column within a bucket.
 #[derive(Clone, Copy, Debug)]

@@ -1,4 +1,5 @@
-//! Writing the page.
+//! Writing of a report as one HTML page of at most 8 MB: checks its plots, thins the signals until
+//! the page fits, and encodes the data.
 
 use super::{Data, Mark, MinMaxDecimator, Plot, Report, Section, Table, UPLOT_CSS, UPLOT_JS};
 use base64::{Engine as _, engine::general_purpose::STANDARD};

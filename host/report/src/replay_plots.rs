@@ -1,4 +1,5 @@
-//! The plots of a replay, gathered sample by sample.
+//! Plots of a replay, gathered sample by sample: loads with their 2 σ band and error, normalised
+//! innovations squared (NIS), fault flags, and the plots of each sensor.
 
 use super::{Axis, Data, Limit, Mark, MinMaxDecimator, Plot, Role, Section, Series, Shaded};
 use crate::sensor_plots::{SENSOR_COLUMNS, SensorPlots, flag};
@@ -41,7 +42,7 @@ pub struct SensorLabel {
     pub over_angle: bool,
 }
 
-/// Loads, strain, innovations and NIS of one replay, in memory that does not grow with its length.
+/// Loads, readings, innovations and NIS of one replay, in memory that does not grow with its length.
 pub struct ReplayPlots {
     loads: Vec<(LoadLabel, bool)>,
     sensors: Vec<SensorPlots>,

@@ -1,4 +1,4 @@
-//! A fair choice of points from a stream, for scatter plots.
+//! Reservoir sampling of the points of a scatter plot from a stream of rows.
 
 /// At most `capacity` of the rows pushed, each with the same chance (reservoir sampling).
 ///

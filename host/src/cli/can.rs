@@ -1,4 +1,5 @@
-//! `loadtwin node`, `send`, `twin`, `monitor`, `prove`, `upload`, `dbc`.
+//! The commands for CAN buses and their logs: arguments and execution of `loadtwin node`, `send`,
+//! `twin`, `monitor`, `prove`, `upload` and `dbc`.
 
 use std::collections::VecDeque;
 use std::error::Error;
@@ -336,7 +337,13 @@ fn report_verdict(summary: &TwinSummary, as_json: bool) -> anyhow::Result<()> {
             )
         }
         Verdict::Nothing => {
-            bail!("nothing to compare: no raw samples with estimates of this machine")
+            let has_samples = f.samples + f.incomplete_samples + f.damaged_frames > 0;
+            let hint = if has_samples {
+                "; of a log of several buses choose one with `prove --interface NAME`"
+            } else {
+                ""
+            };
+            bail!("nothing to compare: no raw samples with estimates of this machine{hint}")
         }
     }
 }

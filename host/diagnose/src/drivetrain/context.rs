@@ -1,5 +1,5 @@
-//! What one recording shows of a machine: its signals, and a residual for each
-//! thing that is measured.
+//! Residuals of one drivetrain recording, given the shaft torques: strains, torque balance, encoder
+//! angles, innovations; and the decimated signals from which effects are computed.
 
 use std::f64::consts::TAU;
 
@@ -191,6 +191,7 @@ impl RecordingContext<'_> {
         let signal = ResidualSignal {
             name: channel.name.clone(),
             kind: Kind::Strain,
+            unit: channel.unit.si().symbol(),
             group: channel.group.clone(),
             residual: thin.residual(&residual),
             fault_free: Vec::new(),
@@ -335,6 +336,12 @@ impl RecordingContext<'_> {
         ResidualSignal {
             name,
             kind,
+            unit: match kind {
+                Kind::Strain => "",
+                Kind::Balance => "N m",
+                Kind::Angle => "rad",
+                Kind::Innovation => "σ",
+            },
             group: None,
             residual: Vec::new(),
             fault_free: Vec::new(),

@@ -1,4 +1,5 @@
-//! A recording of a drivetrain as the assessment sees it.
+//! `Diagnosable` and `ResidualModel` for drivetrains: recordings read as residuals, with nuisance
+//! parameters, regressor columns, covariates, shafts and remarks.
 
 use std::path::{Path, PathBuf};
 
@@ -137,12 +138,7 @@ impl ResidualModel for DrivetrainResiduals {
     }
 
     fn unit(&self, k: usize) -> &'static str {
-        match self.residuals[k].kind {
-            Kind::Strain => "",
-            Kind::Balance => "N m",
-            Kind::Angle => "rad",
-            Kind::Innovation => "σ",
-        }
+        self.residuals[k].unit
     }
 
     fn residual(&self, k: usize) -> &[f64] {

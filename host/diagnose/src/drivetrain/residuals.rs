@@ -1,5 +1,5 @@
-//! Residuals: measurement minus output of today's model, a signal for
-//! each thing that is measured.
+//! Residual signals of a drivetrain recording, and the regressors of effects: offset, gain, torque,
+//! encoder error, lost motion or shaft response, with the column of each in every signal.
 
 use crate::drivetrain::chain_response::ShaftResponse;
 use crate::drivetrain::decimation::interpolate_map;
@@ -13,8 +13,8 @@ use loadtwin_simulate::Course;
 pub enum Kind {
     /// A channel that responds to a torque, given that torque.
     Strain,
-    /// Torque that the loads bring in and neither inertias nor drag take
-    /// [N m referred]: `sum loads - sum J dw/dt - sum c w`, smoothed.
+    /// Torque that the loads bring in and neither inertias nor drag nor described friction take
+    /// [N m referred]: `sum loads - sum J dw/dt - sum c w - sum friction`, smoothed.
     Balance,
     /// Angle of a further encoder against the first, less the twist (rad).
     Angle,
@@ -41,6 +41,8 @@ pub struct ResidualSignal {
     pub name: String,
     /// What it is.
     pub kind: Kind,
+    /// Unit of the residual.
+    pub unit: &'static str,
     /// Group of the channel.
     pub group: Option<String>,
     /// Measured less predicted; NaN where there is none.
@@ -73,7 +75,7 @@ pub struct ResidualSignal {
     pub twists: Vec<f64>,
     /// For an angle: number of the inertia of the first encoder and of its own.
     pub inertias: [usize; 2],
-    /// Raw samples, how many of them stood out alone, repeated a word, were missing.
+    /// Raw samples.
     pub samples: u64,
     /// Raw samples that stood out alone.
     pub spikes: u64,

@@ -112,9 +112,9 @@ function drawCursors(chart) {
   chart.readout.hidden = !on;
   if (!on) return;
   const m = measure(chart), axis = chart.plot.x, time = axis.quantity === "Time";
-  const x = time ? "t" : "x", [prefix, factor] = chart.prefix;
+  const x = time ? "t" : "x", [prefix, factor] = chart.prefix, [xPrefix, xFactor] = chart.xPrefix;
   const rows = [["", "A", "B", "B − A"],
-    [`${time ? "t" : axis.quantity}${axis.unit ? ` [${axis.unit}]` : ""}`, text(m.x1, 8), text(m.x2, 8), `Δ${x} ${text(m.dx, 6)}` +
+    [`${time ? "t" : axis.quantity}${axis.unit ? ` [${xPrefix}${axis.unit}]` : ""}`, text(m.x1 / xFactor, 8), text(m.x2 / xFactor, 8), `Δ${x} ${text(m.dx / xFactor, 6)}` +
       (axis.unit === "s" && m.dx !== 0 && chart.plot.size !== "third" ? `  (${text(1 / Math.abs(m.dx), 5)} Hz)` : "")]];
   const unit = chart.plot.y.unit ? ` [${prefix}${chart.plot.y.unit}]` : "";
   m.series.forEach((s, i) => {
@@ -276,8 +276,8 @@ function drawPlot(figure) {
   let data = dataOf(plot);
   if (plot.y.logarithmic) data = data.map((c, i) => i ? c.map(v => v > 0 ? v : null) : c);
   const group = groupOf(plot, index);
-  const chart = { plot, data, group, figure, prefix: prefixOf(plot.y.unit, data.slice(1)), colours: colourNames(plot), handles: [] };
-  const [prefix, factor] = chart.prefix;
+  const chart = { plot, data, group, figure, prefix: prefixOf(plot.y.unit, data.slice(1)), xPrefix: prefixOf(plot.x.unit, [data[0]]), colours: colourNames(plot), handles: [] };
+  const [prefix, factor] = chart.prefix, [xPrefix, xFactor] = chart.xPrefix;
   if (!data[0].length) {
     const p = document.createElement("p");
     p.className = "problem";
@@ -307,12 +307,13 @@ function drawPlot(figure) {
       y: { distr: plot.y.logarithmic ? 3 : 1, range: yRange(plot) },
     },
     axes: [
-      { ...axis, label: label(plot.x), size: 30 },
+      { ...axis, label: label({ quantity: plot.x.quantity, unit: plot.x.unit && xPrefix + plot.x.unit }), size: 30,
+        ...(xPrefix && { values: (u, ticks) => ticks.map(v => v === null ? "" : text(v / xFactor, 6)) }) },
       { ...axis, label: label({ quantity: plot.y.quantity, unit: plot.y.unit && prefix + plot.y.unit }), size: 58,
         values: (u, ticks) => ticks.map(v => v === null ? "" : text(v / factor, 6)) },
     ],
     series: [
-      { label: plot.x.quantity, value: (u, v) => v === null ? "–" : text(v, 8) + (plot.x.unit ? " " + plot.x.unit : "") },
+      { label: plot.x.quantity, value: (u, v) => v === null ? "–" : text(v / xFactor, 8) + (plot.x.unit ? ` ${xPrefix}${plot.x.unit}` : "") },
       ...plot.series.map((s, i) => seriesOptions(s, chart, i)),
     ],
     bands,

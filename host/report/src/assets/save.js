@@ -125,8 +125,8 @@ function svgOf(chart) {
   for (const { value } of plot.limits) out.push(`<path d="M${left} ${Y(value)}H${right}" stroke="${colours.limit}" stroke-width="1.6" stroke-dasharray="7 4"/>`);
   out.push("</svg>", `<rect x="${left}" y="${top}" width="${wide}" height="${high}" fill="none" stroke="${colours.line}"/>`);
   for (const { value, label } of plot.limits) out.push(write(right - 4, Number(Y(value)) - 5, label, `text-anchor="end" fill="${colours.limit}"`));
-  const [prefix] = chart.prefix, unit = plot.y.unit && prefix + plot.y.unit;
-  out.push(write(left + wide / 2, bottom + 36, label(plot.x), 'text-anchor="middle" font-size="12"'),
+  const [prefix] = chart.prefix, unit = plot.y.unit && prefix + plot.y.unit, [xPrefix] = chart.xPrefix;
+  out.push(write(left + wide / 2, bottom + 36, label({ ...plot.x, unit: plot.x.unit && xPrefix + plot.x.unit }), 'text-anchor="middle" font-size="12"'),
     write(0, 0, label({ ...plot.y, unit }), `transform="translate(14 ${top + high / 2}) rotate(-90)" text-anchor="middle" font-size="12"`));
   let x = left;
   for (const s of legendOf(chart)) {
