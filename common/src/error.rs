@@ -1,4 +1,5 @@
-//! Why a configuration was refused.
+//! Error type of this crate: why a parameter, a configuration or encoded bytes are refused; the
+//! checks for finite and for positive values.
 
 use core::fmt;
 

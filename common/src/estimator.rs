@@ -1,4 +1,5 @@
-//! The straight line: raw sample in, estimate out, for any machine.
+//! Estimator of any machine, built from a model image: one raw sample in and one estimate out for
+//! each step; saving and restoring of its state.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;

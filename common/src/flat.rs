@@ -1,4 +1,5 @@
-//! Numbers of a filter whose dimensions are parameters of its type, in serde: one tuple.
+//! Serde functions for `f32` vectors and matrices whose dimensions are type parameters, written as
+//! one tuple of numbers.
 
 use core::fmt;
 use core::marker::PhantomData;

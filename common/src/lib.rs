@@ -1,4 +1,4 @@
-//! From raw counts to CAN payload bytes, bit for bit the same on the
+//! Load estimation from raw counts to CAN payload bytes, bit for bit the same on the
 //! microcontroller and on the host.
 #![no_std]
 #![forbid(unsafe_code)]

@@ -1,4 +1,5 @@
-//! A load as it is sent, and the vectors that every image has.
+//! Load signal in a model image: name, full scale on the bus, largest standard deviation of a valid
+//! estimate; the type of an image's state vectors.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! What is kept over a restart, as bytes: version, value (postcard), CRC-32 (ISO-HDLC, little
+//! Byte format of saved states and counts: version, value (postcard), CRC-32 (ISO-HDLC, little
 //! endian) of all before it.
 
 use crc::{CRC_32_ISO_HDLC, Crc, Table};

@@ -1,4 +1,4 @@
-//! What the application needs of a board.
+//! The trait `Board`: raw samples, queue to the bus, overrun flag and counters for the application.
 
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;

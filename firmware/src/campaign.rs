@@ -1,5 +1,5 @@
-//! A campaign of faults: one model, one clean recording, and many short runs in
-//! each of which one thing goes wrong.
+//! Fault-injection campaign: one model, one clean recording, and many short runs with one fault
+//! each; statistics of detection, latency and deviation for each kind of fault.
 //!
 //! A run starts from the state that the clean line has at that sample, spoils
 //! the samples that follow, and compares with what the clean line says of the

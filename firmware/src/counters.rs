@@ -1,4 +1,5 @@
-//! What went wrong around the estimator, counted and never waited for.
+//! Atomic counters of the board: overruns, missed samples, bus-off events, frames dropped by a full
+//! queue.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 

@@ -1,4 +1,5 @@
-//! Loads to count, the same on the host and on the emulated board.
+//! Test of load counting, the same on the host and on the emulated board: pseudo-random load with
+//! gaps and restarts, its counts, and a CRC-32 of all saved counts.
 //!
 //! The digest over all saved counts shows whether both counted the same.
 

@@ -1,4 +1,4 @@
-//! What the watchdog is fed for: samples that were processed.
+//! Progress check for the watchdog: whether samples were processed since the last call.
 
 /// Detects whether a wrapping count has gone on.
 ///

@@ -1,4 +1,5 @@
-//! What a test sends to the emulated board: the readings of its sensors.
+//! Messages of a test to the emulated board: raw samples, and commands for its converter, raw
+//! output, restart and end.
 //!
 //! Postcard messages in COBS frames, each ended by a zero byte.
 

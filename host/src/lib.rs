@@ -1,6 +1,6 @@
-//! Design-time mathematics, recordings, replay, reports and CAN on the host.
-//!
-//! Each module is a crate of its own under `host/`; this one has the command.
+//! The host crate `loadtwin`: command line, draft descriptions, tables of the gearbox paper and
+//! browser view of a CAN bus. The other library crates under `host/` are re-exported as its
+//! modules.
 #![forbid(unsafe_code)]
 // `cli::output` prints, so that a closed pipe or a full disk is no panic.
 #![deny(clippy::print_stdout, clippy::print_stderr)]

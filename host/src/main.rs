@@ -1,4 +1,4 @@
-//! The `loadtwin` command: parse, dispatch, exit code.
+//! The executable `loadtwin`: runs `cli::program` on the arguments and returns its exit code.
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),

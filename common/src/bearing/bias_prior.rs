@@ -1,4 +1,5 @@
-//! What rows have learnt of preload and biases, to be handed to other posteriors.
+//! Mean and covariance of the preload and the gauge biases: transfer between posteriors,
+//! chi-squared distance, low-pass; prediction of the biases with correlated drift.
 
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,5 @@
-//! Whether preload and biases move no faster than heat can move them.
+//! Detection of gauge faults from the slow states: a chi-squared test whether preload and biases
+//! have moved faster than their random walk allows.
 //!
 //! A gauge that loses a part of its response is explained by other loads, another preload and other biases: in a block of
 //! 10 ms the innovations hardly show it, as errors of the model are allowed for. The slow states show it: they leave the

@@ -1,4 +1,5 @@
-//! Contact loads, flexible outer ring and their equilibrium with the load.
+//! Contact model of two ball rows in a flexible outer ring: static equilibrium with the loads by
+//! Newton's method, rate of ball passing, contact features at the gauges with derivatives.
 //!
 //! Degrees of freedom `z` (um): inner ring `(dx, dy, dz, R gx, R gz)`, then the
 //! amplitudes of the outer ring's shapes under row 0 and under row 1. Loads

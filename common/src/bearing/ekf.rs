@@ -1,4 +1,5 @@
-//! The joint filter: one posterior over all gauges, 100 times a second.
+//! Extended Kalman filter of one hypothesis, with both ball rows and all gauges in one state:
+//! prediction by one block of 10 ms, then an update for each gauge from its harmonics.
 //!
 //! States: phases of ball passing `theta_r` (rad) and slips `s_r` of both rows,
 //! loads (kN), preload (um), biases of the bulk strains [um/m].

@@ -1,4 +1,5 @@
-//! Readings of a block of samples, gathered over the harmonics of ball passing.
+//! Least-squares sums of a block of samples over the harmonics of the ball-pass phase, factored
+//! (Cholesky) into independent readings of equal variance.
 //!
 //! Within a block of 10 ms nothing that is looked for changes but the phase,
 //! so that `y(t) = sum_k c_k e_k(t) + v`, `e = (1, cos Phi, sin Phi, cos 2 Phi, ..)`,

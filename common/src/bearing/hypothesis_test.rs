@@ -1,4 +1,5 @@
-//! Primary and alternative: how phases are found and swapped labels undone.
+//! Likelihood-ratio test of the primary against an alternative hypothesis, and the choice of the
+//! next alternative: rows exchanged (mirror image), loads reset or phases shifted.
 //!
 //! The mirror image of a posterior explains the local strain as well as the posterior itself; only
 //! bulk strain and what is expected of the loads tell the two apart, and at a start, with offsets

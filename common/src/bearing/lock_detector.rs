@@ -1,4 +1,5 @@
-//! How far the primary is to be trusted.
+//! Lock detection for the primary hypothesis from unexplained local strain, NIS and prior cost:
+//! confirmed, suspect or lost.
 
 use serde::{Deserialize, Serialize};
 
@@ -38,7 +39,7 @@ pub struct LockDetector {
 
 impl LockDetector {
     /// Takes in what the gauges said of a block; `used`: those that count;
-    /// `prior`: of the posterior, see [`crate::bearing::ekf::JointEkf::prior`].
+    /// `prior`: of the posterior, see [`crate::bearing::ekf::JointEkf::prior_cost`].
     pub fn update(
         &mut self,
         innovations: &[BlockInnovation; GAUGES],

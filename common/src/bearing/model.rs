@@ -1,4 +1,5 @@
-//! The model of a bearing, as the image holds it.
+//! Parameters of a bearing in a model image: gauge responses, geometry, tuning of the filter; the
+//! checks of their ranges.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,5 @@
-//! What is said after a sample.
+//! Output of the bearing estimator: loads of the primary hypothesis with their faults, and the
+//! `Estimate` of each sample with the innovations of the gauges.
 
 use crate::bearing::ekf::{BlockInnovation, LOAD_INDEX};
 use crate::bearing::{BearingEstimator, BearingState, LOADS, ROWS};

@@ -1,4 +1,6 @@
-//! The wheel's angle between the steps of its encoder.
+//! Second-order phase-locked loop for the angle and speed of the wheel, fed with the encoder angle
+//! at each sample. The gains of the first readings are those of a least-squares line. A large angle
+//! error restarts the loop.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,8 +17,8 @@ const LOST_LOCK: f32 = 1.0;
 
 /// A wheel as a loop of second order follows it.
 ///
-/// The gains are those of a straight line through the readings since the start, by least squares, until they have
-/// fallen to those of the loop: the speed is found within some readings, whatever it was taken for before.
+/// The gains start as those of a least-squares line through the readings since the start, and fall until
+/// they reach those of the loop: the speed is found within some readings, whatever it was before.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct WheelPll {
     /// Angle, once there was one.
@@ -26,7 +28,7 @@ pub struct WheelPll {
     /// Readings since the loop started anew.
     readings: u16,
     /// Whether the gains are those of the loop.
-    mirror_resolved: bool,
+    settled: bool,
     /// Whether the wheel was lost with the last reading.
     pub lost: bool,
 }
@@ -34,7 +36,7 @@ pub struct WheelPll {
 impl WheelPll {
     /// Whether the speed is known as well as the loop can know it.
     pub fn is_settled(&self) -> bool {
-        self.mirror_resolved
+        self.settled
     }
 
     /// Angle turned since the last sample [rad]; `dt_s`: between samples; `lost`: samples before this one.
@@ -65,7 +67,7 @@ impl WheelPll {
                 angle: Some(read),
                 speed: self.speed,
                 readings: 1,
-                mirror_resolved: false,
+                settled: false,
                 lost: true,
             };
             return turned + error;
@@ -97,13 +99,13 @@ impl WheelPll {
         } else {
             ((core::f32::consts::SQRT_2 * part).min(1.0), part * part)
         };
-        if self.mirror_resolved {
+        if self.settled {
             return (loop_angle, loop_speed);
         }
         self.readings = self.readings.saturating_add(1);
         let n = f32::from(self.readings);
         let line = 1.0 / (n * (n + 1.0));
-        self.mirror_resolved = 6.0 * line <= part * part;
+        self.settled = 6.0 * line <= part * part;
         (
             (2.0 * (2.0 * n - 1.0) * line).max(loop_angle),
             (6.0 * line).max(loop_speed),

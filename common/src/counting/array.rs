@@ -1,4 +1,4 @@
-//! Arrays longer than 32 in serde: a tuple of their values.
+//! Serde functions for arrays of more than 32 values, written as tuples.
 
 use core::fmt;
 use core::marker::PhantomData;

@@ -1,4 +1,5 @@
-//! The rainflow matrix.
+//! Rainflow matrix: closed cycles by the bins of their lower and upper level, also read by range
+//! and mean; 32-bit counters with a short list of carries.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};

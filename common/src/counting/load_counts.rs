@@ -1,4 +1,5 @@
-//! All counts of one load.
+//! Counter of one load, sample by sample: rainflow cycles, time at level, shaft revolutions by
+//! load, extremes, valid and missing samples; level crossings derived from the cycles.
 
 use heapless::Deque;
 use serde::{Deserialize, Serialize};

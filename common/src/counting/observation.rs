@@ -1,4 +1,5 @@
-//! What part of time was seen.
+//! Coverage of the counts: numbers of valid, invalid, missing and out-of-scale samples, of gaps and
+//! restarts; the share of the time with a valid load.
 
 use serde::{Deserialize, Serialize};
 

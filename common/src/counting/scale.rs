@@ -1,4 +1,4 @@
-//! The levels of a load.
+//! Quantisation of a load into levels of equal width, limited to the ends of the scale.
 
 use serde::{Deserialize, Serialize};
 

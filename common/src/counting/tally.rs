@@ -1,4 +1,4 @@
-//! Counters of 40 bits.
+//! Arrays of saturating 40-bit counters: 32 low bits and a carry of 8.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! Turning points of a sequence of levels.
+//! Detection of turning points in a sequence of levels, with a hysteresis gate.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! The load-revolution distribution.
+//! Load-revolution distribution: revolutions of a shaft by the load at which they were made.
 
 use serde::{Deserialize, Serialize};
 

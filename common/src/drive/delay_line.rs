@@ -1,4 +1,5 @@
-//! A signal as it was some samples before.
+//! Delay line of one signal: its reading a whole or fractional number of samples earlier,
+//! interpolated between the two nearest.
 
 use serde::{Deserialize, Serialize};
 

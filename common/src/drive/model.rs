@@ -1,4 +1,5 @@
-//! The numbers of a drive in a model image, and their ranges.
+//! Parameters of a drive in a model image: sensors, inertia, drag, noise, friction terms; the
+//! checks of their ranges.
 
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};

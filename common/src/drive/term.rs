@@ -1,4 +1,5 @@
-//! What a drive works against beside inertia, drag and loads: friction, cogging, gravity.
+//! Terms of a drive's balance of forces beside inertia, drag and loads, such as friction, cogging
+//! and gravity: a coefficient times a factor and a direction.
 
 use serde::{Deserialize, Serialize};
 

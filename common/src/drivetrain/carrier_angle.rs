@@ -1,4 +1,5 @@
-//! The carrier angle: encoders, shifts of their counts, the pulse without encoder.
+//! Carrier angle in the drivetrain filter: encoder updates, detection of stuck encoders and of
+//! shifted counts, correction by the index pulse where there is no encoder.
 
 use nalgebra::RowSVector;
 use serde::{Deserialize, Serialize};

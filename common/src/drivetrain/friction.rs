@@ -1,4 +1,5 @@
-//! Dry friction: a torque on an inertia that is known once its speed is.
+//! Dry friction of an inertia, implicit in its speed at the end of the sample: Coulomb,
+//! load-dependent, Stribeck and presliding torque; its parameters in the image and their checks.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! What a gauge answers beside its sensitivity times what it senses.
+//! Gauge response beyond a sensitivity: quadratic term, creep, hysteresis, temperature, delay.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,5 @@
-//! The gauges: what each reads beside the prediction, the vote, and the updates by those that
-//! are used.
+//! Gauge measurements of the drivetrain filter: innovation and variance of each gauge, fault
+//! isolation among redundant gauges, and a scalar update by each gauge that is used.
 
 use nalgebra::{RowSVector, SVector};
 

@@ -1,5 +1,5 @@
-//! The gearbox: a torsional drivetrain whose gauges answer to the torque
-//! through a periodic map over the carrier angle.
+//! Load estimator of a gearbox: augmented Kalman filter of a torsional drivetrain whose gauges
+//! answer to the torque through a periodic map over the carrier angle.
 //!
 //! States: carrier angle `theta` (rad), twists of the shafts, speeds of the
 //! inertias, biases, and last the two loads; all but `theta` in the image's scale.
@@ -12,10 +12,10 @@
 //! Source: Bosmans et al. 2023, section 4.1, eq. (1), (6)-(14).
 
 mod carrier_angle;
+mod fault_kind;
 mod friction;
 mod gauge_response;
 mod gauges;
-mod kind;
 mod model;
 mod steady_gain;
 mod vote;

@@ -1,4 +1,5 @@
-//! The numbers of a gearbox in a model image, and their ranges.
+//! Parameters of a gearbox in a model image: transition, noise, channels, encoders; the checks of
+//! their ranges, and the grouping of the channels that sense the same.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};

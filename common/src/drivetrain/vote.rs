@@ -1,4 +1,5 @@
-//! Consistency of gauges that sense the same: parity space, isolation, and what disagreement costs.
+//! Consistency tests of redundant gauges: windowed residual cost of each fault hypothesis (parity
+//! space), and inflation of the variances where the gauges disagree.
 //!
 //! The gauges of a direction read `y_i = p_i + m_i e + f_i + v_i`: `p_i` as predicted, `e` the error
 //! of the prediction of what they sense, which they share, `f_i` a fault. With the weights
@@ -17,7 +18,7 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use crate::drivetrain::kind::Moments;
+use crate::drivetrain::fault_kind::Moments;
 use crate::error::{Error, positive};
 use crate::io::fault::Fault;
 use crate::io::raw::MAX_CHANNELS;

@@ -1,4 +1,5 @@
-//! Why a value is not to be trusted.
+//! Fault codes of sensors and loads, by the failure modes of SAE J1939-73 where one fits, with
+//! their names and likely causes.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,5 @@
-//! From raw words to readings: zero, gain, unwrapping, homing.
+//! Conversion of raw samples to readings: zero, gain, saturated and stuck words, encoder angles
+//! unwrapped and homed by the index pulse, lost and repeated samples.
 
 use crate::error::{Error, finite, positive};
 use crate::io::fault::Fault;

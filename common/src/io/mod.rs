@@ -1,4 +1,5 @@
-//! What crosses the boundary: raw samples, measurements, estimates, frames, signed images.
+//! Inputs and outputs of the estimator: raw samples, measurements, estimates, faults, CAN frames,
+//! ISO-TP, UDS constants, signed images.
 
 pub mod estimate;
 pub mod fault;

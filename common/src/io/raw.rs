@@ -1,4 +1,5 @@
-//! What the board latches at one tick of the sample clock.
+//! Raw sample of one tick of the sample clock: converter words, encoder counts and the count at the
+//! index pulse, with a validity bit for each word and encoder.
 
 use serde::{Deserialize, Serialize};
 

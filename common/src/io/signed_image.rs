@@ -1,4 +1,5 @@
-//! The sealed image: the container in which a model image travels and rests in flash.
+//! Sealed image, the signed container of a model image for upload and flash: header, checks and
+//! refusal codes; the key and the machine of a board.
 //!
 //! All integers little endian.
 //!
@@ -348,7 +349,7 @@ pub struct PayloadHash {
 
 impl fmt::Debug for PayloadHash {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Content {{ missing: {} }}", self.missing)
+        write!(f, "PayloadHash {{ missing: {} }}", self.missing)
     }
 }
 

@@ -1,4 +1,5 @@
-//! The upload's service layer: the download services of UDS (ISO 14229-1) over ISO-TP.
+//! Constants of the image upload by the UDS download services (ISO 14229-1) over ISO-TP: CAN
+//! identifiers, services, response codes.
 //!
 //! | request                                       | answer              |
 //! |-----------------------------------------------|---------------------|

@@ -1,4 +1,5 @@
-//! What a filter believes: a mean and a covariance kept as factors.
+//! Gaussian state estimate: the mean and the upper triangle of the covariance `P`. The product
+//! `P h`, the factors `P = U D U'`, and the checks for symmetry and positive definiteness.
 
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};

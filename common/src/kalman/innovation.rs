@@ -1,4 +1,5 @@
-//! The innovation of a measurement, and whether the filter used it.
+//! Innovation of a scalar measurement with variance, NIS and outcome, and the gate that rejects
+//! innovations by their NIS.
 
 use serde::{Deserialize, Serialize};
 

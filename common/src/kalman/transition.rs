@@ -1,4 +1,5 @@
-//! From one sample to the next: the augmented transition and its noise.
+//! Augmented state transition and process noise of the prediction; load models: random walk,
+//! Gauss-Markov process, rotating phasors.
 #![expect(
     clippy::range_plus_one,
     reason = "an inclusive range carries a flag that keeps its loop from being unrolled"

@@ -1,4 +1,5 @@
-//! Straight-line code for small matrices.
+//! The macro `unroll!`: a loop of up to 12 iterations written out at compile time, for the filters
+//! of few states.
 
 /// Longest loop that is written out.
 pub(crate) const UNROLLED: usize = 12;

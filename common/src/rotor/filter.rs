@@ -1,4 +1,5 @@
-//! The augmented filter of a reduced rotor, in any precision.
+//! Augmented Kalman filter of a reduced rotor in `f32` or `f64`: prediction, and measurement update
+//! by one scalar channel.
 //!
 //! States: modal displacements `z` (NZ), their change to the next sample `e`
 //! (NZ), forces `f` in pairs (x, y) that drive them ([`FORCES`]), and what is left, the

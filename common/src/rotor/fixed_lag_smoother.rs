@@ -1,4 +1,5 @@
-//! Fixed-lag smoothing: the samples before the last, corrected by what was read since.
+//! Fixed-lag smoother of the rotor filter: the states of the samples before the last, corrected by
+//! later innovations with steady gains.
 //!
 //! A force moves a sensor only samples later, so that those samples say most of what is said of it.
 //! By the steady gains `G_j` for the `j`-th sample before,

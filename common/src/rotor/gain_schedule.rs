@@ -1,4 +1,5 @@
-//! The tables of a rotor at its present speed.
+//! Interpolation of the rotor's tables at the present speed: increment matrix, steady gains,
+//! innovation variances, standard deviations and model errors of the loads.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,5 @@
-//! How far a rotor is from its description, by the correlation of the innovations.
+//! Detection of model error by the whiteness of a rotor's innovations: choice of the noise level,
+//! and whether the loads are contradicted.
 //!
 //! Where the model holds, an innovation says nothing of the next one, however noisy the sensors
 //! are; where the model errs, neighbouring innovations share its error. The image has a bank of

@@ -1,5 +1,5 @@
-//! The rotor: displacements everywhere and forces at the discs, from
-//! displacements at a few nodes.
+//! Load estimator of a rotor: forces at the discs and modal displacements, from displacement
+//! sensors at a few nodes.
 //!
 //! A reduced finite-element model with the forces as states ([`filter`]), its
 //! matrices over the speed. The full recursion runs until its gain has

@@ -1,4 +1,5 @@
-//! The numbers of a rotor in a model image, and their ranges.
+//! Parameters of a rotor in a model image: tables over the speed, noise levels with their steady
+//! gains, sensors; the checks of their ranges.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -222,8 +223,10 @@ impl RotorModel<'_> {
         if !(speeds.lowest >= 0.0 && speeds.lowest.is_finite()) || speeds.count == 0 {
             return Err(Error::OutOfRange("speeds"));
         }
-        self.increment_matrix
-            .check(usize::from(speeds.count) * self.dense_stride(), "dense")?;
+        self.increment_matrix.check(
+            usize::from(speeds.count) * self.dense_stride(),
+            "increment_matrix",
+        )?;
         let (ny, nd) = (self.channels.len(), self.loads.len());
         let covariance = |m: &PackedF32<'_>, name| {
             m.check(triangle, name)?;
@@ -269,7 +272,7 @@ impl RotorModel<'_> {
             .iter()
             .all(|bias_decay| (0.0..=1.0).contains(bias_decay))
         {
-            return Err(Error::OutOfRange("left"));
+            return Err(Error::OutOfRange("bias_decay"));
         }
         let biases = 2 * modes + FORCES..states;
         for channel in &self.channels {

@@ -1,4 +1,5 @@
-//! What a rotor's line says after a sample.
+//! Output of the rotor estimator: loads with standard deviations and faults, noise level,
+//! covariance, and the state and speed of the sample that the estimate is of.
 
 use crate::io::estimate::{Estimate, LoadEstimate, MAX_LOADS};
 use crate::io::fault::Fault;

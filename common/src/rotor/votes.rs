@@ -1,4 +1,5 @@
-//! Which sensors contradict the others.
+//! Fault isolation among the displacement sensors of a rotor: a sensor whose readings are
+//! repeatedly outside of the gate is excluded while such sensors are a minority.
 //!
 //! A reading outside of its gate is refused. A sensor whose readings are refused again and again
 //! is held out, until its readings have stayed inside for a while: passing through the right value

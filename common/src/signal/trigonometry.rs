@@ -1,4 +1,4 @@
-//! Sine, cosine and roots in single precision, for the step.
+//! Fast sine, cosine, square root and inverse square root in `f32`, for the steps of the filters.
 //!
 //! Those of libm go through f64 or are computed bit by bit, because they are the last bit
 //! right; on a Cortex-M4F that takes some hundred to thousands of instructions. Here

@@ -1,5 +1,5 @@
-//! The campaign of faults on the emulated Cortex-M4F; its report goes out as
-//! hex digits of postcard through semihosting.
+//! Fault-injection campaign on the emulated Cortex-M4F: the model and the recording are read from
+//! memory, the report is printed as hex digits of postcard through semihosting.
 //!
 //! `MODEL` holds, each after its length in 32 bits: the model image, the postcard of
 //! the machine, and the postcards of the samples, one after the other.

@@ -1,5 +1,5 @@
-//! Overflows the stack of the emulated board: the end must be a fault, before
-//! anything else is written over.
+//! Test program that overflows the stack of the emulated board: it has to end in a fault before
+//! other memory is overwritten.
 #![no_std]
 #![no_main]
 

@@ -1,5 +1,5 @@
-//! Links only where no panic can be reached from a data-ready: the panic
-//! handler calls what does not exist, and the optimiser has to remove it.
+//! Link-time check that no panic is reachable from a data-ready: the panic handler calls an
+//! undefined symbol, so that the program links only where the optimiser removes the handler.
 //!
 //! The queue to the bus is left out. heapless's `spsc` takes a remainder by its
 //! length, which its type-erased ends no longer know; it is a constant of the

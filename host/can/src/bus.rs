@@ -1,4 +1,5 @@
-//! A CAN bus, and a link over it that outlives its faults.
+//! The trait `Bus` of CAN interfaces, serial adapters and logs; and `Link`, which retries sending
+//! with bounded back-off and counts the faults of a bus.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -42,7 +43,7 @@ pub enum BusError {
     Io(#[from] io::Error),
 }
 
-/// A CAN bus: a socket, a log, a simulated controller.
+/// A CAN bus: a socket, a serial adapter, a log, a simulated controller.
 pub trait Bus {
     /// The next frame; `None` when none came within `timeout`.
     ///

@@ -1,4 +1,5 @@
-//! A frame on a CAN bus, of whichever interface or log.
+//! A CAN frame of any interface or log (classic, FD, remote or error frame), and its text form as
+//! of `candump -L`.
 
 use std::fmt;
 

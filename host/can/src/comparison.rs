@@ -1,4 +1,5 @@
-//! Recomputes a machine's frames from its raw frames and compares every bit.
+//! Bit-for-bit comparison of a machine's load and sensor frames with those recomputed from its raw
+//! frames: verdict, counts, and the first difference.
 
 use std::collections::VecDeque;
 

@@ -1,4 +1,5 @@
-//! The description of the frames: `docs/loadtwin.dbc`, for one machine.
+//! DBC file of a machine's frames: `docs/loadtwin.dbc` with the identifiers of the machine, and its
+//! loads and sensors by name, scale and unit.
 
 use loadtwin_common::io::estimate::MAX_LOADS;
 use loadtwin_common::io::frame::{DEFAULT_BASE, LoadFrame};

@@ -1,10 +1,11 @@
-//! The machine's frames on CAN interfaces, serial adapters and in logs.
+//! CAN on the host: interfaces, serial adapters and logs; model images; and the commands that send,
+//! estimate, recompute and watch the frames of a machine.
 //!
 //! [`node`] replaces the microcontroller, [`send`] puts raw samples on a
 //! bus, [`twin`] recomputes what the microcontroller sent and compares it bit
 //! for bit, on a bus or in a log, [`monitor`] watches, [`dbc`] prints the
 //! description of the frames. All of them run on the [`bus::Bus`] trait: a
-//! socket, a log, or a simulated controller.
+//! socket, a serial adapter, a log, or a simulated controller.
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),
@@ -21,7 +22,6 @@
 pub mod bus;
 pub mod bus_frame;
 pub mod comparison;
-pub mod controller;
 pub mod dbc;
 pub mod image;
 pub mod log;
@@ -32,9 +32,10 @@ pub mod page;
 pub mod recorded;
 mod screen;
 pub mod send;
+pub mod simulated_controller;
 mod slcan;
 #[cfg(target_os = "linux")]
-pub mod socket;
+pub mod socketcan;
 pub mod source;
 pub mod twin;
 pub mod upload;
@@ -167,7 +168,7 @@ pub fn stop_on_signal() -> Result<Arc<AtomicBool>, ctrlc::Error> {
     Ok(stop)
 }
 
-/// The frame as the socket takes it.
+/// The frame as a bus takes it.
 #[expect(clippy::unreachable, reason = "the length is that of the type")]
 pub fn to_bus(frame: &frame::Frame) -> BusFrame {
     let id = u32::from(frame.id & 0x7FF);
@@ -175,7 +176,7 @@ pub fn to_bus(frame: &frame::Frame) -> BusFrame {
         .unwrap_or_else(|| unreachable!("8 bytes fit a frame"))
 }
 
-/// The FD frame as the socket takes it.
+/// The FD frame as a bus takes it.
 #[expect(clippy::unreachable, reason = "the length is that of the type")]
 pub fn to_bus_fd(frame: &frame::FdFrame) -> BusFrame {
     let id = u32::from(frame.id & 0x7FF);

@@ -1,4 +1,5 @@
-//! Watches a machine's frames, with or without its model.
+//! Monitoring of a machine's frames on a bus or in a log: decodes loads, sensors and status, and
+//! counts lost and damaged frames. With a model and `--web` it also compares recomputed frames.
 
 use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};

@@ -1,4 +1,4 @@
-//! A log at the pace at which it was recorded.
+//! A bus that delivers the frames of a log at the recorded speed times a constant factor.
 
 use std::thread;
 use std::time::{Duration, Instant};

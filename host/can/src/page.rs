@@ -1,4 +1,5 @@
-//! What a command on the bus shows while it runs.
+//! Live display of a command on the bus: its contents (`Page`: loads, sensors, status, verdict,
+//! counts), the trait `View`, and the views without output and with one line a second.
 
 use std::fmt;
 use std::io::{self, IsTerminal, Write};

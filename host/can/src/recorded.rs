@@ -1,4 +1,5 @@
-//! Buses that a log is written of.
+//! A bus of which all frames, received and sent, are written to a log (`Recorded`); and a bus
+//! without an interface, for writing a log alone (`NoBus`).
 
 use std::io;
 use std::time::Duration;

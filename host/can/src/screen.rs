@@ -1,4 +1,4 @@
-//! The page in a terminal.
+//! Full-screen terminal view of a command on the bus: loads with bars, sensor health, and counts.
 
 use std::io::{self, Stderr};
 use std::ops::ControlFlow;

@@ -1,4 +1,5 @@
-//! Puts raw samples on a bus, at real time or as fast as it takes them.
+//! Sending of raw samples as CAN or CAN FD frames, in real time or as fast as the bus accepts them;
+//! in lock-step it waits for the load frames of the receiver.
 
 use std::error::Error;
 use std::path::PathBuf;

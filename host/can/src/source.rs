@@ -86,7 +86,7 @@ impl<'a> Source<'a> {
 
 #[cfg(target_os = "linux")]
 fn interface(name: &str, block: Option<u16>) -> Result<Box<dyn Bus>, CanError> {
-    Ok(Box::new(super::socket::SocketBus::open(name, block)?))
+    Ok(Box::new(super::socketcan::SocketBus::open(name, block)?))
 }
 
 #[cfg(not(target_os = "linux"))]

@@ -1,5 +1,5 @@
-//! The twin: recomputes what a machine sends and compares every bit, on a bus
-//! or in a log.
+//! The commands `loadtwin twin` and `prove`: receive a machine's frames from a bus or a log,
+//! compare them bit for bit with recomputed frames, and summarise.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,4 +1,5 @@
-//! `loadtwin upload`: a signed model image to a board.
+//! Upload of a signed model image over a bus: sends the frames of the state machine in
+//! `image/upload.rs`, and hands it the answers of the board.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! From described encoders and pulses to those of the image.
+//! Conversion of a described encoder and index pulse to the integer scaling of the model image.
 
 use std::f64::consts::TAU;
 

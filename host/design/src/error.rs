@@ -1,4 +1,4 @@
-//! Why no image can be made.
+//! Errors of building a model image and of calibrating a bearing: `BuildError`.
 
 use thiserror::Error;
 

@@ -1,4 +1,5 @@
-//! The image's payload.
+//! Serialisation of a model and the machine's name, rate and
+//! CAN identifier to the payload of an image.
 
 use loadtwin_common::image::{Image, Model, VERSION};
 

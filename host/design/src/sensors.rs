@@ -1,4 +1,5 @@
-//! The sensors that an estimator uses, and its filter.
+//! Sensors of an estimator: channels and encoders of a sensor set, checks of their number and
+//! homing; kind of the filter.
 
 use std::collections::BTreeMap;
 

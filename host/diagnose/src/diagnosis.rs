@@ -1,4 +1,5 @@
-//! A diagnosis: its recordings and its results.
+//! Course of a diagnosis from residuals and null samples to its result: selection, hold-out,
+//! residual tests, verdict, corrections and errors; with the types of input, result and failure.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! Run of the filter of today's model on a recording.
+//! Run of the described filter on a recording: estimated loads and normalised innovations.
 
 use std::path::Path;
 

@@ -1,4 +1,5 @@
-//! `loadtwin diagnose`: which physical effect a model lacks, by what a recording shows.
+//! `loadtwin diagnose`: identification of the physical effects that the model of a machine lacks,
+//! from the residuals of recordings.
 //!
 //! ```text
 //! recordings -> residuals -> candidates: regressors -> cross-validated log-evidence

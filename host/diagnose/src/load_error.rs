@@ -1,4 +1,5 @@
-//! Error of the load before and after, with prediction intervals.
+//! Mean absolute errors of load or residual without and with the effects found, each with its
+//! prediction interval from the variation between stretches of the recordings.
 
 use serde::Serialize;
 
@@ -25,7 +26,8 @@ pub struct BeforeAfter {
     pub after: Interval,
 }
 
-/// Error of the torque that all gauges together say, sample by sample.
+/// Error of the torque that all gauges give together, sample by sample; of rotors and bearings the size
+/// of the residual.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct LoadErrors {
     /// Gauges as described.

@@ -1,4 +1,5 @@
-//! What a machine kind adds to its residual model: a library of effects, reading, writing, remarks.
+//! `Diagnosable`, the interface of a machine kind to the diagnosis beyond its residual model:
+//! reading with null samples, writing of the improved description, errors, JSON keys and remarks.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +14,7 @@ use loadtwin_machine::Machine;
 
 /// A machine kind that can be diagnosed.
 pub trait Diagnosable: ResidualModel {
-    /// Reads `recordings` and `validation`, and simulates the machine without effect.
+    /// Reads the recordings at `paths` and `validation`, and simulates the machine without effect.
     ///
     /// # Errors
     /// As [`crate::diagnose`].

@@ -1,4 +1,5 @@
-//! Null samples: residuals of the same machine on the same profile without any effect.
+//! Null samples, the residuals of the same machine and profile without any effect: their type, and
+//! their assembly from simulations block by block.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

@@ -1,4 +1,5 @@
-//! The improved description: the person's text with other numbers in `[balance]`.
+//! Writing of the improved description of a drive: linear part, effects and noise levels, in the
+//! table `[balance]` of the original text.
 
 use std::path::Path;
 

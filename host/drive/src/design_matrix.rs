@@ -1,4 +1,5 @@
-//! Recordings as a table of least squares: columns, and what is left out together.
+//! Design matrix of the regression on a drive: decimated columns of the linear model and of effects
+//! over all recordings, with folds for cross-validation and stretches for significance.
 
 use rayon::prelude::*;
 

@@ -1,4 +1,5 @@
-//! What is known after the loop is closed: the keys of `--json`.
+//! Result types of the diagnosis of a drive, as `--json` has them: verdict, effects found,
+//! validation errors, refitted linear part.
 
 use serde::Serialize;
 

@@ -1,4 +1,5 @@
-//! What the balance of a measured drive lacks, found in its recordings.
+//! Diagnosis of a drive: identification of the effects that its balance of torque or force lacks,
+//! by regression on recordings.
 //!
 //! `drive = offset + inertia a + drag v + sum_j gain_j load_j + effects + rest`.
 //! The linear part is what a description starts with; each effect is a physical

@@ -1,4 +1,5 @@
-//! A recording as motion, drive and loads, in SI.
+//! A recording of a drive: position, speed and acceleration by smoothing and differentiation,
+//! drive, loads and temperature; without outliers, and decimated below a cut-off frequency.
 
 use std::path::{Path, PathBuf};
 

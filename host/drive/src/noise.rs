@@ -1,4 +1,5 @@
-//! What the estimator has to know of the size and noise of a drive's signals.
+//! Levels for the tuning of a drive's estimator: RMS of the drive and of the model error, and the
+//! white noise of each column, estimated by third differences.
 
 use crate::motion::Motion;
 

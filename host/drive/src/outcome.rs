@@ -1,5 +1,5 @@
-//! Result of the diagnosis of a drive: effects found, verdict, and the errors of four models: the
-//! linear part as described and refitted, each without and with the effects.
+//! Evaluation of the effects selected for a drive: verdict, notes, parameters, and the errors of
+//! four models, the linear part as described and refitted, each without and with the effects.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,5 @@
-//! Single values that jump out of a sampled signal: bits lost on a bus, contacts.
+//! Removal of outliers from a sampled signal: single values far from the median of their neighbours
+//! become NaN (Hampel filter).
 
 /// How far a value has to be out.
 const FAR: f64 = 10.0;

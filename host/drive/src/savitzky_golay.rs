@@ -1,4 +1,5 @@
-//! Zero-phase smoothing and differentiation of sampled signals.
+//! Zero-phase low-pass with Gaussian weights, and derivatives by a local cubic fit with the same
+//! weights; for regular and irregular sampling.
 
 /// Width of a Gaussian that passes `cutoff_hz` with half the power, times the cut-off:
 /// `sqrt(ln 2) / (2 pi)`.
@@ -41,7 +42,7 @@ impl Smoother {
 
     /// Value and first two derivatives of the cubic that fits the signal best
     /// about sample `at`, in the weights of the low-pass; NaN where fewer than
-    /// 4 samples are near.
+    /// 5 samples are near.
     ///
     /// A symmetric window makes the estimates free of delay, a one-sided one (at
     /// the ends) leaves them unbiased up to the third derivative.

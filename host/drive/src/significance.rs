@@ -1,4 +1,5 @@
-//! Whether a model is better than another for certain, on what was left out of the fit.
+//! Significance of the improvement of one model over another: reduction of the cross-validated
+//! error, and Student's t test over stretches of the recordings.
 
 use crate::fit::Fit;
 

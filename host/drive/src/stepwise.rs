@@ -1,4 +1,5 @@
-//! Which effects a balance lacks.
+//! Stepwise selection of the effects that the balance of a drive lacks: addition of the best
+//! significant candidate or pair, refinement of shapes, elimination, and alternatives.
 
 use rayon::prelude::*;
 

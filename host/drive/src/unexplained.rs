@@ -1,4 +1,5 @@
-//! What no effect explains, and what it looks like.
+//! Remaining residual of a drive's balance: its size, its correlation, and the part explained by
+//! position, speed, acceleration, time or load; whether an unknown effect acts.
 
 use serde::Serialize;
 

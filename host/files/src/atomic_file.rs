@@ -1,4 +1,5 @@
-//! An output that is there whole or not at all.
+//! Output files that get their names only when they are complete, several of them together under a
+//! lock on their folders. Pipes and devices are written directly.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -171,8 +172,8 @@ pub struct PublishError {
 }
 
 /// Names complete files in their order, with nothing but these calls in
-/// between. Of runs that publish the same files at once, one comes whole after
-/// the other.
+/// between. Runs that publish the same files at once wait for each other, up to
+/// one second.
 ///
 /// # Errors
 /// [`PublishError`], where a folder is full or has gone.

@@ -1,4 +1,4 @@
-//! Inputs that are read as a whole, up to a size.
+//! Reading of files up to a size limit; a longer file, or a device that never ends, is an error.
 
 use std::fs::File;
 use std::io::{self, Read};

@@ -1,5 +1,5 @@
 //! Kinds of output files: their suffixes, and whether an existing file is of the same kind and may
-//! be replaced.
+//! be replaced. Also names the kind of any file by its first bytes.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};

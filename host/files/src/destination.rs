@@ -1,4 +1,5 @@
-//! Destinations of outputs, and the file that a path refers to.
+//! Destination of an output path (standard output, pipe or device, or the plain file at the end of
+//! all links), and identity of files under different names.
 
 use std::ffi::OsString;
 use std::fs::{File, Metadata};

@@ -1,4 +1,5 @@
-//! Inputs that are bounded, outputs that are complete or absent.
+//! File input and output of the commands: inputs are limited in size, outputs are complete or
+//! absent, and no output replaces an input.
 //!
 //! A command declares what it reads and writes in an [`outputs::Outputs`] before
 //! it works; each output is an [`atomic_file::AtomicFile`] that gets its name

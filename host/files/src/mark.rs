@@ -1,4 +1,5 @@
-//! The first line of a description that was written and not edited since.
+//! First line of a generated TOML file, with its kind and a CRC-32 by which later edits are
+//! detected.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 

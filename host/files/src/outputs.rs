@@ -1,4 +1,5 @@
-//! What a command reads and writes, declared and checked before it works.
+//! Check of a command's outputs before it runs: each needs a writable place of its own and a
+//! fitting suffix; none may replace an input, or a file of other content unless forced.
 
 use std::fs::File;
 use std::io;

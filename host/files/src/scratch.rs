@@ -1,4 +1,5 @@
-//! Files that a command needs while it runs.
+//! Temporary folder of a running command, removed at its end; folders of killed runs are removed by
+//! the next run.
 
 use std::fs::File;
 use std::io;

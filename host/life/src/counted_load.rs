@@ -1,4 +1,5 @@
-//! The counts of one load: as estimated, and with the noise of the estimate removed.
+//! Cycle counts of one load: of the load as estimated, and of the load with the noise of its
+//! estimate removed by smoothing.
 
 use loadtwin_common::Error;
 use loadtwin_common::counting::{LoadCounts, SHAFTS};

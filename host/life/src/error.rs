@@ -1,4 +1,5 @@
-//! Why a life cannot be computed.
+//! Error type of the life computation: numbers out of range, unusable S-N curves, counts of
+//! different scales, and loads beyond the scale.
 
 use thiserror::Error;
 

@@ -1,4 +1,5 @@
-//! Figures of a load with the noise of its estimate removed, and their interval.
+//! Damage figures with the noise of the load estimate removed, and their 90 % interval, by the
+//! spectra of the load as estimated and smoothed.
 
 use crate::{CountedLoad, LifeError, Spectrum};
 

@@ -1,4 +1,5 @@
-//! From counts of load cycles to damage, equivalent loads and life.
+//! Fatigue evaluation of loads: counts of load cycles from files; from these damage,
+//! damage-equivalent loads, equivalent gear torque and bearing life.
 //!
 //! ```text
 //! estimates --CountedLoad--> LoadCounts as on a board, and of the load with its noise removed
@@ -14,9 +15,9 @@ mod damage;
 mod error;
 mod gear;
 mod interval;
+mod load_columns;
 mod load_error;
 mod load_file;
-mod loads;
 mod smoother;
 mod sn_curve;
 mod spectrum;
@@ -29,9 +30,9 @@ pub use damage::{EXPONENTS, damage, equivalent_load};
 pub use error::LifeError;
 pub use gear::equivalent_torque;
 pub use interval::{Interval, NoiseRemoved};
+pub use load_columns::Loads;
 pub use load_error::LoadFileError;
 pub use load_file::LoadFile;
-pub use loads::Loads;
 pub use smoother::{Estimate, Smoother, StepVariance};
 pub use sn_curve::{Beyond, SnCurve};
 pub use spectrum::{LoadCycle, Spectrum, turns_at_load};

@@ -1,4 +1,5 @@
-//! Why the loads of a file cannot be counted.
+//! Error type for files whose loads cannot be counted: unreadable, missing column or unit, or a
+//! shaft too fast for the sample rate.
 
 use std::path::PathBuf;
 

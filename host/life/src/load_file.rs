@@ -1,4 +1,5 @@
-//! Loads of a file: estimates, or a recording with measured loads.
+//! Reader of load samples from a file of estimates or a recording with measured loads: validity and
+//! standard deviation of each sample, gaps, and advance of the shafts.
 
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -7,7 +8,7 @@ use loadtwin_common::counting::SHAFTS;
 use loadtwin_common::io::fault::Fault;
 use loadtwin_recording::{Block, Reader, Unit, Wanted};
 
-use crate::loads::layout;
+use crate::load_columns::layout;
 use crate::{CountedLoad, LoadFileError, LoadSample, Loads};
 
 /// The loads in a file and how many samples they take.

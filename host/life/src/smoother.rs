@@ -1,6 +1,7 @@
-//! Removal of the noise of an estimate, after the fact.
+//! Rauch-Tung-Striebel smoother that removes the noise of a load estimate, for a load that moves as
+//! a random walk; and estimation of the variance of its steps.
 
-/// Samples that are smoothed at once; a multiple of what a smoother remembers.
+/// Samples that are smoothed at once, at most.
 const BLOCK: usize = 1 << 16;
 
 /// Part of its influence that a later sample has where smoothing may be cut.

@@ -1,4 +1,5 @@
-//! S-N curves.
+//! S-N curves: cycles to failure over the range of a load cycle, with a choice of slope below the
+//! last point.
 
 use crate::LifeError;
 use crate::error::positive;

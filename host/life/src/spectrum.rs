@@ -1,4 +1,5 @@
-//! Cycles of one machine or of several.
+//! Spectrum of load cycles by range, of one machine or merged from several; and turns of a shaft at
+//! each load.
 
 use loadtwin_common::counting::{Cycle, LoadCounts, TURN_BINS};
 

@@ -1,4 +1,4 @@
-//! What a file has of each load, before it is counted.
+//! First pass over a file, before its loads are counted: extremes and step variance of each load.
 
 use std::path::Path;
 

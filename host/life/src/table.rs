@@ -1,4 +1,5 @@
-//! Counts as a table, one row a count.
+//! Parquet table of load counts, one row a count: cycles, residue, ranges, level crossings, time
+//! and turns at load.
 
 use std::io;
 use std::path::Path;

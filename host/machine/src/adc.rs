@@ -1,4 +1,5 @@
-//! The analogue-to-digital converter of a channel.
+//! Analogue-to-digital converter of a channel: scale, zero, word length, and the number of equal
+//! words in a row that counts as stuck.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

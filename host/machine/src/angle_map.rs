@@ -1,4 +1,5 @@
-//! Functions over the carrier angle, one column for each channel, in CSV.
+//! Maps over the carrier angle in CSV, one column for each channel: reader, writer, resampling;
+//! sensitivity and noise of a channel over the angle.
 
 use std::io::Write;
 use std::path::Path;

@@ -1,4 +1,5 @@
-//! The balance of forces of a measured drive, without strain gauges.
+//! Description of a measured drive without strain gauges: balance of forces, recorded signals,
+//! effects, and their checks.
 
 use std::collections::HashSet;
 

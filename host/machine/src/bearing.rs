@@ -1,4 +1,5 @@
-//! The double-row wheel bearing.
+//! Description of a double-row wheel bearing: geometry, stiffness, preload, load ranges, gauges,
+//! filter tuning, and their checks.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,5 @@
-//! Sensors: analogue channels, encoders, index pulse; and reference columns.
+//! Description of an analogue channel: sensitivity, conversion of words to readings, drift, creep,
+//! hysteresis, temperature response, runout. Reference and auxiliary columns.
 
 use std::borrow::Cow;
 use std::path::PathBuf;

@@ -1,4 +1,5 @@
-//! Ranges and references of a machine description.
+//! Validation of a machine description: ranges of fields, and
+//! names that refer to other parts of the description.
 
 use std::collections::HashSet;
 

@@ -1,4 +1,5 @@
-//! The lumped-parameter torsional drivetrain.
+//! Description of a torsional drivetrain as a chain of lumped inertias and elastic shafts with
+//! unknown loads; its checks and nominal values.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -9,7 +10,7 @@ use super::{Drift, Friction, Gears, Senses};
 /// Most inertias of a chain.
 pub const MOST_INERTIAS: usize = 6;
 
-/// A chain of 2 to 6 inertias joined by elastic shafts.
+/// A chain of 1 to 6 inertias joined by elastic shafts.
 ///
 /// `J_i dw_i/dt = tau_(i-1) - tau_i - c_i w_i + loads`, all quantities referred to
 /// the shaft with speed ratio 1; `tau_i = k_i delta_i + c_i d(delta_i)/dt` is the
@@ -19,7 +20,7 @@ pub const MOST_INERTIAS: usize = 6;
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Drivetrain {
-    /// Inertias in the order of the chain, main shaft first, 2 to 6.
+    /// Inertias in the order of the chain, main shaft first, 1 to 6.
     #[serde(rename = "inertia")]
     pub inertias: Vec<Inertia>,
     /// The shafts or meshes between neighbours, one fewer than inertias.

@@ -1,4 +1,5 @@
-//! What is the same for every kind of machine.
+//! Kind of a machine (drivetrain, rotor, bearing, drive), and
+//! its loads by name, unit and nominal value.
 
 use super::{BEARING_LOADS, Balance, Bearing, Drivetrain, Estimated, Machine, Rotor};
 use loadtwin_recording::Unit;

@@ -1,4 +1,5 @@
-//! A rotor from a model file of ROSS.
+//! Reader of rotor models saved by ROSS, a Python package for rotordynamics: shaft, discs and
+//! bearings from TOML or JSON.
 
 use std::path::Path;
 

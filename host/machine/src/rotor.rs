@@ -1,4 +1,5 @@
-//! A rotor: a flexible shaft with discs on bearings.
+//! Description of a flexible rotor: shaft sections, discs, unknown forces, model reduction, noise
+//! levels, and their checks.
 
 use std::path::PathBuf;
 
@@ -77,7 +78,7 @@ pub struct Material {
 pub struct Section {
     /// Length of the whole section (m), > 0.
     pub length_m: f64,
-    /// Elements that it is divided into, 1 to 400.
+    /// Elements that it is divided into, at least 1; all sections together 1000 at most.
     #[serde(default = "one_element")]
     pub elements: usize,
     /// Outer diameter (m), > 0.

@@ -1,4 +1,4 @@
-//! What a rotor's sensors may be.
+//! Checks of a rotor's sensors: displacement channels, shaft encoder, index pulse.
 
 use loadtwin_common::rotor::WAVES;
 

@@ -1,4 +1,5 @@
-//! Rules for one field of a description: what is found, and what is allowed.
+//! Checks of single fields of a description: range, sign, allowed and unique names. A failed check
+//! gives the field, the value found and what is allowed.
 
 use std::fmt::Display;
 

@@ -1,4 +1,4 @@
-//! Counts of a counter that wraps.
+//! Unwrapping of the counts of a counter that wraps, such as an encoder's.
 
 /// Motion since the first known of `counts` of a counter that wraps at `modulus`, `f64::INFINITY` for
 /// one that does not; a missing count (NaN) repeats the last.

@@ -1,4 +1,4 @@
-//! The matrix exponential, for exact discretisation.
+//! Matrix exponential of a square matrix by scaling and squaring with a Padé approximant.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale};

@@ -1,4 +1,5 @@
-//! Matrix equations and error metrics of the host, in f64.
+//! Numerical methods of the host in f64: matrix exponential, Riccati equation, unwrapping of
+//! counters, and metrics of estimates.
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),

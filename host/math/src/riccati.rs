@@ -1,4 +1,5 @@
-//! The discrete algebraic Riccati equation of the filter.
+//! Steady-state Kalman filter: covariance by the discrete algebraic Riccati equation, gain,
+//! innovation covariance, and gains of fixed-lag smoothing.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale};

@@ -1,4 +1,5 @@
-//! Streams of Arrow between Python libraries: the capsules of the C stream interface.
+//! Exchange of Arrow record batches with Python libraries (pyarrow, polars, pandas): import and
+//! export by the `PyCapsule` stream interface.
 //!
 //! Source: The Arrow `PyCapsule` Interface, arrow.apache.org/docs/format/CDataInterface.
 
@@ -14,7 +15,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyCapsule;
 
 use crate::Error;
-use crate::running::Stop;
+use crate::replay_threads::Stop;
 
 /// What the interface calls a capsule with a stream.
 const NAME: &CStr = c"arrow_array_stream";

@@ -1,4 +1,5 @@
-//! The Python package `loadtwin`: what of it is compiled.
+//! The compiled module `_loadtwin` of the Python package `loadtwin`: machine descriptions, replays
+//! as streams of estimates, and functions that run a command or write Parquet.
 //!
 //! Estimators run here, on streams of Arrow; the other commands run as a program of their own,
 //! by `program`, so that an interrupt ends them.
@@ -8,7 +9,7 @@
 )]
 
 mod capsule;
-mod running;
+mod replay_threads;
 mod worker;
 
 use std::ffi::OsString;
@@ -25,7 +26,7 @@ use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyCapsule};
 
-use running::Stop;
+use replay_threads::Stop;
 use worker::{Pause, SharedEnd, Source, Task, Worker};
 
 create_exception!(
@@ -252,13 +253,13 @@ fn write_parquet(py: Python<'_>, table: &Bound<'_, PyAny>, path: PathBuf) -> PyR
 /// Ends all replays that still run: a thread that holds objects of Python must not outlive it.
 #[pyfunction]
 fn end_all(py: Python<'_>) {
-    py.detach(running::end_all);
+    py.detach(replay_threads::end_all);
 }
 
 /// Forgets all replays, in a process that was forked: their threads are not in it.
 #[pyfunction]
 fn forget_all() {
-    running::forget_all();
+    replay_threads::forget_all();
 }
 
 #[pymodule]

@@ -14,7 +14,7 @@ use loadtwin::recording::{self, Batches, Input};
 use loadtwin::replay::{EstimateRows, ReplayError, Run};
 
 use crate::message;
-use crate::running::{self, Stop};
+use crate::replay_threads::{self, Stop};
 
 /// Blocks of estimates ahead of whoever reads them.
 const AHEAD: usize = 4;
@@ -92,7 +92,7 @@ impl Worker {
                     queue.send(Err(message(&error)));
                 }
             })?;
-        running::add(stop.clone(), thread);
+        replay_threads::add(stop.clone(), thread);
         Ok(Self {
             stop,
             process: std::process::id(),

@@ -1,4 +1,5 @@
-//! The clock of a recording that goes on in another file.
+//! State of a recording's clock after its last row (sampling grid and time of the row), for reading
+//! its continuation in another file.
 
 use serde::{Deserialize, Serialize};
 

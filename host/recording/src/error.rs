@@ -1,4 +1,4 @@
-//! What can be wrong with a recording, in one line each.
+//! Errors of reading and writing a recording, each with a message of one line.
 use std::fmt;
 use std::io;
 use std::path::PathBuf;

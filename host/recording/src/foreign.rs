@@ -1,4 +1,5 @@
-//! Files of other formats, known by their first bytes, and what converts them.
+//! File formats that are recognised by their first bytes but not read, each with advice on its
+//! conversion.
 
 /// Bytes of a file that are looked at.
 pub(super) const HEAD: usize = 1024;

@@ -1,4 +1,5 @@
-//! The grid of a recording's clock: which tick each row belongs to.
+//! Sampling grid of a recording: a straight line of time over tick number, updated row by row. It
+//! assigns rows to ticks and detects gaps, a changed rate and a wandering clock.
 //!
 //! A row at `t` belongs to the tick `round((t - t0) / T)`. `t0` and `T` are
 //! those of a straight line through the rows, times over ticks, with a memory

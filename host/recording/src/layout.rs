@@ -1,4 +1,5 @@
-//! How a recording is laid out: what the logger that wrote it does.
+//! Layout of a recording, the table `[recording]` of a machine description: text format, timing,
+//! gaps, and column, unit and type of each channel; the wanted columns and their roles.
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -205,7 +206,7 @@ impl CsvLayout {
         layout.unwrap_or(name)
     }
 
-    /// The channels that file column `column` may stand for.
+    /// The layout of the channel that file column `column` stands for.
     pub(super) fn layout_of_column(&self, column: &str) -> Option<&ChannelLayout> {
         self.channels
             .iter()

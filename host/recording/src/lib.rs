@@ -13,6 +13,7 @@
 #![forbid(unsafe_code)]
 
 mod arrow;
+mod channel_names;
 mod clock;
 mod csv;
 mod error;
@@ -20,7 +21,6 @@ mod foreign;
 mod grid;
 mod layout;
 mod mdf;
-mod named;
 mod parquet;
 mod reader;
 mod resample;

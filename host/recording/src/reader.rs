@@ -1,4 +1,5 @@
-//! Reading a recording block by block.
+//! Reader of a recording: blocks of samples, with the wanted columns in the wanted units. Gaps up
+//! to the allowed length become missing samples; longer ones and time running backwards are errors.
 use std::path::PathBuf;
 
 use super::TIME;

@@ -1,4 +1,6 @@
-//! Rows at any times, brought onto the ticks of a clock.
+//! Resampling of rows at arbitrary times to a uniform clock: low-pass filter (windowed sinc) of
+//! dense rows, local line through sparse ones, linear interpolation of counts, largest value of an
+//! index pulse.
 //!
 //! Tick `k` is at `t0 + k T`, `t0` the time of the first row. What a tick holds
 //! depends on what the column is ([`Role`]):

@@ -1,4 +1,4 @@
-//! The columns that the caller wants, found among those of the recording.
+//! Selection of the wanted columns among those of a recording, each with its unit conversion.
 use super::error::Problem;
 use super::layout::{Column, CsvLayout, Role, Wanted};
 use super::unit::{Conversion, Unit};

@@ -10,12 +10,12 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Once};
 
 use super::arrow::{ArrowStream, Batches};
+use super::channel_names::named;
 use super::csv::Csv;
 use super::error::{Problem, RecordingError, Row};
 use super::foreign::{HEAD, recognise};
 use super::layout::{Column, CsvLayout};
 use super::mdf::Mdf;
-use super::named::named;
 use super::parquet::Parquet;
 use super::writer::SIMULATED;
 use super::{BLOCK_ROWS, clipped};

@@ -1,10 +1,11 @@
-//! What an unknown recording holds, and the settings with which it is read.
+//! Survey of an unknown recording: its columns with units and first values, its period, and the
+//! layout settings with which it can be read.
 use std::path::Path;
 
+use super::channel_names::TIMES;
 use super::csv::outline;
 use super::error::{NO_NAN, Problem, RecordingError};
 use super::layout::{ChannelLayout, Column, CsvLayout, Role, Timing, Wanted, WrittenNan};
-use super::named::TIMES;
 use super::reader::Reader;
 use super::source::{Format, Input, Opened};
 use super::unit::{Quantity, Unit};

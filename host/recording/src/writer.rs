@@ -1,4 +1,5 @@
-//! Writing recordings and estimates.
+//! Writer of tables of time and columns to CSV, Parquet or MDF4, for simulated recordings and for
+//! estimates; also their Arrow schema and record batches.
 use std::collections::HashMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! Share of the samples whose true load is inside the stated band.
+//! Coverage of the stated uncertainty of a load: share of the samples whose error is within 1, 2
+//! and 3 standard deviations, and the RMS of error over standard deviation.
 
 use serde::Serialize;
 

@@ -1,4 +1,5 @@
-//! A bearing's loads by the algorithms of the paper, beside the filter.
+//! Comparison of the wheel bearing's filter with the two algorithms of the paper, regression and
+//! cascade: RMSE of each load, as JSON and as a table.
 
 use loadtwin_common::bearing::LOADS;
 use loadtwin_common::io::estimate::Estimate;

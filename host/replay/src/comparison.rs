@@ -1,4 +1,5 @@
-//! Two descriptions on the same samples: errors of the loads and likelihood of the innovations.
+//! Comparison of two descriptions on the same recordings: changes of NMAE, log-likelihood and NIS
+//! with 95 % intervals, and tests of inferiority and non-inferiority of the new description.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,4 +1,5 @@
-//! A recording that is read otherwise than the description says.
+//! Correction of how a recording is read, against the description: the column that each sensor
+//! takes, a factor on it, and an offset of each channel.
 
 use loadtwin_design::build::Sensors;
 

@@ -1,4 +1,5 @@
-//! Estimates of a replay as a table, one row a sample.
+//! Table of estimates, one row a sample: loads with standard deviation and fault, innovation, NIS
+//! and fault of each sensor, states of a rotor; its writer to CSV, Parquet or MDF4.
 
 use std::path::Path;
 

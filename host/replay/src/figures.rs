@@ -1,4 +1,5 @@
-//! What a replay says in numbers.
+//! Figures of a replay: errors of each load (NMAE, RMSE, coverage of the stated band), NIS and
+//! whiteness of the innovations, counts of flagged faults.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,5 @@
-//! `loadtwin replay`: the estimator on a recording.
+//! Replay of a recording through the estimator (`loadtwin replay`): raw samples, estimates, error
+//! figures, consistency check, report.
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),
@@ -14,15 +15,15 @@
 
 mod band;
 mod baselines;
-mod bearing_rig;
 mod comparison;
 mod consistency;
 mod correction;
 mod displacements;
 mod estimates;
 mod figures;
-mod held;
 mod index;
+mod known_loads;
+mod lag_buffer;
 mod motion;
 mod nodes;
 mod orbits;
@@ -40,13 +41,13 @@ use thiserror::Error;
 
 pub use band::{Band, BandFigures};
 pub use baselines::Baselines;
-pub use bearing_rig::{RecordedError, recorded};
 pub use comparison::{Change, Comparison, Course};
 pub use consistency::{Cause, Consistency, SensorConsistency};
 pub use displacements::{Displacements, NodeFigures, displacement_columns};
 pub use estimates::{ESTIMATES, EstimateRows, EstimateWriter};
 pub use figures::{Figures, LoadFigures, Whiteness};
 pub use index::IndexError;
+pub use known_loads::{RecordedError, recorded};
 pub use nodes::{NodeChoice, NodeColumns};
 pub use page::ReportPage;
 pub use phasor::{Phasor, PhasorFigures};

@@ -1,4 +1,5 @@
-//! Encoders in a recording: as counts, as an angle or travel, as a speed.
+//! Conversion of an encoder's column to counter values: from counts, from an angle or travel, or
+//! from a speed.
 
 use std::f64::consts::TAU;
 

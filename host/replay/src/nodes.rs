@@ -1,4 +1,5 @@
-//! Displacements that a rotor's filter estimates at nodes, as columns.
+//! Output columns of a rotor beside its loads: speed, angle, noise level, modal displacements, and
+//! the estimated displacements at chosen nodes with their standard deviations.
 
 use std::str::FromStr;
 

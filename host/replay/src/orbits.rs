@@ -1,4 +1,5 @@
-//! Orbits of a rotor at the nodes that matter, as plots.
+//! Orbit plots of a rotor, estimated and true: at the ends, bearings, loads and sensors, for each
+//! segment of the recording.
 
 use loadtwin_machine::{Machine, Rotor, Senses};
 use loadtwin_math::metrics::Segment;

@@ -1,4 +1,5 @@
-//! One replay, block by block; cut anywhere and continued, its estimates are those of a whole.
+//! Replay of one recording, block by block. Its state can be saved, and the replay of the next
+//! recording continued from it, with the estimates of one uninterrupted replay.
 
 use loadtwin_common::estimator::{Estimator, MAX_STATE_BYTES};
 use loadtwin_common::image::Image;
@@ -8,7 +9,7 @@ use loadtwin_machine::Machine;
 use loadtwin_recording::Input;
 use serde::{Deserialize, Serialize};
 
-use super::held::{Held, HeldBack};
+use super::lag_buffer::{DelayedSample, LagBuffer};
 use super::samples::SavedSamples;
 use super::{ReplayError, Sample, Samples};
 
@@ -45,7 +46,7 @@ const RESAMPLED: &str = "a replay whose rows are resampled (`timing = \"resample
 /// ```
 pub struct Run<'a> {
     image: &'a [u8],
-    line: HeldBack<'a>,
+    line: LagBuffer<'a>,
     samples: Samples,
 }
 
@@ -54,7 +55,7 @@ pub struct Run<'a> {
 struct State {
     line: Vec<u8>,
     samples: SavedSamples,
-    held: Vec<Held>,
+    held: Vec<DelayedSample>,
 }
 
 fn line(image: &[u8]) -> Result<Estimator<'_>, ReplayError> {
@@ -75,7 +76,7 @@ impl<'a> Run<'a> {
     ) -> Result<Self, ReplayError> {
         Ok(Self {
             image,
-            line: HeldBack::new(line(image)?),
+            line: LagBuffer::new(line(image)?),
             samples: Samples::open(machine, sensors, input)?,
         })
     }
@@ -101,7 +102,7 @@ impl<'a> Run<'a> {
         }
         Ok(Self {
             image,
-            line: HeldBack::continued(line, state.held, samples.tick()),
+            line: LagBuffer::continued(line, state.held, samples.tick()),
             samples,
         })
     }

@@ -1,4 +1,5 @@
-//! Rows of a recording as the raw samples that a board would have taken.
+//! Reader of a recording as raw samples: converter words, encoder counts and index pulses as a
+//! board would have latched them, with reference loads and true displacements.
 
 use std::borrow::Cow;
 

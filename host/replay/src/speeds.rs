@@ -1,4 +1,5 @@
-//! Whether a recording of a rotor keeps to the speeds that its model is made for.
+//! Check of a rotor's speed in a recording against the speed range of its model: the first time
+//! outside, and how long.
 
 use std::f64::consts::{PI, TAU};
 

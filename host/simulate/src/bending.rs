@@ -1,4 +1,5 @@
-//! A load that gauges read beside torque, as a description has it.
+//! Bending load as described: a first-order Gauss-Markov process that gauges read in addition to
+//! torque.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

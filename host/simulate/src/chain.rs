@@ -1,5 +1,6 @@
-//! The parameters of the plant: the chain of the machine description, and
-//! the parts that it lacks.
+//! Parameters of the drivetrain plant, referred to speed ratio 1: inertias, shafts and friction as
+//! described. Backlash, varying mesh stiffness and torque ripple are zero unless an effect sets
+//! them.
 
 use loadtwin_machine::{Drivetrain, Inertia};
 

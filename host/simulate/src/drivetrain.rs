@@ -1,4 +1,5 @@
-//! Recordings of a drivetrain that is not there.
+//! Simulated test bench of a drivetrain: plant, sensors, noise and effects; one row of readings for
+//! each sample.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

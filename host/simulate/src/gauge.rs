@@ -1,4 +1,5 @@
-//! An analogue channel: what it senses, through gauge, amplifier and converter.
+//! Simulated analogue channel: sensitivity, disturbances (creep, hysteresis, delay, temperature),
+//! noise, quantisation of the converter, faults of its words.
 
 use std::collections::VecDeque;
 

@@ -1,5 +1,5 @@
-//! Recordings of a machine that is not there: an independent, finer plant on
-//! a simulated test bench, through gauges, encoders and converters.
+//! Simulated recordings of a drivetrain, wheel bearing or rotor: an independent plant, finer than
+//! the estimator's model, on a simulated test bench with sensors and converters.
 //!
 //! Nothing here is shared with the estimator but the machine description.
 //! What the plant does beyond that description, its [`EFFECTS`], is not

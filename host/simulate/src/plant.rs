@@ -1,5 +1,5 @@
-//! The drivetrain as the plant integrates it: finer than the estimator's
-//! model, with its own equations and its own integrator.
+//! Plant model of a drivetrain: a torsional chain finer than the estimator's model, with backlash,
+//! friction and speed control, integrated by Runge-Kutta steps.
 //!
 //! Each shaft is split into an elastic part and a mesh with a gear between
 //! them, so a machine of n inertias becomes one of 2 n - 1. With body i

@@ -1,4 +1,5 @@
-//! From a simulated machine to a recording.
+//! Sampling loop of a simulation: the readings of a simulated machine are collected in blocks and
+//! written to a CSV, Parquet or MDF4 file.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! Random numbers: what belongs to the individual machine and what to one
-//! recording of it, a stream for each purpose.
+//! Random number streams of a simulation, two for each purpose: one fixed for the individual
+//! machine, one for the recording.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

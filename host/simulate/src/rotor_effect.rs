@@ -1,4 +1,5 @@
-//! What a rotor may do that its description does not say.
+//! Effects on a simulated rotor that its description does not have: sensor bias, runout, gain
+//! error, shaft bow, misalignment, a softer bearing.
 
 use std::f64::consts::TAU;
 use std::str::FromStr;

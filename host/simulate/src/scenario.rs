@@ -1,4 +1,5 @@
-//! What the test bench does: torque and speed over time.
+//! Scenarios of the drivetrain's test bench: torque and speed over time, built in or from a
+//! recorded machine.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;

@@ -1,5 +1,5 @@
-//! The test bench: which torque acts where, so that torque and speed follow
-//! the scenario.
+//! Torques of the simulated test bench: which torque acts on which inertia, so that torque and
+//! speed follow the scenario.
 
 use loadtwin_machine::{Drivetrain, Load, Machine, Senses};
 

@@ -1,4 +1,4 @@
-//! The temperature of the housing.
+//! Temperature of the housing: a first-order lag, heated by the transmitted power.
 
 /// First order, heated by the power that is transmitted.
 #[derive(Clone, Copy, Debug)]

@@ -1,4 +1,5 @@
-//! `loadtwin diagnose` on a description with a table `[balance]`.
+//! Part of `loadtwin diagnose` for drives with a table `[balance]`: runs the diagnosis of the
+//! torque balance, and prints verdict, effects and errors as text or JSON.
 
 use std::time::Instant;
 

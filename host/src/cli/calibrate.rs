@@ -1,4 +1,5 @@
-//! `loadtwin calibrate`.
+//! The command `loadtwin calibrate`: fits gauges to recordings with reference loads, proposes sets
+//! of gauges, and writes the calibrated description. A bearing is fitted to one recording on a rig.
 
 use std::path::PathBuf;
 use std::time::Instant;

@@ -1,4 +1,5 @@
-//! What `loadtwin` does without a command: the recording that comes with it.
+//! `loadtwin` without a command: replays the two shipped gearbox recordings with every set of
+//! sensors, prints the errors and writes `out/report.html`.
 
 use std::path::{Path, PathBuf};
 

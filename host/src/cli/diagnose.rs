@@ -1,4 +1,6 @@
-//! `loadtwin diagnose`.
+//! The command `loadtwin diagnose`: finds the physical effects that the model of a drivetrain,
+//! rotor or bearing lacks, compares the estimator before and after, and writes the improved
+//! description.
 
 use std::path::PathBuf;
 use std::time::Instant;

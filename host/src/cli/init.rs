@@ -1,4 +1,5 @@
-//! `loadtwin init`.
+//! The command `loadtwin init`: writes or prints the draft of a machine description that is
+//! generated from a recording.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! `loadtwin key`.
+//! The command `loadtwin key`: makes a key pair that signs model images, and the key page of a
+//! board.
 
 use std::path::PathBuf;
 

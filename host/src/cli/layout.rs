@@ -1,4 +1,5 @@
-//! The machine description of a command, with `--layout` where it reads recordings.
+//! The option `--layout`, which replaces the recording layout of a description; and loading of a
+//! description, with a note on values that are still to be filled in.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! `loadtwin completions` and `loadtwin man`.
+//! The commands `loadtwin completions` and `loadtwin man`: a completion script of a shell; a man
+//! page for each command in a folder.
 
 use std::path::PathBuf;
 

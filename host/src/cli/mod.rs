@@ -1,4 +1,5 @@
-//! The command line: one file for each command.
+//! The command-line interface of `loadtwin`: list of the commands with their help, parsing, and
+//! dispatch to the file that holds the command.
 
 mod balance;
 mod build;

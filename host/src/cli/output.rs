@@ -1,4 +1,5 @@
-//! Text for people and JSON for programs, on standard output.
+//! Printing on standard output, as text or JSON, that survives a closed pipe; notes on standard
+//! error.
 
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write, stderr, stdout};

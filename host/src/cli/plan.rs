@@ -1,4 +1,5 @@
-//! What a command reads and writes, checked before it works.
+//! Declaration of the inputs and outputs of a command, with the option `--force`; checked before
+//! the command runs, so that no output replaces an input or a file of other content.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! The program: parse, dispatch, exit code.
+//! Entry point of the command line: parses the arguments, runs the command, prints its error in one
+//! line and returns the exit code.
 
 use std::ffi::OsString;
 use std::io::{self, ErrorKind, Write, stderr};

@@ -1,4 +1,4 @@
-//! Progress on standard error, where a terminal is there and it takes a while.
+//! Progress bar on standard error, where that is a terminal and the work takes more than a second.
 
 use std::time::Duration;
 

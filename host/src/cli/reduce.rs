@@ -1,4 +1,5 @@
-//! `loadtwin reduce`.
+//! The command `loadtwin reduce`: turns finite-element strains under unit loads into strain maps of
+//! the gauges over the carrier angle.
 
 use std::path::PathBuf;
 use std::time::Instant;

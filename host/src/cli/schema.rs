@@ -1,4 +1,4 @@
-//! `loadtwin schema`.
+//! The command `loadtwin schema`: prints the JSON schema of the machine description.
 
 use super::output::say;
 use crate::machine::Machine;

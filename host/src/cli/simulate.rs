@@ -1,4 +1,5 @@
-//! `loadtwin simulate`.
+//! The command `loadtwin simulate`: writes a recording of a simulated drivetrain, rotor or bearing
+//! for a scenario, a seed and chosen effects.
 
 use std::path::PathBuf;
 use std::time::Instant;

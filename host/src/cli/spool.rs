@@ -1,4 +1,5 @@
-//! A recording from standard input or another pipe.
+//! Recordings from standard input or a pipe, copied to a temporary file so that they can be opened
+//! repeatedly and read at any position.
 
 use std::io::{self, IsTerminal, Read};
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! What `loadtwin tune` prints of a drivetrain.
+//! Output of `loadtwin tune` for a drivetrain: table of the tuned noise, hold-out results,
+//! warnings, JSON, and the CSV file of the frequency response.
 
 use std::path::Path;
 

@@ -1,4 +1,6 @@
-//! `loadtwin tune` of a rotor.
+//! `loadtwin tune` for a rotor: tunes the noise by likelihood and by differential evolution,
+//! compares the chosen noise with the described noise on hold-out data, and writes it unless it is
+//! worse.
 
 use std::path::Path;
 use std::time::Instant;
@@ -17,7 +19,7 @@ use crate::replay::Comparison;
 use crate::rotor_tune::{Choice, Evaluation, Method, evaluate, page, tune};
 
 impl Tune {
-    /// Both methods on the recordings of a rotor, evaluated on a hold-out recording.
+    /// Both methods on the recordings of a rotor; the chosen one is compared on hold-out data.
     pub(super) fn run_rotor(
         &self,
         described: &Machine,

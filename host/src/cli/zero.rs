@@ -1,4 +1,5 @@
-//! `loadtwin zero`.
+//! The command `loadtwin zero`: zeroes a strain bridge from a recording of the unloaded structure,
+//! adjusts its gauge factor by a shunt resistor, and writes both to the description.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! A wheel bearing with four gauges on its outer ring.
+//! Draft description of a wheel bearing with four gauges on its outer ring: geometry of a passenger
+//! car's hub to be filled in; gauges, encoder, references and load ranges from the columns.
 
 use loadtwin_common::bearing::GAUGES;
 use loadtwin_machine::BEARING_LOADS;

@@ -1,4 +1,5 @@
-//! What a column of a recording looks like: by its unit, then its name, then its values.
+//! Classification of a recording's columns (strain, torque, encoder counts, index pulse, ...) by
+//! unit, then name, then values.
 
 use loadtwin_recording::{Quantity, SurveyedColumn, Unit};
 

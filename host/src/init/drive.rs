@@ -1,4 +1,5 @@
-//! A drive of which torque, force, current or voltage and the motion are recorded.
+//! Draft description of a drive without gauges, the table `[balance]`: drive signal, position,
+//! speed, temperature and loads, chosen among the columns of the recording.
 
 use std::f64::consts::TAU;
 

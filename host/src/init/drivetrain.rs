@@ -1,4 +1,5 @@
-//! A torsional drivetrain with gauges.
+//! Draft description of a torsional drivetrain: two inertias and a shaft to be filled in; gauges,
+//! encoders, speeds and reference torques from the columns of the recording.
 
 use super::Source;
 use super::column::{Look, LookedAt};

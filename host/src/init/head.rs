@@ -1,4 +1,5 @@
-//! The head of a description, and how its recordings are laid out.
+//! Head of a draft description: comments on the columns found, name and sample rate; and its table
+//! `[recording]`, the layout of the recording.
 
 use loadtwin_recording::{ChannelLayout, RATES_HZ, Timing, Unit, WrittenNan};
 

@@ -1,4 +1,5 @@
-//! A machine description begun from a recording.
+//! Draft of a machine description generated from a recording: classifies the columns, chooses the
+//! kind of machine, writes the text, and checks that it loads.
 //!
 //! Columns are described by what they look like; what a recording does not show stands below a line
 //! `# TO FILL IN: ...` with a value that is allowed. The description is valid as it is.

@@ -1,4 +1,5 @@
-//! A rotor on bearings with displacement sensors.
+//! Draft description of a rotor on two bearings: shaft, disc and bearings to be filled in;
+//! displacement sensors, forces, encoder and index pulse from the columns of the recording.
 
 use std::f64::consts::TAU;
 

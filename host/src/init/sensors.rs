@@ -1,4 +1,5 @@
-//! Channels, encoders, index pulse, references and thermometers.
+//! Sensor tables of a draft description: channels with their converters, encoders, index pulse,
+//! references and temperatures, from the columns of the recording.
 
 use loadtwin_machine::six_digits;
 use loadtwin_recording::{Quantity, Unit};

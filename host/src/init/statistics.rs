@@ -1,4 +1,5 @@
-//! Figures of a column's values that show what it holds.
+//! Statistics of a column by which its kind is recognised: range, white noise, quantisation step,
+//! counter width and steadiness of motion.
 
 use loadtwin_math::counter::unwrapped;
 
@@ -20,7 +21,7 @@ pub struct Statistics {
     pub most: f64,
     /// Part of the rows without a value.
     pub empty: f64,
-    /// Part of the rows with the most frequent value, and whether others come back to it.
+    /// Part of the rows with the most frequent value.
     pub idle: f64,
     /// Different values, 3 at most.
     pub different: usize,

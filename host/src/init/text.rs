@@ -1,4 +1,5 @@
-//! The text of a description with the places that a recording does not show.
+//! Text builder for a generated machine description: tables, fields and comments in TOML; the
+//! values that are to be filled in are marked and counted.
 
 use std::fmt::Display;
 

@@ -1,4 +1,5 @@
-//! Why methods of tuning differ: error and innovations over Qd.
+//! Sweep of the process noise Qd of the loads on a simulated gearbox: error and innovation norm of
+//! a set of sensors at each Qd.
 
 use rayon::prelude::*;
 

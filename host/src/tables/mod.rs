@@ -1,4 +1,5 @@
-//! `loadtwin tables`: the paper's tables 2 and 3 on simulated machines.
+//! Tables 2 and 3 of Bosmans et al. 2023 on simulated gearboxes: simulates, calibrates, tunes and
+//! evaluates individual machines.
 //!
 //! Each individual has its own parameters, gauge positions, offsets and drift.
 //! It is calibrated and tuned on a recording with torque ramps and one at

@@ -1,4 +1,5 @@
-//! The page on the tables: the paper's figures beside ours, and why they differ.
+//! HTML page of `loadtwin tables`: tables with the paper's errors beside ours, and plots of error
+//! and innovation norm over the process noise Qd.
 
 use super::{Cell, Curve, Point, Published, SEGMENTS, TABLE_2, TABLE_3, mean_qd, statistics};
 use crate::machine::Machine;

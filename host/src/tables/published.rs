@@ -1,4 +1,5 @@
-//! What the paper's tables 2 and 3 say.
+//! Rows of tables 2 and 3 of Bosmans et al. 2023 with their published errors, and further rows of
+//! tuning methods and drift states that the paper does not have.
 
 use super::Nmae;
 use crate::tune::Method;

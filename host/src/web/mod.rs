@@ -1,4 +1,5 @@
-//! A bus in the browser: one page with loads, sensors and state, fed over a WebSocket.
+//! Browser view of a CAN bus, for `loadtwin monitor --web`: one page with loads, sensors and state,
+//! fed over a WebSocket.
 //!
 //! Each tenth of a second the least and the largest value of each signal are sent, so that no peak
 //! is lost and the amount does not grow with the sample rate. A browser that connects, or connects

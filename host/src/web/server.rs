@@ -1,4 +1,5 @@
-//! The page and its WebSocket.
+//! HTTP server of the browser view: serves the page, and sends the latest rows of values to each
+//! browser over a WebSocket. Requests of other sites are refused.
 
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};

@@ -36,7 +36,7 @@ fn snake(name: &str) -> String {
 /// Constants for each message; messages that differ in their number only
 /// share one set, and so do signals of one name on several pages.
 fn generate(dbc: &Dbc) -> String {
-    let mut out = "//! Where the signals lie. Generated from `docs/loadtwin.dbc`; a test of `loadtwin` compares\n\
+    let mut out = "//! Bit positions of the CAN signals. Generated from `docs/loadtwin.dbc`; a test of `loadtwin` compares\n\
         //! both and, with `LOADTWIN_BLESS=1`, writes this file anew.\n"
         .to_owned();
     let mut shapes = BTreeMap::new();

@@ -1,7 +1,8 @@
 //! Fault isolation among redundant gauges: the gauges to exclude, by the residual cost of each
-//! hypothesis, and the kinds of their faults. The prediction of the filter is a witness.
+//! hypothesis, and the kinds of their faults. The prediction of the filter is further evidence
+//! after the gauges have agreed for five windows.
 
-use crate::drivetrain::kind::Moments;
+use crate::drivetrain::fault_kind::Moments;
 use crate::drivetrain::vote::{ANCHORED, Gauge, RETURN, Vote, Voting, pair};
 use crate::io::fault::Fault;
 use crate::io::raw::MAX_CHANNELS;

@@ -1,4 +1,4 @@
-//! Where the signals lie. Generated from `docs/loadtwin.dbc`; a test of `loadtwin` compares
+//! Bit positions of the CAN signals. Generated from `docs/loadtwin.dbc`; a test of `loadtwin` compares
 //! both and, with `LOADTWIN_BLESS=1`, writes this file anew.
 
 /// `Status`.

@@ -1,4 +1,5 @@
-//! Raw samples on the bus: everything that a recomputation needs, bit for bit.
+//! Raw samples on the bus, bit for bit: encoding as classic or FD frames, and assembly of whole
+//! samples from received frames, with counts of lost and damaged ones.
 //!
 //! Classic: a head with tick and validity, then, in the order of their
 //! identifiers, the frames in which something was delivered. One CRC over the

@@ -1,4 +1,4 @@
-//! A sensor's health on the bus.
+//! Sensor health on the bus: fault, normalised innovation, NIS and homing flag of one sensor.
 
 use crate::io::estimate::{MAX_SENSORS, SensorEstimate};
 use crate::io::fault::Fault;

@@ -1,4 +1,5 @@
-//! The heartbeat: state of the estimator, counters of the board, name of the model.
+//! Status frames (heartbeat): state of the estimator and, page by page, hash of the model, counters
+//! of the board, frame format, tick and sample rate.
 
 use crate::io::frame::WIRE_VERSION;
 use crate::io::frame::layout::status as field;
@@ -19,7 +20,7 @@ pub enum State {
 }
 
 impl State {
-    /// Decimation state.
+    /// Every state.
     pub const ALL: [Self; 4] = [Self::NoImage, Self::Waiting, Self::Homing, Self::Running];
 
     /// The name in tables and JSON.

@@ -1,5 +1,5 @@
-//! Every end of the emulated board is an exit status: success only where the
-//! test asked for the end.
+//! Exit status of the emulator: success only where the test asked for the end, failure after a
+//! panic, a hard fault or an expiry of the watchdog.
 #![allow(unsafe_code)]
 
 use core::arch::naked_asm;

@@ -1,4 +1,4 @@
-//! What lies below the stack is forbidden, so that a stack that overflows faults.
+//! Stack guard: an MPU region without access below the stack, so that a stack overflow faults.
 //!
 //! The stack is the lowest part of the memory, but what is below is not empty on
 //! every board: on the STM32G4 it is option bytes, on the emulator a device that

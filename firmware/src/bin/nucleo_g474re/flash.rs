@@ -1,4 +1,5 @@
-//! Bank 2 of the flash: the model's slots and the key's page.
+//! Flash bank 2 of the STM32G474 with the model slots and the key page: reads with detection of ECC
+//! errors (NMI), programming and erasing.
 //!
 //! Written through the registers, for the crate's own driver turns interrupts
 //! off while it erases: the program runs from bank 1, and the estimator goes on.

@@ -1,4 +1,5 @@
-//! Counting of load cycles.
+//! Benchmark of load counting: instructions for a sample (mean for a slow load and for white noise,
+//! worst case), digest of the counts, bytes of memory.
 
 use core::hint::black_box;
 

@@ -1,4 +1,5 @@
-//! The same step by other filters.
+//! Benchmarks of other Kalman filters on the same system: dense textbook products with nalgebra,
+//! and minikalman.
 
 use core::hint::black_box;
 

@@ -1,4 +1,5 @@
-//! Sending a sealed image to a board: UDS download services over ISO-TP.
+//! State machine that uploads a sealed image to a board: UDS download services over ISO-TP, with
+//! repeated requests.
 //!
 //! No socket and no clock: frames with [`uds::ANSWER_ID`] go into
 //! [`Uploader::on_frame`], frames from [`Uploader::poll`] go out with

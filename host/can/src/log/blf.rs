@@ -1,4 +1,4 @@
-//! BLF, the binary log of Vector's tools.
+//! Reader of BLF, the binary log of CAN buses by Vector's tools.
 //!
 //! A file header `LOGG`, then objects `LOBJ`. Those of a log stand in containers, most of them
 //! compressed by zlib; an object may begin in one and end in the next.

@@ -1,4 +1,5 @@
-//! `candump` of can-utils: logs (`-L`, `-l`) and what it prints, with stamps of any kind.
+//! Reader of `candump` output (can-utils): logs (`-L`, `-l`) and printed lines, with time stamps of
+//! any kind.
 //!
 //! | written by | a line |
 //! |---|---|

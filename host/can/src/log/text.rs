@@ -1,4 +1,5 @@
-//! Parts that the logs of text share.
+//! Parts that the log readers share: a frame with its time and interface, the result of parsing a
+//! line, and parsing of numbers, bytes and times.
 
 use crate::bus_frame::BusFrame;
 

@@ -1,4 +1,4 @@
-//! The log that is written: that of `candump -L`.
+//! Writer of bus logs in the format of `candump -L`, to a new file that grows by whole lines.
 
 use std::fs::File;
 use std::io::{self, Write};

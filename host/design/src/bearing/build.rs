@@ -1,4 +1,5 @@
-//! From the description of a bearing to the estimator.
+//! Model image of a wheel bearing from its description and its calibration: geometry, gauges,
+//! encoder, loads and filter tuning.
 
 use std::f64::consts::PI;
 

@@ -1,5 +1,5 @@
-//! The file that `loadtwin calibrate` writes for a bearing: how its gauges
-//! answer to its contacts.
+//! Calibration file of a bearing: strain responses of the gauges, physical parameters, mean and
+//! covariance of the loads, baseline models; its reader and the initial guess before a fit.
 
 use std::path::Path;
 

@@ -1,4 +1,5 @@
-//! Responses of the gauges, with their uncertainty.
+//! Least-squares fit of the gauge responses to calibration blocks: coefficients, noise and model
+//! error from the residuals, cluster-robust standard deviations.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;

@@ -1,4 +1,5 @@
-//! Phases of both rows on a rig whose loads are known.
+//! Ball-pass phases of both rows, estimated from a rig recording by the filter with the measured
+//! loads as known inputs: one calibration block for each update of the filter.
 
 use loadtwin_common::bearing::harmonic_block::HarmonicBlock;
 use loadtwin_common::bearing::{BLOCK_HZ, BearingEstimator as Filter, BearingModel, LOADS, ROWS};

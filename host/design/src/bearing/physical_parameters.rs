@@ -1,4 +1,5 @@
-//! What a bearing may differ in from its description, and the geometry that comes of it.
+//! Deviations of a bearing from its description (stiffness, preload, contact angle, row coupling,
+//! ring compliance), their prior standard deviations, and the contact geometry that includes them.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};

@@ -1,4 +1,5 @@
-//! What the gauges of a calibrated bearing read when the loads are known.
+//! Predicted gauge strains and ball-pass rates of a calibrated
+//! bearing, for blocks with known loads and phases.
 
 use loadtwin_common::bearing::{BASIS, GAUGES, ROWS};
 

@@ -1,4 +1,5 @@
-//! The effects that a diagnosis found, as terms of the estimator.
+//! Conversion of the effects that a diagnosis found in a drive to terms of the estimator and to
+//! delays between its signals.
 
 use std::f64::consts::TAU;
 

@@ -1,4 +1,5 @@
-//! Drives: from the balance of forces and its effects to the estimator.
+//! Estimator design for a drive without strain gauges: model
+//! image, effects and filter noise from the balance of forces.
 
 mod build;
 mod effects;

@@ -1,4 +1,5 @@
-//! Noise of a drive's filter, of the bands in which motion and load are wanted.
+//! Process and measurement noise of a drive's filter, computed from the bandwidths that are
+//! required of motion and load.
 
 use std::f64::consts::TAU;
 

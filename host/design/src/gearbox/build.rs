@@ -1,4 +1,5 @@
-//! From the machine description to the model of the image.
+//! Model image of a drivetrain: states and their scales, transition, process noise, channels,
+//! encoders, friction, steady gains.
 
 use faer::Mat;
 use heapless::Vec as FixedVec;

@@ -1,4 +1,5 @@
-//! What the consistency tests of gauges and speeds allow.
+//! Parameters of the consistency tests of gauges and speeds: averaging window, bounds of the
+//! residuals, model error of a channel, largest plausible speed.
 
 use loadtwin_common::drivetrain::Consistency;
 

@@ -1,4 +1,5 @@
-//! Design-time model of the gearbox and other torsional drivetrains.
+//! Estimator design for gearboxes and other torsional drivetrains: torsional model, process noise,
+//! steady gains, model image.
 
 mod build;
 mod channel_tables;

@@ -1,4 +1,5 @@
-//! The filter's model, linearised at the carrier angle.
+//! Linearised filter model of a drivetrain at one carrier angle under nominal loads: transition,
+//! observation, process and measurement noise.
 
 use faer::Mat;
 use loadtwin_common::drivetrain::{GearboxModel, LOADS, Role};

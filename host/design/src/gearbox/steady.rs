@@ -88,7 +88,7 @@ struct Recursion<'a> {
     initial: Vec<f64>,
     /// Rows of the encoders, then of the directions of the channels.
     rows: Vec<Vec<f64>>,
-    /// Channels of each direction of the channels, with what they sense at nominal load.
+    /// Numbers of the channels of each direction of the channels.
     channels: Vec<Vec<usize>>,
 }
 

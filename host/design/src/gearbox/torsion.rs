@@ -1,4 +1,5 @@
-//! The torsional drivetrain in continuous time, in SI units.
+//! Torsional model of a drivetrain in SI units: continuous state space, its exact discretisation,
+//! rows of encoders and channels, shaft twists in rigid-body motion under given loads.
 
 use faer::Mat;
 

@@ -1,4 +1,4 @@
-//! Why no maps can be made.
+//! Errors of the reduction of finite-element strains to strain maps: `ReduceError`.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! Load cases: which unit force each step of the finite-element solution has.
+//! Load cases of the finite-element solution, read from a CSV table: place, direction and size of
+//! the force on the housing in each step.
 
 use std::path::Path;
 

@@ -1,4 +1,5 @@
-//! Load cases and forces put together: strain over the carrier angle.
+//! Strain maps of the gauges over the carrier angle by superposition of the load cases, for each
+//! candidate node in the patch of a gauge.
 
 use std::f64::consts::TAU;
 use std::path::Path;

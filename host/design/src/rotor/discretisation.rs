@@ -1,4 +1,5 @@
-//! The reduced rotor from sample to sample, in the coordinates of the filter.
+//! Exact discretisation of the reduced rotor for forces that are held or turn with the shaft, and
+//! its transformation to the coordinates of the filter.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale};

@@ -1,4 +1,5 @@
-//! Eigenpairs of the rotor, and those that motion after a start is made of.
+//! Complex eigenpairs of the rotor at one speed, and the selection
+//! of those that dominate the free motion after a start.
 
 use faer::linalg::solvers::{PartialPivLu, Solve};
 use faer::{Mat, c64};

@@ -1,4 +1,4 @@
-//! The matrices of one shaft element and of one disc.
+//! Mass, stiffness and gyroscopic matrices of a cylindrical Timoshenko beam element.
 
 /// Degrees of freedom of a node: `x`, `y`, `alpha` about x, `beta` about y.
 pub const NODE: usize = 4;

@@ -1,4 +1,5 @@
-//! A rotor as its filter knows it: reduced, scaled, discretised.
+//! Design of a rotor's filter: reduced models over a grid of speeds, scales of the states, discrete
+//! transitions, observation rows, process noise, displacement maps of all nodes.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;

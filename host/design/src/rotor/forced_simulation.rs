@@ -1,4 +1,5 @@
-//! Readings of a rotor under synchronous forces with known regressors, at a varying speed.
+//! Simulated sensor readings of a rotor under synchronous forces at varying speed: one regressor
+//! for each unit force and initial motion, or the reading for given amplitudes.
 
 use std::ops::Range;
 

@@ -1,11 +1,12 @@
-//! How long the full recursion of a rotor's filter runs.
+//! Convergence time of a rotor's filter: number of samples until the load variances of the
+//! covariance recursion are close to their final value.
 
 use faer::Mat;
 use loadtwin_common::rotor::filter::{
     LoadTransition, ObservationRow, StateEstimate, predict_covariance, update,
 };
 
-/// Relative difference of every variance to its last at which the gain has converged.
+/// Relative difference of the sum of the load variances to its last at which the gain has converged.
 const CONVERGED: f64 = 0.02;
 
 /// Longest time that is looked at for it [s].
@@ -32,8 +33,8 @@ pub(crate) struct CovarianceRecursion<'a> {
 }
 
 impl CovarianceRecursion<'_> {
-    /// Samples after which no variance of a load differs by more than [`CONVERGED`] from
-    /// what it ends at.
+    /// Samples after which the sum of the variances of the loads differs by no more than
+    /// [`CONVERGED`] from what it ends at.
     pub fn converged_after(&self, (modes, states): (usize, usize)) -> u32 {
         match (modes, states) {
             (8, 20) => self.sized::<8, 20>(),

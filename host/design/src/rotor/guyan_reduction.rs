@@ -1,4 +1,5 @@
-//! The rotor in few degrees of freedom: undamped modes, and what forces bend statically.
+//! Reduction of the rotor to a basis of its lowest undamped
+//! modes and the static deflections under given forces.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale, Side};

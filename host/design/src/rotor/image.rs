@@ -1,4 +1,5 @@
-//! From the plan of a rotor to the rotor of the image.
+//! Model image of a rotor: transition over a grid of speeds, steady gains for each noise level and
+//! speed, channels, shaft encoder.
 
 use faer::Mat;
 use heapless::Vec as FixedVec;

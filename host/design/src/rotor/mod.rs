@@ -1,4 +1,5 @@
-//! The rotor at design time: finite elements, modes, responses, reduction.
+//! Rotor at design time: finite-element model, modes, responses, model reduction, design of the
+//! filter and its model image.
 
 mod deviation;
 mod discretisation;
@@ -8,6 +9,7 @@ mod filter_design;
 mod forced_simulation;
 mod gain_convergence;
 mod guyan_reduction;
+mod harmonic_response;
 mod image;
 mod modal_truncation;
 mod model;
@@ -16,7 +18,6 @@ mod phasor_inversion;
 mod response;
 mod stability;
 mod tolerance;
-mod unbalance;
 
 use thiserror::Error;
 
@@ -27,12 +28,12 @@ pub use crate::rotor::forced_simulation::{ForcedRotor, ShaftRotation, Synchronou
 pub use crate::rotor::deviation::{NodeDeviations, Uncertainty};
 pub use crate::rotor::filter_design::RotorFilterDesign;
 pub use crate::rotor::guyan_reduction::{Reduced, ReductionError};
+pub use crate::rotor::harmonic_response::{Unbalance, unbalance_response};
 pub use crate::rotor::model::RotorModel;
 pub use crate::rotor::modes::{Mode, UndampedModes, campbell, modes, undamped_modes};
 pub use crate::rotor::phasor_inversion::PhasorInversion;
 pub use crate::rotor::response::TimeResponse;
 pub use crate::rotor::stability::Instability;
-pub use crate::rotor::unbalance::{Unbalance, unbalance_response};
 
 /// Why a rotor cannot be computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]

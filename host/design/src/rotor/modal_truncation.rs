@@ -1,4 +1,5 @@
-//! The rotor in few of its eigenpairs, exact under steady forces.
+//! Reduced rotor in a few of its complex eigenpairs at each
+//! speed, with residual flexibility: exact under steady forces.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -9,8 +10,8 @@ use rayon::prelude::*;
 use crate::rotor::RotorError;
 use crate::rotor::eigenpairs::Eigenpairs;
 use crate::rotor::guyan_reduction::{Reduced, over, project};
+use crate::rotor::harmonic_response::forced_response;
 use crate::rotor::model::RotorModel;
-use crate::rotor::unbalance::forced_response;
 
 /// Undamped modes beyond four times the eigenpairs kept that these are computed in.
 const SPARE: usize = 24;

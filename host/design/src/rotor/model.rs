@@ -1,4 +1,5 @@
-//! The assembled rotor.
+//! Assembled finite-element model of a rotor: mass, gyroscopic, damping and stiffness matrices of
+//! shaft, discs and bearings.
 
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Mat, c64};

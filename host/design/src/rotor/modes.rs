@@ -1,4 +1,5 @@
-//! Modes of the rotor: undamped at rest, and damped at speed.
+//! Modes of the rotor: undamped modes without gyroscopic terms, damped modes at a speed, and those
+//! over a range of speeds for a Campbell diagram.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale, Side, c64};
@@ -17,7 +18,7 @@ const POLISHES: usize = 4;
 /// Relative step after which an eigenvalue has converged: its error is the step squared.
 const CONVERGED: f64 = 1e-6;
 
-/// The lowest modes of the undamped rotor at rest, `K phi = w^2 M phi`.
+/// The lowest modes of the undamped rotor without gyroscopic terms, `K phi = w^2 M phi`.
 #[derive(Clone, Debug)]
 pub struct UndampedModes {
     /// `w^2` [rad^2/s^2], rising.

@@ -1,10 +1,11 @@
-//! Forces from one measured turn, without a filter.
+//! Baseline without a filter: least-squares forces from the once-per-revolution (1x) phasors of the
+//! displacement sensors at one speed.
 
 use faer::linalg::solvers::SolveLstsq;
 use faer::{Mat, c64};
 
+use crate::rotor::harmonic_response::forced_response;
 use crate::rotor::model::RotorModel;
-use crate::rotor::unbalance::forced_response;
 use loadtwin_machine::{Channel, Rotor, Senses};
 
 /// The 1x phasor inversion: `F = argmin |H(speed) F - Y|`, with `Y` the amplitudes of

@@ -1,4 +1,5 @@
-//! Response over time.
+//! Time response of a reduced rotor at constant speed to
+//! sampled forces, linear between samples (first-order hold).
 
 use faer::Mat;
 

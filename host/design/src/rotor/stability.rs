@@ -1,4 +1,5 @@
-//! Where a rotor as described is unstable.
+//! Instability of a rotor as described: range of speeds and fastest growth, from the least damped
+//! eigenvalue at each speed.
 
 use faer::c64;
 use serde::Serialize;

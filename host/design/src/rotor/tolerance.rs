@@ -1,4 +1,5 @@
-//! What a rotor's filter errs by where the rotor is off by the usual tolerances of a description.
+//! Error covariance of a rotor's steady filter under nominal loads where bearings and shaft deviate
+//! from the description by usual tolerances.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -36,7 +37,8 @@ struct Tolerance {
 
 impl RotorFilterDesign {
     /// Covariance of the filter's error under the nominal loads, where stiffness and damping of the
-    /// rotor differ from the description by one standard deviation each, independently: over the
+    /// rotor differ from the description by one standard deviation each, both directions of a bearing
+    /// alike: over the
     /// states of the filter, in its scale.
     ///
     /// The rotor's steady motion changes by `dz = -D^-1 (dK + i w dC) z`, `D = K - w^2 + i w C`, under a

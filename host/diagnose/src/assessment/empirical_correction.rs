@@ -1,4 +1,5 @@
-//! A correction without a cause: what a residual is, on average, over something that was measured.
+//! Empirical correction of a reading: for each residual with an excess its binned mean over the
+//! covariate (not time) that explains most of its variance.
 
 use serde::Serialize;
 

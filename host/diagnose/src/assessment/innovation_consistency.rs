@@ -1,4 +1,5 @@
-//! Consistency of the filter's innovations with today's model.
+//! Consistency of the filter's innovations for each recording and sensor set: NIS with its bounds;
+//! bias, mean square and whiteness of each sensor.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! Residual tests and the verdict.
+//! Assessment of a diagnosis: excess and tests of the residuals, consistency of the innovations,
+//! standard deviations of parameters, empirical corrections, and the verdict.
 
 pub mod binned_mean;
 pub mod empirical_correction;

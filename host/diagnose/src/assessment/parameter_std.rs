@@ -1,4 +1,5 @@
-//! How sure the parameters of an effect are.
+//! Standard deviations of the linear parameters of a fitted effect, from its normal equations and
+//! the mean square of the remaining residual.
 
 use faer::Mat;
 use faer::linalg::solvers::DenseSolveCore;

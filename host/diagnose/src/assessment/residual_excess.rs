@@ -1,4 +1,5 @@
-//! Excess of the residuals over the null samples: size, time, frequency, order.
+//! Statistics of each residual: its mean square before and after the effects found, relative to the
+//! null samples; time, concentration, frequency and order of what remains.
 
 use serde::Serialize;
 
@@ -11,15 +12,14 @@ use crate::selection::stepwise::Selection;
 pub struct ResidualExcess {
     /// The signal.
     pub channel: String,
-    /// Mean square over that of the machine without effect, before and after
-    /// what was found.
+    /// Variance over that of the machine without effect, before the effects found.
     pub before: f64,
-    /// After what was found.
+    /// After the effects found.
     pub after: f64,
     /// Part of the residual in the tenth of the time where it is largest; 0.1 for one
     /// spread evenly.
     pub concentration: f64,
-    /// Middle of that time (s).
+    /// Middle of the half second in which it is largest (s).
     pub at_s: f64,
     /// Frequency around which most of it lies (Hz).
     pub frequency_hz: f64,

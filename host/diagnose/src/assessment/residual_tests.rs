@@ -1,4 +1,5 @@
-//! What a residual goes with: tests for structure, each against the same machine without effect.
+//! Statistical tests of each residual: bias, autocorrelation, shaft orders, dependence on
+//! covariates and cross-correlation, with thresholds from the null samples.
 
 use std::f64::consts::{PI, TAU};
 use std::fmt;
@@ -126,7 +127,7 @@ impl ResidualTests {
 /// Residuals, `[recording][signal]`.
 type ResidualSet = Vec<Vec<Vec<f64>>>;
 
-/// The correlations of each residual before and after the effects found, in the order of the signals.
+/// All tests of each residual before and after the effects found, in the order of the signals.
 ///
 /// The residual of a fault-free machine is subtracted.
 pub fn residual_tests<S: ResidualModel>(

@@ -1,4 +1,5 @@
-//! What a recording shows of a bearing beside its calibration.
+//! Residuals of strain and cage slip in one recording of a bearing: measurement minus the
+//! prediction of its calibration, with the drift of the offsets projected out.
 
 use std::f64::consts::{PI, TAU};
 

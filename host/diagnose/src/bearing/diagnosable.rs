@@ -1,4 +1,5 @@
-//! A recording of a bearing as the assessment sees it.
+//! `Diagnosable` and `ResidualModel` for bearings: recordings read as residuals, with names, units,
+//! noise, regressor columns, covariates and errors.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -1,4 +1,5 @@
-//! What other bearings without effect leave when they do the same.
+//! Null samples of a bearing: residuals of simulated fault-free bearings of the same description,
+//! each with its own calibration, under the recorded loads and speed.
 
 use std::path::Path;
 

@@ -1,4 +1,5 @@
-//! A recording of a bearing: readings, loads and speed, block by block.
+//! A recording of a bearing, block by block: readings with the ball-pass phases tracked, loads, and
+//! the speed from encoder counts.
 
 use std::path::Path;
 

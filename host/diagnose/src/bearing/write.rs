@@ -1,4 +1,5 @@
-//! The description of a bearing with the effects found.
+//! Writing of the improved description of a bearing: its preload, where that was found to differ,
+//! and the path of its calibration.
 
 use std::path::Path;
 

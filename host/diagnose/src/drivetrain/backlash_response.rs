@@ -1,4 +1,5 @@
-//! How a driven chain moves, where its shafts have play too.
+//! Simulation of a torsional chain, with or without backlash, under known torques and the measured
+//! rigid motion; encoders correct the twist within the backlash (alpha-beta filter).
 
 use faer::Mat;
 

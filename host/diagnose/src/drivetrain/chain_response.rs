@@ -1,4 +1,5 @@
-//! Response of the torsional chain to the torques known from a recording.
+//! Response of the torsional chain to the torques known from a recording: torque and twist of each
+//! shaft, their sensitivities to uncertain parameters, and initial vibrations.
 
 use crate::drivetrain::backlash_response::BacklashSimulation;
 use loadtwin_design::gearbox::Torsion;

@@ -1,4 +1,5 @@
-//! The slow load that all strains of a recording have in common.
+//! Common mode of the strain residuals: the weighted sum of their low-frequency parts; and removal
+//! of a described bending load, estimated from all strains by least squares.
 
 use crate::drivetrain::decimation::forward_filled;
 use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, ResidualSignal};

@@ -1,4 +1,5 @@
-//! Torques in the chain that follow from the loads.
+//! Inverse dynamics of the torsional chain: torque of each shaft from the loads, inertias and
+//! friction on one side of it, its fast part from simulation; and the torque balance.
 
 use std::ops::Range;
 

@@ -1,4 +1,5 @@
-//! What the residuals mean for the load: error before and after.
+//! Load error of a drivetrain by the strain residuals (weighted least squares over the gauges),
+//! without and with the effects found, as described and recalibrated.
 
 use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, TorqueSource};
 use crate::effect::fitted::FittedEffect;
@@ -38,7 +39,7 @@ pub fn load_errors(
     }
 }
 
-/// Residuals<Session> less the best zero and gain of each strain.
+/// Residuals less the best zero and gain of each strain.
 fn recalibrated(
     recordings: &[DrivetrainResiduals],
     residuals: &[Vec<Vec<f64>>],

@@ -1,4 +1,5 @@
-//! What the residuals of the same machine look like without any effect.
+//! Null samples of a drivetrain: residuals of simulations without any effect under the recorded
+//! operating profile, with noise and with parameters within their tolerances.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

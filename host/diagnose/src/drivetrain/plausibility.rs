@@ -1,4 +1,5 @@
-//! Recordings that say too little, or contradict themselves.
+//! Plausibility of a recording: refusal where torque and speed are negligible, too few samples are
+//! known, the torque balance fails, or gauges have the opposite sign.
 
 use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, ResidualSignal};
 use crate::drivetrain::signals::Signals;

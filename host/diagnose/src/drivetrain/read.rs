@@ -1,5 +1,5 @@
-//! From a recording to residuals: measurement minus model output, given the torque
-//! measured by reference loads or, without them, estimated from all gauges together.
+//! Reading of a drivetrain recording as residuals, measurement minus model output, given the torque
+//! by reference loads or else by the gauges; without either, as the innovations of the filter.
 
 use std::collections::HashMap;
 use std::path::Path;

@@ -1,4 +1,5 @@
-//! A recording, sample by sample, in SI units and referred to the main shaft.
+//! A drivetrain recording, sample by sample in SI units: channels, loads, angles referred to the
+//! main shaft, temperature rise; masks of stuck values and outliers; derivatives of angles.
 
 use std::f64::consts::TAU;
 use std::path::Path;

@@ -1,4 +1,5 @@
-//! What a recording says, on one slow time base.
+//! Decimated signals of a drivetrain recording from which regressors are computed, and the change
+//! of the shaft torques by a torque, gear or inertia that the model lacks.
 
 use faer::Mat;
 

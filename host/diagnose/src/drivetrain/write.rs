@@ -1,5 +1,5 @@
-//! The machine description with the effects found, as far as the estimator has a
-//! place for it: zeros, maps, response, creep, temperature rise, friction, gears, encoders.
+//! Writing of the improved description of a drivetrain: effects found, as far as the estimator can
+//! model them, in the parameters of gauges, inertias, shafts, encoders and thermometer.
 
 use std::path::Path;
 

@@ -1,4 +1,5 @@
-//! Columns of the model, and those that an effect would add.
+//! Design matrix of all recordings: columns of nuisances and effects for each signal, with the
+//! prior standard deviations of their coefficients; subtraction of fitted columns from residuals.
 
 use std::mem::take;
 

@@ -1,4 +1,5 @@
-//! All parameters together, and what they leave of the residuals.
+//! Joint least-squares fit of nuisances and effects in all signals, Gauss-Newton where an effect is
+//! nonlinear; and the residuals after it.
 
 use faer::Mat;
 

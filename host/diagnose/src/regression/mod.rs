@@ -1,4 +1,5 @@
-//! Linear regression with priors and nuisances: knows no machine and no search.
+//! Linear regression with priors and nuisances, independent of machine kinds and of the search for
+//! effects.
 
 pub mod cross_validation;
 pub mod design_matrix;

@@ -1,4 +1,5 @@
-//! Sums of products, and least squares by them.
+//! Normal equations of regularised least squares: Gram matrices for each fold, ridge solution,
+//! cross-validated error and Schur complement.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};

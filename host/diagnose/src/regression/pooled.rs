@@ -1,4 +1,5 @@
-//! Parameters that all signals share.
+//! Cross-validated least squares of a candidate whose parameters all signals share, and the
+//! overdispersion of each signal by the null samples.
 
 use faer::Mat;
 
@@ -95,8 +96,8 @@ impl RegressionData {
         (solve_ridge(normal, &right, &vec![0.0; c]), reduced)
     }
 
-    /// Overdispersion: scatter of a signal's estimate of shared parameters over the null samples, relative to
-    /// its noise over the null samples, where the truth is none; 1 or more:
+    /// Overdispersion: scatter of a signal's estimate of shared parameters over the null samples, whose
+    /// true parameters are 0, relative to its noise; 1 or more:
     ///
     /// `mean(b' A^-1 b) / c`, `A` and `b` the normal equations of c parameters.
     ///

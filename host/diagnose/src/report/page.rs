@@ -1,4 +1,5 @@
-//! The page of a diagnosis.
+//! Report page of a diagnosis: verdict, effects found, check of the filter, ranking of candidates,
+//! tests of residuals and innovations, and plots of residuals before and after.
 
 use crate::assessment::parameter_std::parameter_stds;
 use crate::assessment::verdict::cannot_show;
@@ -341,7 +342,7 @@ fn nis_table(innovations: &[Innovations]) -> Table {
     }
 }
 
-/// The residuals with an excess, the three largest.
+/// The three residuals of which the effects explain most, or that have the largest excess.
 fn top_residuals<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Vec<usize> {
     let mut order: Vec<usize> = (0..diagnosis.residual_excesses.len()).collect();
     let excess = |k: &usize| {

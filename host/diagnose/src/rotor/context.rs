@@ -1,4 +1,5 @@
-//! What a recording shows of a rotor, and what unbalance and start explain of it.
+//! Residuals of one rotor recording, with unbalances, initial motion and uncertain parameters
+//! projected out; and the responses to forces from which effects are computed.
 
 use std::sync::Arc;
 

@@ -1,4 +1,5 @@
-//! A recording of a rotor as the assessment sees it.
+//! `Diagnosable` and `ResidualModel` for rotors: recordings read as residuals, with noise,
+//! regressor columns orthogonal to the unbalance, covariates, errors and remarks.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! What the residuals of the same rotor look like without any effect.
+//! Null samples of a rotor: residuals of simulated fault-free rotors with parameters within their
+//! tolerances, under the recorded motion and the fitted unbalance.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -1,4 +1,5 @@
-//! A recording of a rotor: what its sensors read, and how it turned.
+//! A recording of a rotor: readings of the sensors; angle, speed and acceleration of the shaft from
+//! smoothed encoder counts or, without an encoder, from the described speed.
 
 use std::f64::consts::TAU;
 use std::path::Path;

@@ -1,4 +1,5 @@
-//! The description of a rotor with the effects found.
+//! Writing of the improved description of a rotor: effects found, in the offset, runout and
+//! sensitivity of channels and in the stiffness of bearings.
 
 use std::path::Path;
 

@@ -1,4 +1,5 @@
-//! Candidates with their evidence: on the grid of their shapes, then refined.
+//! Ranking of candidate effects by log-evidence above a threshold from the null samples: on a grid
+//! of nonlinear parameters, then refined by search.
 
 use std::borrow::Cow;
 use std::cmp::Ordering;
@@ -67,7 +68,7 @@ impl<S: ResidualModel> RankedCandidate<S> {
     }
 }
 
-/// Candidates on the grid of their shapes, the best evidence first; without
+/// Candidates on the grid of their shapes, the largest margin first; without
 /// those that the recording cannot show.
 pub(crate) fn rank<S: ResidualModel>(
     data: &RegressionData,

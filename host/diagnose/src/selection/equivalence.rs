@@ -1,4 +1,5 @@
-//! Which candidates are equivalent, and which of them is named.
+//! Equivalence of candidates: choice of the simplest among those that explain the data alike, and
+//! which of them the data do not distinguish.
 
 use std::cmp::Ordering;
 

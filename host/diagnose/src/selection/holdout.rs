@@ -1,4 +1,5 @@
-//! Which further effects hold on recordings that took no part in the search.
+//! Validation of the effects found on hold-out recordings: a further effect that does not reduce
+//! the residuals there is removed.
 
 use crate::effect::fitted::FittedEffect;
 use crate::regression::joint_fit::{fit_jointly, residuals_after, subtract_effects};

@@ -1,4 +1,5 @@
-//! Model error: residual of an imperfectly modelled effect, which is not mistaken for a further effect.
+//! Model errors of the effects found: residuals of imperfect models, discounted from the evidence
+//! of a further candidate.
 
 use crate::effect::fitted::{FittedEffect, is_free_signal};
 use crate::effect::{Effect, Scope};

@@ -1,4 +1,5 @@
-//! A candidate beside the terms already in the model: its evidence, and its parameters.
+//! Score of a candidate fitted beside the terms already in the model: cross-validated log-evidence,
+//! excess and linear parameters.
 
 use crate::effect::{Effect, Scope};
 use crate::regression::cross_validation::{BaseModel, RegressionData};

@@ -112,8 +112,8 @@ fn rank_given<S: ResidualModel>(
     ranked
 }
 
-/// The candidate of `ranked` that is significant, large enough and beyond the model errors of `found`,
-/// leave, with those that cannot be distinguished from it.
+/// The best candidate of `ranked` that is significant, large enough and beyond the model errors of
+/// `found`, with those that cannot be distinguished from it.
 fn best_significant<S: ResidualModel>(
     data: &RegressionData,
     recordings: &[S],

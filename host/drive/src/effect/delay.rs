@@ -1,4 +1,4 @@
-//! Drive and motion that are not sampled at the same time.
+//! Delay of the drive signal against motion and loads.
 
 use crate::effect::{Effect, Motion, Scale};
 use loadtwin_machine::Regime;

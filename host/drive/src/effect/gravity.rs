@@ -1,4 +1,4 @@
-//! The weight of an arm or of what is out of balance.
+//! Gravity torque of an arm or an unbalanced mass: cosine and sine of the angle.
 
 use crate::effect::{Effect, Motion, Scale, each};
 use loadtwin_machine::Regime;

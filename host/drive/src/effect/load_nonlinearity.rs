@@ -1,4 +1,4 @@
-//! A measured load that is not proportional to what acts.
+//! Nonlinearity of a measured load: a part of the drive in proportion to its signed square.
 
 use crate::effect::{Effect, Motion, Scale, each};
 

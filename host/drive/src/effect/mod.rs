@@ -1,4 +1,5 @@
-//! What a drive's balance may lack, one effect a file.
+//! Effects that the balance of a drive may lack, one file each: their interface and list, the
+//! scales of recordings from which their shapes are chosen, and states of friction.
 //!
 //! A new effect is one file and one line in [`EFFECTS`].
 

@@ -1,4 +1,4 @@
-//! A ripple over the travel whose pitch is not known.
+//! Ripple of torque or force over the position, with a pitch found by search.
 
 use std::f64::consts::TAU;
 

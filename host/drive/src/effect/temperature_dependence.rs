@@ -1,4 +1,4 @@
-//! Friction and zero that change with temperature.
+//! Offset, friction and drag that change in proportion to temperature.
 
 use crate::effect::{Effect, Motion, Scale, each, sliding_state, times};
 

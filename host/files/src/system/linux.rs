@@ -1,4 +1,4 @@
-//! Files without a name, of Linux.
+//! Unnamed files on Linux (`O_TMPFILE`), and the link that gives such a file its name.
 
 use std::fs::File;
 use std::io;

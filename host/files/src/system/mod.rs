@@ -1,4 +1,5 @@
-//! What differs between systems: files without a name, who may write, which file a path is.
+//! File functions that differ between Linux, other Unix and other systems: unnamed files, write
+//! permission, owner, identity of files, and the standard streams.
 
 #[cfg(not(unix))]
 mod other;

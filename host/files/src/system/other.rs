@@ -1,4 +1,5 @@
-//! Identity, owner and permissions of files, of systems that are no Unix.
+//! Identity of files by their path, and write permission, on systems other than Unix; owner and
+//! mode are left as they are.
 
 use std::fs::{File, Metadata};
 use std::io;

@@ -1,4 +1,4 @@
-//! Identity, owner and permissions of files, of Unix.
+//! Identity of files by device and inode, owner, permissions and standard streams on Unix.
 
 use std::fs::{File, Metadata, Permissions};
 use std::io;

@@ -1,4 +1,5 @@
-//! Files without a name, where the system gives them none later: they are copied.
+//! Unnamed files on systems other than Linux, which cannot name them later: `link` fails, so that
+//! the caller copies the file.
 
 use std::fs::File;
 use std::io;

@@ -1,4 +1,5 @@
-//! Gauges that cannot be used, and why.
+//! Faults of gauges in a calibration: missing, stuck, dead,
+//! wrong sign, wrong gain, swapped with another gauge.
 
 use std::fmt;
 

@@ -1,4 +1,5 @@
-//! A machine with the gauges as measured, and its description.
+//! Transfer of fitted offsets, sensitivities and noise of
+//! gauges into a machine, its map files and its description.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! Which sensitivity map of a gauge predicts turns of the carrier that it was not fitted to.
+//! Choice between the placed and the measured sensitivity map of a gauge by two-fold
+//! cross-validation over turns of the carrier.
 
 use crate::calibrate::Patch;
 use crate::calibrate::moments::Moments;

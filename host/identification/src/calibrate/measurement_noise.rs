@@ -1,4 +1,4 @@
-//! R over bins of the carrier angle, from the error of the model.
+//! Measurement noise of a channel over bins of the carrier angle, from the residuals of its model.
 
 use std::path::PathBuf;
 
@@ -22,7 +22,7 @@ impl MeasurementNoise {
     ///
     /// `F = (peak - |mean reading|) / peak`, with the mean reading of the bin
     /// above `offset`, and its peak over the turn: where a gauge says most, its
-    /// mean error counts least. A bin without samples takes the mean of the
+    /// mean error counts least. A bin with fewer than two samples takes the mean of the
     /// others; nothing is below `floor`, the converter's own noise.
     ///
     /// Source: Bosmans et al. 2023, eq. (15), (17), (18).

@@ -1,11 +1,12 @@
-//! `loadtwin calibrate`: what measured readings say about the gauges of a machine.
+//! `loadtwin calibrate` for a drivetrain: offset, sensitivity over the carrier angle, noise and
+//! faults of each channel, from recordings with reference loads.
 //!
 //! Reads recordings in two passes, the motion first and then the readings,
 //! and keeps sums over the carrier angle instead of samples.
 
-mod answer;
 mod description;
 mod fault;
+mod fit_inputs;
 mod gauge_model;
 mod map_selection;
 mod measurement_noise;
@@ -33,7 +34,7 @@ pub use crate::calibrate::selection::{Candidate, fronts, select};
 pub use crate::calibrate::surface::Surface;
 pub use measurement_noise::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
 
-use self::answer::Answered;
+use self::fit_inputs::Answered;
 use loadtwin_machine::{Channel, Machine, MachineError, Senses};
 use loadtwin_recording::{Column, Quantity, Reader, RecordingError, Unit, Wanted, columns};
 use loadtwin_replay::ReplayError;

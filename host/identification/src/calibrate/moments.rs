@@ -1,4 +1,5 @@
-//! Sums over bins of the carrier angle: all that the fits need to know of a channel.
+//! Sufficient statistics of a channel for the calibration fits: sums and products of load and
+//! reading over bins of the carrier angle, counts of missing and stuck readings.
 
 use std::f64::consts::TAU;
 

@@ -23,7 +23,7 @@ const TURNS_PER_PHASE: f64 = 1.0 / 18_446_744_073_709_551_616.0;
 /// How a recorded machine moved and was loaded, sample by sample.
 pub struct Motion {
     dt_s: f64,
-    /// Angle of the first encoder's shaft, referred to the carrier and
+    /// Angle of the shaft of the encoder that the index homes, else of the first, referred to the carrier and
     /// continuous over turns [rad].
     angle: Vec<f64>,
     speed: Vec<f64>,

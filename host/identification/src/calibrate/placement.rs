@@ -1,4 +1,5 @@
-//! Where a gauge really sits: the candidate of its patch that fits best.
+//! Update of a gauge's sensitivity map: the node or the shift and spread with the least mean
+//! absolute error, with offset and gain by least squares.
 
 use std::f64::consts::TAU;
 

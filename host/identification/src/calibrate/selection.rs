@@ -1,4 +1,5 @@
-//! Which gauges to use: large response, small error, all around the turn.
+//! Selection of gauges: Pareto fronts of large response and small error, then greedy choice by the
+//! information over the carrier angle.
 
 /// A gauge that could be used.
 #[derive(Clone, Debug)]

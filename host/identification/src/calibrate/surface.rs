@@ -89,7 +89,7 @@ fn least_squares(moments: &Moments, nodes: usize) -> Option<(Vec<f64>, f64)> {
         normal[(nodes, nodes)] += bin.n;
         right[(nodes, 0)] += bin.y;
     }
-    // Columns of the same size: torque is counted in 1e5 newton metres.
+    // Columns are scaled to the same size.
     let scale: Vec<f64> = (0..size).map(|i| normal[(i, i)].sqrt()).collect();
     let scaled = Mat::from_fn(size, size, |i, j| normal[(i, j)] / (scale[i] * scale[j]));
     let rhs = Mat::from_fn(size, 1, |i, _| right[(i, 0)] / scale[i]);

@@ -1,4 +1,5 @@
-//! The line with a tuned description on a recording, as `loadtwin replay` has it.
+//! Evaluation of a rotor's description on a recording, as `loadtwin replay` has it: mean NIS,
+//! largest displacement error, NMAE of each load.
 
 use std::collections::BTreeMap;
 use std::path::Path;

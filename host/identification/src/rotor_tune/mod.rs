@@ -1,5 +1,5 @@
-//! The noise of a rotor's filter: by the differential evolution of the paper, and by
-//! the likelihood of the innovations.
+//! Tuning of the noise of a rotor's filter: differential evolution on the objectives of Rezende et
+//! al. 2023, and maximum likelihood of the innovations.
 
 mod evaluation;
 mod page;

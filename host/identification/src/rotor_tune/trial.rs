@@ -1,4 +1,5 @@
-//! A rotor's filter with other noise on recordings in memory.
+//! Trial runs of a rotor's filter with changed noise on recordings in memory: likelihood of the
+//! innovations and the two objectives of Rezende et al. 2023.
 
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;

@@ -25,8 +25,8 @@ impl Evolution {
     /// Minimises `f` over the box `bounds`, lowest and highest of each coordinate; `known`
     /// points live from the beginning. The best point and its value.
     ///
-    /// `v = a + WEIGHT (b - c)` of three others, crossed with the point, takes its place where it
-    /// is better; a generation is tried in parallel.
+    /// `v = a + WEIGHT (b - c)` of three others, which may coincide, crossed with the point, takes its
+    /// place where it is not worse; a generation is tried in parallel.
     ///
     /// Source: Storn, Price, Differential evolution, J. Global Optim. 11 (1997), DE/rand/1/bin.
     pub fn minimise(

@@ -1,4 +1,5 @@
-//! Q of the loads from the closed-loop frequency response that is asked for.
+//! Closed-loop frequency response from true to estimated loads at one carrier angle, and the load
+//! noise that brings it close to 1 below and to 0 above a cut-off frequency.
 
 use std::f64::consts::TAU;
 

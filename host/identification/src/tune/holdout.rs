@@ -1,4 +1,4 @@
-//! Described and tuned noise on data that took no part in the tuning.
+//! Hold-out comparison of described and tuned noise, on data that took no part in the tuning.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

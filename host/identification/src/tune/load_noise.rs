@@ -1,4 +1,5 @@
-//! Q of the loads, by every method that is known for it.
+//! Random walks of a drivetrain's loads by six methods: frequency response in two weightings,
+//! innovation norm, L-curve, likelihood, error to reference loads.
 
 use std::f64::consts::TAU;
 

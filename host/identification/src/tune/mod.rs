@@ -1,4 +1,5 @@
-//! `loadtwin tune`: the noise of the filter, from measurements and from what is asked of it.
+//! `loadtwin tune` for a drivetrain: process noise of the parameters, random walks of the loads,
+//! measurement noise, hold-out comparison; the minimisers.
 
 mod differential_evolution;
 mod frequency_response;

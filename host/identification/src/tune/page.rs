@@ -1,4 +1,5 @@
-//! The page on a tuning: what the filter will pass, and the noise it assumes.
+//! Report page of `loadtwin tune` for a drivetrain: hold-out comparison, load noise, frequency
+//! response, measurement noise of the channels.
 
 use crate::tune::{Check, MeasurementNoise, NOISE_BINS, Tuned};
 use loadtwin_machine::Machine;

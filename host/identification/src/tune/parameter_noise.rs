@@ -1,4 +1,5 @@
-//! Q from random samples of the parameters.
+//! Process noise of a drivetrain as the sample covariance over
+//! random draws of its parameters (Monte Carlo).
 
 use faer::Mat;
 use rand::SeedableRng;

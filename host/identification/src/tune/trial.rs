@@ -1,4 +1,5 @@
-//! The estimator itself on a part of the recordings, for what can only be tried.
+//! Trial runs of a drivetrain's estimator with a given load noise on the first samples of
+//! recordings: likelihood of the innovations, innovation and solution norm, load error.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! Strain as the trade writes it: bridges, rosettes, zero and shunt calibration.
+//! Strain measurement: Wheatstone bridges, their zero and shunt calibration, rosettes.
 //!
 //! Inside the program strain is in m/m and a bridge's output is a ratio in V/V. People write
 //! µm/m and mV/V: multiply by [`MICROSTRAIN`] and [`MV_PER_V`] on the way in, divide on the way out.

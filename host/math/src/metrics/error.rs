@@ -1,4 +1,5 @@
-//! Error of an estimated load against a reference.
+//! Error of an estimated load against a reference: NMAE, RMSE and bias, over the whole recording
+//! and by segment.
 
 /// A named stretch of time, `from_s <= t < to_s`.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,4 +1,5 @@
-//! Figures of merit of an estimate, gathered sample by sample in constant memory.
+//! Metrics of estimates: load errors, whiteness and consistency of the innovations in constant
+//! memory; intervals of mean differences and of errors on other recordings.
 
 mod autocorrelation;
 mod error;

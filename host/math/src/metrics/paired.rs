@@ -1,4 +1,5 @@
-//! Mean difference of two estimators on the same samples.
+//! Mean difference of two estimators on the same samples, with a 95 % interval that accounts for
+//! correlation in time.
 
 use super::prediction::{APART, student};
 

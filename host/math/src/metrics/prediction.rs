@@ -1,4 +1,5 @@
-//! Prediction of the error on other recordings from a measured error.
+//! 95 % prediction interval of an error on other recordings, from its variance over stretches of
+//! the measured ones.
 
 use special::Beta;
 

@@ -1,5 +1,5 @@
-//! Columns of Arrow as numbers: a unit in the metadata of each field, nulls where a sample is
-//! missing.
+//! Conversion of Arrow record batches to rows of numbers, for Parquet files and Arrow streams: a
+//! unit in the metadata of each field, nulls where a sample is missing.
 mod batches;
 mod values;
 

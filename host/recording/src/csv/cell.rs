@@ -1,4 +1,5 @@
-//! What a cell of text may hold besides a number.
+//! Kinds of text cells (number, Boolean, timestamp, duration): recognition from the first rows and
+//! conversion to a number.
 use std::cell::Cell as Remembered;
 
 use chrono::{DateTime, FixedOffset, NaiveDateTime};

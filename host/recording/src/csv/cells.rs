@@ -1,4 +1,4 @@
-//! A line of text, cell by cell.
+//! Splitting of a line of text into cells at the delimiter; cells may be quoted.
 
 /// How a line is divided.
 #[derive(Clone, Copy)]

@@ -1,5 +1,5 @@
-//! How a text is divided into cells and numbers: as the layout says it, else as
-//! its first rows show it.
+//! Delimiter and decimal sign of a text file: as the layout states, else recognised from the first
+//! rows.
 use crate::error::Problem;
 use crate::layout::CsvLayout;
 

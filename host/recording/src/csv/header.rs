@@ -1,7 +1,8 @@
-//! Lines before the rows of a text: lines to skip, `sep=;`, names, units.
+//! Header of a text file, up to its first row: skipped lines, `sep=;`, names and units; also the
+//! kind of each column, by the first rows.
+use crate::channel_names::name_time;
 use crate::error::Problem;
 use crate::layout::{Column, CsvLayout};
-use crate::named::name_time;
 use crate::{Unit, shown};
 
 use super::cell::{Kind, recognise};

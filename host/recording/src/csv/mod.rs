@@ -1,4 +1,4 @@
-//! Recordings as text: delimiter-separated columns, one row a sample.
+//! Reader of recordings in text: delimiter-separated columns, one row a sample.
 //!
 //! A row is one line; quoted cells are understood, line ends inside quotes are
 //! not. Only the columns asked for are parsed.

@@ -1,4 +1,4 @@
-//! Numbers written as text.
+//! Parser of the numbers in text cells, with decimal point or decimal comma.
 
 /// The number in a cell; none where there is no number.
 pub(super) fn parse(cell: &[u8], decimal_comma: bool) -> Option<f64> {

@@ -1,4 +1,5 @@
-//! Where the table of a text begins, and what its columns are called.
+//! Detection of the table in a text file of unknown layout: delimiter, first row, names and units
+//! of the columns.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! A channel of an MDF4 file as numbers, where the decoder needs help: half
-//! floats, units that the conversion holds, tables of labels.
+//! Conversion of MDF4 channels to numbers: half-precision floats and tables of labels, which the
+//! decoder does not convert itself, and the unit of a channel.
 use falcon_mdf::blocks::{ConversionOutput, DataType};
 use falcon_mdf::io::reader::BufferedSource;
 use falcon_mdf::model::Signal;

@@ -1,5 +1,5 @@
-//! The channel groups of an MDF4 file, when their samples were taken, and which
-//! of them follow each other.
+//! Channel groups of an MDF4 file: their time stamps and median period, and the choice of the
+//! groups of one rate that follow each other in time and form one recording.
 use falcon_mdf::{Channel, ChannelGroup, Mf4Error, Mf4File};
 
 use super::damaged;
@@ -113,7 +113,7 @@ impl Stamps {
         self.head.first().copied().unwrap_or(f64::NAN)
     }
 
-    /// Whether both have samples at the same rate.
+    /// Whether its samples are `period_s` apart.
     pub(super) fn has_period(&self, period_s: f64) -> bool {
         self.step
             .is_some_and(|step| (step / period_s - 1.0).abs() <= SAME_PERIOD)

@@ -1,5 +1,5 @@
-//! Recordings as ASAM MDF4, what test benches write: channels of one or several
-//! channel groups, the unit of each, the time channel of the sensors as `t`.
+//! Reader of recordings in ASAM MDF4, the format of test benches: channels of one or several
+//! channel groups, each with its unit, at the time stamps of one group.
 //!
 //! A channel is found in whichever group has it. Groups of the same channels
 //! that follow each other in time are one recording. Records are read window by
@@ -7,8 +7,8 @@
 //! usual writers. Invalid samples are missing samples.
 mod channel;
 mod group;
+mod other_group;
 mod plan;
-mod side;
 mod track;
 mod unsorted;
 
@@ -22,8 +22,8 @@ use super::error::{Problem, clipped};
 use super::layout::{Column, CsvLayout, WrittenNan};
 use super::source::{Output, Rows};
 use group::Group;
+use other_group::Side;
 use plan::{Plan, Planner};
-use side::Side;
 use track::Stream;
 use unsorted::WholeRecords;
 

@@ -5,7 +5,7 @@ use falcon_mdf::io::reader::BufferedSource;
 
 use super::channel::{Decoded, unit};
 use super::group::{Candidates, Group, Stamps, chain};
-use super::side::Join;
+use super::other_group::Join;
 use super::track::{Part, Track};
 use crate::error::Problem;
 use crate::layout::{Column, CsvLayout};

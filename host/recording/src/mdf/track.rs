@@ -1,4 +1,5 @@
-//! Channels of one or of consecutive channel groups, window by window.
+//! Track of an MDF4 recording: channels that share one time, in one or several consecutive channel
+//! groups. `Stream` reads them in windows of samples.
 use falcon_mdf::stream::SignalsChunks;
 use falcon_mdf::{Channel, Mf4File};
 

@@ -1,5 +1,5 @@
-//! Recordings as Parquet: a unit in the metadata of each field, nulls where a
-//! sample is missing.
+//! Reader of recordings in Parquet: a unit in the metadata of each field, nulls where a sample is
+//! missing.
 mod page_size;
 
 use std::fs::File;

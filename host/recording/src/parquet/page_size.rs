@@ -1,5 +1,5 @@
-//! A Parquet file whose pages are checked before the decoder makes room for
-//! them: it makes as much as a page's header claims, up to 2 GiB.
+//! Limit on the expanded size of Parquet pages: a page header is checked before the decoder
+//! allocates the memory that it states, which may be up to 2 GiB.
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
 

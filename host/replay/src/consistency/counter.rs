@@ -1,4 +1,5 @@
-//! Counters that begin anew earlier than the description says.
+//! Detection of encoder counters that wrap around earlier than the number of bits in the
+//! description implies.
 
 use loadtwin_machine::Encoder;
 

@@ -1,4 +1,5 @@
-//! What may be wrong with a description or a recording, each with its correction.
+//! Hypotheses of errors in a description or recording, each with its correction: sign, unit, zero,
+//! scale, exchanged sensors, counts per turn, index angle, sample rate, sign of a reference.
 
 use std::f64::consts::TAU;
 

@@ -1,4 +1,5 @@
-//! The index pulses of a recording against the counts per turn.
+//! Consistency of the index pulses with the encoder counts: missing pulses, distances between
+//! pulses that are not `counts_per_turn`, slip.
 
 use std::f64::consts::{PI, TAU};
 

@@ -1,4 +1,5 @@
-//! Reference loads beside the estimates.
+//! Consistency of the load estimates with the reference loads: normalised residual, share of
+//! samples outside the band, mean error, and the cause that follows.
 
 use loadtwin_common::io::estimate::Estimate;
 use loadtwin_machine::Machine;

@@ -1,4 +1,5 @@
-//! Which cause has the highest likelihood, by replays of a part of the recording.
+//! Search for the cause of a disagreement: each hypothesis is replayed on the beginning of the
+//! recording, and the one with the highest likelihood is chosen if it restores consistency.
 
 use std::f64::consts::{PI, TAU};
 use std::path::Path;

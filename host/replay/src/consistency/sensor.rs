@@ -1,4 +1,5 @@
-//! One sensor against the model.
+//! Consistency of one sensor with the model: share of contradicting readings, bias and NIS of the
+//! innovations, least-squares gain and offset against the prediction, flagged faults.
 
 use std::collections::BTreeMap;
 

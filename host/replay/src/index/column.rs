@@ -1,4 +1,5 @@
-//! The index column of a recording and the encoder beside it.
+//! Reader of the index column of a recording with the encoder counts beside it: as many rows as the
+//! detection of the format of the pulse needs.
 
 use loadtwin_machine::{Encoder, Index, Machine};
 use loadtwin_recording::{Input, Quantity, Reader, Role, Unit, Wanted, columns as columns_of};

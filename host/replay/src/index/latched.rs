@@ -1,4 +1,5 @@
-//! The index pulse as counts of the encoder that it latched.
+//! Index column that holds latched encoder counts: which values are counts, and the test whether
+//! the encoder passed these counts shortly before.
 
 use serde::{Deserialize, Serialize};
 

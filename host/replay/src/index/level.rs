@@ -1,4 +1,5 @@
-//! The index pulse as a level: 0 and 1, a Boolean, a voltage.
+//! Index column that holds a level (0 and 1, a Boolean, a voltage): thresholds with hysteresis, and
+//! the polarity of the pulse.
 
 use serde::{Deserialize, Serialize};
 

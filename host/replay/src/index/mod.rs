@@ -1,4 +1,5 @@
-//! The index pulse in a recording: a column of latched counts or of a level.
+//! Detector of the index pulses in a recording: the format of the column (latched counts or a
+//! level) is found, then the pulses row by row.
 
 mod column;
 mod latched;

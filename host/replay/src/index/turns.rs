@@ -1,4 +1,5 @@
-//! Index pulses against whole turns of the encoder.
+//! Check that index pulses are whole turns of the encoder apart; a column where most are not is
+//! refused.
 
 use super::column::IndexColumn;
 use super::{Pulse, Pulses};
@@ -7,7 +8,7 @@ use super::{Pulse, Pulses};
 const TURN: f64 = 0.02;
 
 impl IndexColumn {
-    /// Refuses pulses that are not whole turns of the encoder apart, by half or more.
+    /// Refuses pulses more than half of which are not whole turns of the encoder apart.
     pub(super) fn check_turns(&self, mut pulses: Pulses) -> Result<(), String> {
         let Some(turn) = self.encoder.map(|encoder| encoder.turn) else {
             return Ok(());

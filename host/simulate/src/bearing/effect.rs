@@ -1,4 +1,5 @@
-//! What a bearing may do that its description does not say.
+//! Effects on a simulated wheel bearing that its description does not have: changed preload, a dead
+//! or loose gauge, cage slip, strain by speed.
 
 use std::str::FromStr;
 

@@ -1,4 +1,5 @@
-//! How a wheel turns and what it carries.
+//! Speed and loads of a wheel over time: the common trait, and a recorded course that is
+//! interpolated linearly.
 
 /// Speed and loads over time.
 pub(crate) trait Driven: Send {

@@ -1,4 +1,5 @@
-//! Recordings of a wheel bearing that is not there.
+//! Simulated rig of a wheel bearing: plant, gauges with noise and drift, encoders, references and
+//! effects; one row of readings for each sample.
 
 mod effect;
 mod load_profile;

@@ -1,5 +1,5 @@
-//! A bearing ball by ball: every ball a contact of its own, a ring of more
-//! shapes than the estimator knows, and strain from each ball's place.
+//! Plant model of a wheel bearing: each ball a contact of its own, an elastic ring with more shapes
+//! than the estimator's, equilibrium by Newton's method, and the strain at each gauge.
 //!
 //! Nothing here is shared with the estimator but the machine description.
 

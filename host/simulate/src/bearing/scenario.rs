@@ -1,4 +1,4 @@
-//! What a wheel goes through: loads and speed over time.
+//! Load cases of a simulated wheel bearing: its five loads and its speed over time.
 
 use std::f64::consts::{PI, TAU};
 

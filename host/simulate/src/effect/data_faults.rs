@@ -1,4 +1,4 @@
-//! Faults of the converter and of the way from it.
+//! Data faults of a channel: inverted bits, stuck values, missing samples.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

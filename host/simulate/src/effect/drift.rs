@@ -1,4 +1,4 @@
-//! Slow drift: creep under load, and with temperature.
+//! Slow drift of gauge readings: creep under load, and zero drift with temperature.
 
 use rand::RngExt;
 use rand_distr::StandardNormal;

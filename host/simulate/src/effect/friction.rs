@@ -1,4 +1,5 @@
-//! Friction on the carrier's bearings and in the meshes.
+//! Friction effects: Coulomb, Stribeck, viscous and pre-sliding (Dahl) friction on the first
+//! inertia, load-dependent losses in each mesh.
 
 use crate::chain::Presliding;
 use crate::effect::{Apply, Effect};

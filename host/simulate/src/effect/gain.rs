@@ -1,4 +1,4 @@
-//! Errors of zero and gain.
+//! Gauge errors of zero and gain: an offset, a gain error, a gain that changes with temperature.
 
 use rand::RngExt;
 use rand_distr::StandardNormal;

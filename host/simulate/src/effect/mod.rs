@@ -1,4 +1,5 @@
-//! What the plant has and the estimator's model lacks, one effect a file.
+//! Effects of the drivetrain plant and its sensors that the estimator's model lacks: their list,
+//! parsing with target and strength, and application to the simulated machine.
 
 mod bending;
 mod data_faults;
@@ -8,11 +9,11 @@ mod eccentricity;
 mod friction;
 mod gain;
 mod mains_interference;
+mod nonlinearity;
 mod order;
 mod parameters;
 mod peak;
 mod position;
-mod shape;
 mod sudden_change;
 mod torsion;
 
@@ -87,7 +88,7 @@ pub static EFFECTS: &[Effect] = &[
     order::CARRIER_ORDER,
     order::PLANET_SHARING,
     bending::BENDING,
-    shape::NONLINEARITY,
+    nonlinearity::NONLINEARITY,
     delay::DELAY,
     sudden_change::STEP,
     sudden_change::DEBONDING,

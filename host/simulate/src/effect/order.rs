@@ -1,4 +1,5 @@
-//! Orders of the carrier that the maps lack.
+//! Gauge errors over the carrier angle that the maps lack: a cosine of order 1 to 6, and unequal
+//! load sharing of the planets.
 
 use std::f64::consts::TAU;
 

@@ -1,4 +1,5 @@
-//! Parameters that are not those of the description.
+//! Spread of the drivetrain's parameters: random factors on inertias, stiffnesses, damping and
+//! drag.
 
 use rand::RngExt;
 use rand_distr::StandardNormal;

@@ -1,4 +1,5 @@
-//! Peaks that a model with point loads overestimates.
+//! Peaks of a gauge's response over the carrier angle that are lower and wider than a model with
+//! point loads predicts.
 
 use crate::effect::{Apply, Effect, Scope};
 

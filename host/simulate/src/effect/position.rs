@@ -1,4 +1,4 @@
-//! Gauges that do not sit where they are said to sit.
+//! Position errors of gauges: the sensitivity map is shifted over the carrier angle and scaled.
 
 use rand::RngExt;
 use rand_distr::StandardNormal;

@@ -1,4 +1,4 @@
-//! What happens to a gauge at a moment in time.
+//! Sudden gauge faults: a step of the zero, debonding (loss of response), bursts of an oscillation.
 
 use rand::RngExt;
 

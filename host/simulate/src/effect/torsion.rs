@@ -1,4 +1,5 @@
-//! What shafts and meshes do beyond a linear spring.
+//! Torsional effects of the drivetrain: backlash, varying mesh stiffness, torque ripple, resonance
+//! of a gear between shaft and mesh.
 
 use std::f64::consts::TAU;
 

@@ -1,4 +1,5 @@
-//! The counts of each load, from all files.
+//! Counting in `loadtwin life`: range and gate of each load, counts of all files for one machine or
+//! several, and the spectrum of their load cycles.
 
 use anyhow::Context;
 use loadtwin_common::counting::{LEVELS, LevelScale, LoadCounts};

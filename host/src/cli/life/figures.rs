@@ -1,4 +1,5 @@
-//! What follows from the counts of a load.
+//! Figures of `loadtwin life`, computed from the counts of a load: damage-equivalent loads, damage
+//! by an S-N curve, equivalent torque of a gear and rating life of a bearing.
 
 use super::Life;
 use super::count::Counted;

@@ -1,4 +1,5 @@
-//! Counts and figures as JSON.
+//! JSON output of `loadtwin life`: counts, damage-equivalent loads, damage and bearing life of a
+//! load.
 
 use loadtwin_common::counting::LoadCounts;
 use serde_json::{Map, Value, json};

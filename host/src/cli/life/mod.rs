@@ -1,4 +1,5 @@
-//! `loadtwin life`.
+//! The command `loadtwin life`: counts the load cycles of files, computes damage-equivalent loads,
+//! damage and life, and writes counts and page. Here: options and sequence.
 
 mod count;
 mod figures;

@@ -1,4 +1,5 @@
-//! Counts and figures as a page.
+//! HTML page of `loadtwin life`: tables of damage-equivalent loads; plots of cumulative cycles,
+//! rainflow matrix, level crossings, time and turns at load.
 
 use std::path::PathBuf;
 

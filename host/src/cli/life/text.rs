@@ -1,4 +1,5 @@
-//! Counts and figures as text.
+//! Text output of `loadtwin life`: observed time, extremes, cycle counts, damage-equivalent loads,
+//! damage, gear torque and bearing life of a load.
 
 use super::count::Counted;
 use super::figures::Figures;

@@ -1,4 +1,5 @@
-//! `loadtwin replay`.
+//! The command `loadtwin replay`: runs the estimator on a recording with one set of sensors or all,
+//! and reports the error; writes estimates, filter state and a page with plots.
 
 mod text;
 

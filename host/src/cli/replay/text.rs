@@ -1,4 +1,5 @@
-//! What `loadtwin replay` prints as text.
+//! Text output of `loadtwin replay`: table of errors by sensor set, load and segment; displacement
+//! errors, fault flags and baseline algorithms.
 
 use loadtwin_common::io::fault::Fault;
 

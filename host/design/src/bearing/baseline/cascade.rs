@@ -1,4 +1,5 @@
-//! The cascade: adaptive high-pass, a strain-model filter for each gauge, a load-model filter.
+//! Cascade of Kerst et al. 2019: adaptive high-pass of the strains, an extended Kalman filter with
+//! the strain model for each gauge, an unscented Kalman filter with the load model.
 //!
 //! As printed, but for what does not work so: the transition's off-diagonals are `t_s` and not
 //! `1 / t_s`; each row bends a ring of its own, and its offset is part of the lever; predicted

@@ -1,4 +1,5 @@
-//! The joint filter beside the paper's two algorithms, in the layout of its tables III to V.
+//! Comparison of the joint filter with the regression and the cascade of Kerst et al. 2019 on one
+//! recording: RMSE of each load, as in tables III to V of the paper.
 
 use loadtwin_common::bearing::{GAUGES, LOADS};
 use loadtwin_common::io::estimate::Estimate;

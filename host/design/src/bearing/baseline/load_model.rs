@@ -1,4 +1,5 @@
-//! The semi-analytical load model.
+//! Semi-analytical load model of a double-row ball bearing (Kerst et al. 2019): contact approach
+//! and angle from the displacements, bearing loads and ring deformation from the contacts.
 
 use std::f64::consts::TAU;
 

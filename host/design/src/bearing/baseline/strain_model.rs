@@ -1,4 +1,5 @@
-//! Local strain by a passing ball.
+//! Strain model of one gauge: local strain by a passing ball as the product of its load, a
+//! polynomial of the contact angle and harmonics of the phase; fit by alternating least squares.
 
 use std::f64::consts::SQRT_2;
 

@@ -1,4 +1,5 @@
-//! A gauge that comes loose, or dies.
+//! Loose or dead gauge: from a moment on a gauge loses part or all of its response, and its offset
+//! jumps.
 
 use loadtwin_common::bearing::GAUGES;
 

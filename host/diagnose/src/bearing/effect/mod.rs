@@ -1,5 +1,5 @@
-//! What a bearing's description and calibration may lack, a file for each effect; a new one is its
-//! `impl` and a line in [`LIBRARY`].
+//! Effects that the description and calibration of a bearing may lack, one file each. A new effect
+//! is its `impl` and a line in `LIBRARY`.
 
 mod cage_slip;
 mod loose_gauge;

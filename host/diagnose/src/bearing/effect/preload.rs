@@ -1,4 +1,5 @@
-//! A bearing that was set, or has worn, to another preload.
+//! Preload other than calibrated, by setting or wear: the change of strains and cage rates that the
+//! bearing model predicts.
 
 use crate::bearing::{BearingResiduals, BearingTarget, Kind};
 use crate::effect::{Effect, EffectInfo, LinearParameter, Scope};

@@ -1,4 +1,4 @@
-//! Strain that goes with the speed.
+//! Offset over speed: the bulk strain of a gauge changes with the square of the speed.
 
 use crate::bearing::{BearingResiduals, Kind};
 use crate::effect::{Effect, EffectInfo, LinearParameter, Scope};

@@ -1,4 +1,5 @@
-//! A load that all channels read and that is not torque.
+//! Bending load: a slow load other than torque that all strain channels measure, estimated for each
+//! channel from the others.
 
 use crate::drivetrain::common_mode::{CommonMode, HIGHEST_HZ, weight};
 use crate::drivetrain::effect::{GaugeModel, one_shape};

@@ -1,4 +1,5 @@
-//! Faults of the converter and of the way from it.
+//! Faulty samples, counted and not fitted: dropped bits (single outliers) and stuck values
+//! (repeated words).
 
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor, ResidualSignal};
 use crate::effect::{Effect, EffectInfo, Scope};

@@ -1,4 +1,5 @@
-//! Channels that are not sampled at the same time.
+//! Delay of a strain channel: difference between its reading shifted in time and the reading
+//! itself.
 
 use crate::drivetrain::effect::{GaugeModel, each};
 use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, Regressor, ResidualSignal};

@@ -1,4 +1,5 @@
-//! Torques that resists an inertia and that the model lacks.
+//! Friction at one inertia that the model lacks: Coulomb, Stribeck, viscous, load-dependent or
+//! presliding.
 
 use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, Regressor, ResidualSignal};
 use crate::drivetrain::signals::Signals;

@@ -1,4 +1,4 @@
-//! A gauge that sits elsewhere than described.
+//! Gauge at another carrier angle than described: its strain map is shifted and has another gain.
 
 use crate::drivetrain::effect::{GaugeModel, one_shape};
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor, ResidualSignal};

@@ -1,4 +1,4 @@
-//! Pick-up from the mains.
+//! Mains interference: a sinusoid near 50 or 60 Hz in a strain channel.
 
 use std::f64::consts::TAU;
 
@@ -6,8 +6,8 @@ use crate::drivetrain::effect::each;
 use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, Regressor, ResidualSignal};
 use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 
-/// `scale (a cos(2 pi f t) + b sin(2 pi f t))`, `f` near 50 or 60 Hz or twice
-/// these; aliased as the samples alias it.
+/// `scale (a cos(2 pi f t) + b sin(2 pi f t))`, `f` near 50 or 60 Hz;
+/// aliased as the samples alias it.
 pub struct MainsInterference;
 
 const INFO: EffectInfo = EffectInfo {

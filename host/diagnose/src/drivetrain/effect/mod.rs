@@ -1,4 +1,5 @@
-//! Effects of drivetrains, one file each; a new one is its `impl` and a line in [`LIBRARY`].
+//! Effects of drivetrains, one file each, and the model of a gauge that they change. A new effect
+//! is its `impl` and a line in `LIBRARY`.
 
 mod backlash;
 mod bending_load;

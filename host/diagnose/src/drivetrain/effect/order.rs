@@ -1,4 +1,5 @@
-//! Fourier pairs of an order, as means over a sample.
+//! Cosine and sine of an order of the carrier angle, with the attenuation by the mean over each
+//! decimated sample: regressors that several effects share.
 
 use crate::drivetrain::residuals::DrivetrainResiduals;
 use crate::effect::LinearParameter;

@@ -1,4 +1,5 @@
-//! A gear between two inertias whose own motion the model lacks.
+//! Torsional resonance: a gear with inertia of its own between two inertias, whose vibration the
+//! model lacks.
 
 use crate::drivetrain::effect::backlash::SHAFT;
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor};

@@ -1,4 +1,5 @@
-//! An order of another shaft.
+//! Shaft order: an oscillation of strain in proportion to torque, once or twice per revolution of a
+//! shaft other than the carrier.
 
 use crate::drivetrain::effect::each;
 use crate::drivetrain::effect::order::{AMPLITUDES, HIGHEST, fourier_pair};

@@ -1,4 +1,5 @@
-//! What happens to a gauge at a moment.
+//! Sudden change of a strain channel that persists: a step of its offset, or of its gain
+//! (debonding).
 
 use crate::drivetrain::effect::{GaugeModel, each};
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor};

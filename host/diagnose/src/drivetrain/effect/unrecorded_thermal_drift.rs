@@ -1,4 +1,5 @@
-//! Thermal drift without a recorded temperature.
+//! Thermal drift of gauge offsets where no temperature is recorded: a first-order lag of the
+//! mechanical power.
 
 use crate::drivetrain::effect::each;
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor};

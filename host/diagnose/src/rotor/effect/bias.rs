@@ -1,4 +1,4 @@
-//! A sensor that is off.
+//! Sensor bias: a constant offset in the reading of a displacement sensor.
 
 use crate::effect::{Effect, EffectInfo, LinearParameter, Scope};
 use crate::residual_model::SignalSet;

@@ -1,4 +1,4 @@
-//! A sensor that reads too much or too little.
+//! Gain error of one displacement sensor.
 
 use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::residual_model::SignalSet;

@@ -1,4 +1,5 @@
-//! A coupling that is not in line.
+//! Misalignment of a coupling: the response to forces of order 2, forward and backward, at one end
+//! of the shaft.
 
 use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::residual_model::SignalSet;

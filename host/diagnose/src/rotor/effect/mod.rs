@@ -1,5 +1,5 @@
-//! What a rotor's description may lack, a file for each effect; a new one is its `impl` and a
-//! line in [`LIBRARY`].
+//! Effects that the description of a rotor may lack, one file each. A new effect is its `impl` and
+//! a line in `LIBRARY`.
 
 mod bias;
 mod bow;

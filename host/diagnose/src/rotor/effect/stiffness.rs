@@ -1,4 +1,4 @@
-//! A bearing that is softer or stiffer.
+//! Stiffness of a bearing other than described: a factor along x and one along y, found by search.
 
 use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::residual_model::SignalSet;

@@ -1,4 +1,5 @@
-//! A recording with every load known, as calibration and diagnosis take it.
+//! Reader of a bearing recording with all five loads measured, for calibration and diagnosis.
+//! References slower than the gauges are interpolated linearly.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! The columns of a file by the names of the machine's channels.
+//! Renaming of the columns of a file to the names of the machine's channels, as the layout states,
+//! and recognition of the time column by its usual names.
 use super::TIME;
 use super::layout::{Column, CsvLayout};
 

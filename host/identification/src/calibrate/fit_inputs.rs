@@ -1,4 +1,5 @@
-//! Response of a channel to the machine's motion and loads.
+//! Inputs of the calibration fit of one channel, from the sensed load and the temperature: delayed
+//! carrier angle, nonlinear load term, zero shift by creep, hysteresis and temperature.
 
 use std::borrow::Cow;
 

@@ -1,4 +1,5 @@
-//! Steady response to unbalance.
+//! Steady harmonic response of the assembled rotor: amplitudes of all degrees of freedom under
+//! unbalance or under forces of one frequency.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, c64};

@@ -1,4 +1,5 @@
-//! A bus behind a CAN interface of Linux.
+//! A CAN interface of Linux (`SocketCAN`) as a bus: reading thread, filter for a block of
+//! identifiers, and reopening of an interface that was removed.
 
 use std::io;
 use std::sync::Arc;

@@ -1,4 +1,5 @@
-//! Samples held back until the estimate of them.
+//! Delay buffer for estimators whose load estimates lag: a sample is held until its load estimate
+//! is computed.
 
 use std::collections::VecDeque;
 
@@ -11,7 +12,7 @@ use super::Sample;
 
 /// A sample, and what was said of its sensors as it came.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct Held {
+pub(super) struct DelayedSample {
     t: f64,
     segment_t: f64,
     raw: RawSample,
@@ -20,7 +21,7 @@ pub(super) struct Held {
     estimate: Estimate,
 }
 
-impl Held {
+impl DelayedSample {
     fn new(sample: &Sample<'_>, estimate: Estimate) -> Self {
         Self {
             t: sample.t,
@@ -44,13 +45,13 @@ impl Held {
 }
 
 /// A line whose estimates may lag, with the samples that await their estimate. They come without gaps.
-pub(super) struct HeldBack<'a> {
+pub(super) struct LagBuffer<'a> {
     line: Estimator<'a>,
-    held: VecDeque<Held>,
+    held: VecDeque<DelayedSample>,
     next_tick: u32,
 }
 
-impl<'a> HeldBack<'a> {
+impl<'a> LagBuffer<'a> {
     pub fn new(line: Estimator<'a>) -> Self {
         Self {
             line,
@@ -65,12 +66,12 @@ impl<'a> HeldBack<'a> {
     }
 
     /// The samples that await their estimate.
-    pub fn held(&self) -> impl Iterator<Item = &Held> {
+    pub fn held(&self) -> impl Iterator<Item = &DelayedSample> {
         self.held.iter()
     }
 
     /// Goes on with `line` where samples of the part before await their estimate.
-    pub fn continued(line: Estimator<'a>, held: Vec<Held>, next_tick: u32) -> Self {
+    pub fn continued(line: Estimator<'a>, held: Vec<DelayedSample>, next_tick: u32) -> Self {
         Self {
             line,
             held: held.into(),
@@ -92,7 +93,7 @@ impl<'a> HeldBack<'a> {
             return;
         }
         let loads = estimate.loads.clone();
-        self.held.push_back(Held::new(sample, estimate));
+        self.held.push_back(DelayedSample::new(sample, estimate));
         if self.held.len() > lag
             && let Some(mut first) = self.held.pop_front()
         {

@@ -1,4 +1,5 @@
-//! Which loads a file has.
+//! Selection of the load columns of a file: those named by the caller, else those with a standard
+//! deviation and a fault beside them.
 
 use std::path::Path;
 

@@ -1,4 +1,5 @@
-//! Channels of another group, brought to the stamps of the recording.
+//! Channels of another MDF4 channel group at the time stamps of the recording: nearest sample at
+//! the same rate, linear interpolation of a slower group, mean over a period of a faster one.
 use std::collections::VecDeque;
 
 use super::track::Stream;

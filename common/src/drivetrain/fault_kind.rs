@@ -1,4 +1,5 @@
-//! The kind of fault of a gauge that is left out, from how it reads beside what the others say.
+//! Classification of a gauge fault (dead, reversed, gain, offset, drift, erratic) from the moments
+//! of the reading and of its predicted response.
 
 use serde::{Deserialize, Serialize};
 
