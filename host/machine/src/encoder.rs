@@ -1,4 +1,5 @@
-//! Counting encoders and the index pulse.
+//! Description of counting encoders and of the index pulse (latched count or level), with their checks;
+//! the error of an eccentric encoder disc over the angle.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

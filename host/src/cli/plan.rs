@@ -1,5 +1,6 @@
-//! Declaration of the inputs and outputs of a command, with the option `--force`; checked before
-//! the command runs, so that no output replaces an input or a file of other content.
+//! Declaration of the inputs and outputs of a command, with the option `--force`, and their check before
+//! the command runs: `-` as an input, hold-outs that are fitted and outputs that may not be written are
+//! refused; text goes to standard error where an output takes standard output.
 
 use std::path::{Path, PathBuf};
 

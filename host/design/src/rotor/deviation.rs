@@ -1,4 +1,6 @@
-//! Standard deviations of the displacements that a rotor's filter estimates.
+//! Standard deviations of the estimated displacements of a rotor at every node, sample by sample in a
+//! replay: the covariance of the filter and the model error that is allowed for, by noise level and
+//! interpolated over speed.
 
 use faer::Mat;
 

@@ -14,7 +14,7 @@ pub(crate) const COULOMB: Effect = Effect {
     }),
 };
 
-/// `torque exp(-(w/ws)^2) sign(w)`, `ws` 5 % of nominal speed.
+/// `torque exp(-(w/ws)^2) sign(w)`, `ws` the described `stribeck_rad_s`, else 5 % of nominal speed.
 pub(crate) const STRIBECK: Effect = Effect {
     name: "stribeck-friction",
     typical: "4 % of nominal torque at standstill, fading over 5 % of nominal speed",
