@@ -1,4 +1,5 @@
-//! The residual model of a machine kind: residual signals, nuisance parameters, regressors, covariates.
+//! Interface by which the diagnosis reads a recording of any machine kind: residual signals, nuisance
+//! parameters, regressors of effects, covariates.
 
 use std::borrow::Cow;
 

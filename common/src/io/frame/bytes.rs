@@ -1,4 +1,4 @@
-//! The examples of `docs/wire-format.md`, byte for byte.
+//! Test that the frame encoder sends the example frames of `docs/wire-format.md` byte for byte.
 
 use core::fmt::Write;
 

@@ -1,4 +1,4 @@
-//! Backlash: friction behind a gap, which reverses only once the gap is crossed.
+//! Candidate effect, backlash: friction behind a gap, which reverses only once the gap is crossed.
 
 use crate::effect::{Effect, Motion, Scale, geometric};
 use loadtwin_machine::Regime;

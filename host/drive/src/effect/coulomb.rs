@@ -1,4 +1,4 @@
-//! Dry friction.
+//! Candidate effect: Coulomb friction, a constant torque or force against the motion.
 
 use crate::effect::{Effect, Motion, Scale, friction_state};
 

@@ -1,5 +1,5 @@
-//! Delay of the drive signal against motion and loads, to first order: regression on the derivatives of
-//! the acceleration and of each load, with a coefficient for each.
+//! Candidate effect: delay of the drive signal against motion and loads, to first order: regression
+//! on the derivatives of the acceleration and of each load, with a coefficient for each.
 
 use crate::effect::{Effect, Motion, Scale};
 use loadtwin_machine::Regime;

@@ -1,4 +1,4 @@
-//! Viscous friction that is not the same in both directions.
+//! Candidate effect: viscous friction that is not the same in both directions.
 
 use crate::effect::{Effect, Motion, Scale, each};
 

@@ -1,4 +1,4 @@
-//! Gravity torque of an arm or an unbalanced mass: cosine and sine of the angle.
+//! Candidate effect, gravity torque of an arm or an unbalanced mass: cosine and sine of the angle.
 
 use crate::effect::{Effect, Motion, Scale, each};
 use loadtwin_machine::Regime;

@@ -1,5 +1,5 @@
-//! A constant load that the drive carries in motion only: at rest a brake or a self-locking screw
-//! holds it.
+//! Candidate effect, a constant load that the drive carries in motion only: at rest a brake or a
+//! self-locking screw holds it.
 
 use crate::effect::{Effect, Motion, Scale, each};
 

@@ -1,4 +1,4 @@
-//! Friction that grows with the load.
+//! Candidate effect: friction that grows with the load.
 
 use crate::effect::{Effect, Motion, Scale, each, geometric, sliding_state, times};
 use loadtwin_machine::Regime;

@@ -1,4 +1,5 @@
-//! Nonlinearity of a measured load: a part of the drive in proportion to its signed square.
+//! Candidate effect, nonlinearity of a measured load: a part of the drive in proportion to its
+//! signed square.
 
 use crate::effect::{Effect, Motion, Scale, each};
 

@@ -1,4 +1,4 @@
-//! Drag that is not proportional to speed.
+//! Candidate effect: drag that is not proportional to speed.
 
 use crate::effect::{Effect, Motion, Scale, each};
 

@@ -1,4 +1,4 @@
-//! Friction that changes over the travel.
+//! Candidate effect: friction that changes over the travel.
 
 use crate::effect::{Effect, Motion, Scale, each, geometric, sliding_state, times};
 use loadtwin_machine::Regime;

@@ -1,4 +1,4 @@
-//! Ripple of torque or force over the position, with a pitch found by search.
+//! Candidate effect: ripple of torque or force over the position, with a pitch found by search.
 
 use std::f64::consts::TAU;
 

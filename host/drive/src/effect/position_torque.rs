@@ -1,4 +1,4 @@
-//! A torque that changes smoothly over the travel.
+//! Candidate effect: a torque that changes smoothly over the travel.
 
 use crate::effect::{Effect, Motion, Scale, each};
 use loadtwin_machine::Regime;

@@ -1,4 +1,4 @@
-//! Friction that builds up over a distance after a reversal.
+//! Candidate effect: friction that builds up over a distance after a reversal.
 
 use crate::effect::{Effect, Motion, Scale, geometric, sliding_state};
 use loadtwin_machine::Regime;

@@ -1,4 +1,4 @@
-//! Friction that falls with speed.
+//! Candidate effect: friction that falls with speed.
 
 use crate::effect::{Effect, Motion, Scale, each, friction_state, geometric, times};
 

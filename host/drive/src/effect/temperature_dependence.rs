@@ -1,4 +1,4 @@
-//! Offset, friction and drag that change in proportion to temperature.
+//! Candidate effect: offset, friction and drag that change in proportion to temperature.
 
 use crate::effect::{Effect, Motion, Scale, each, sliding_state, times};
 

@@ -1,4 +1,4 @@
-//! Cogging: torque that repeats with every turn.
+//! Candidate effect: cogging, torque that repeats with every turn, as harmonics of the position.
 
 use std::f64::consts::TAU;
 

@@ -1,4 +1,5 @@
-//! Friction that changes while the machine runs, where no temperature is recorded.
+//! Candidate effect: friction that changes while the machine runs, where no temperature is
+//! recorded.
 
 use crate::effect::{Effect, Motion, Scale, each, sliding_state, times};
 use loadtwin_machine::Regime;

@@ -1,4 +1,5 @@
-//! Cage slip: each cage is slower than with rolling balls, by a constant part of its rate.
+//! Candidate effect, cage slip: each cage is slower than with rolling balls, by a constant part of
+//! its rate.
 
 use crate::bearing::{BearingResiduals, Kind};
 use crate::effect::{Effect, EffectInfo, LinearParameter, Scope};

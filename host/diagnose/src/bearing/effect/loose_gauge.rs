@@ -1,5 +1,5 @@
-//! Loose or dead gauge: from a moment on a gauge loses part or all of its response, and its offset
-//! jumps.
+//! Candidate effect, loose or dead gauge: from a moment on a gauge loses part or all of its
+//! response, and its offset jumps.
 
 use loadtwin_common::bearing::GAUGES;
 

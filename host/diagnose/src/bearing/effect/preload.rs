@@ -1,5 +1,5 @@
-//! Preload other than calibrated, by setting or wear: the change of strains and cage rates that the
-//! bearing model predicts.
+//! Candidate effect, preload other than calibrated, by setting or wear: the change of strains and
+//! cage rates that the bearing model predicts.
 
 use crate::bearing::{BearingResiduals, BearingTarget, Kind};
 use crate::effect::{Effect, EffectInfo, LinearParameter, Scope};

@@ -1,4 +1,5 @@
-//! Offset over speed: the bulk strain of a gauge changes with the square of the speed.
+//! Candidate effect, offset over speed: the bulk strain of a gauge changes with the square of the
+//! speed.
 
 use crate::bearing::{BearingResiduals, Kind};
 use crate::effect::{Effect, EffectInfo, LinearParameter, Scope};

@@ -1,4 +1,4 @@
-//! Backlash: lost motion in a mesh.
+//! Candidate effect, backlash: lost motion in a mesh.
 
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor};
 use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};

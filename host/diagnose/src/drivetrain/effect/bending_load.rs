@@ -1,5 +1,5 @@
-//! Bending load: a slow load other than torque that all strain channels measure, estimated for each
-//! channel from the others.
+//! Candidate effect, bending load: a slow load other than torque that all strain channels measure,
+//! estimated for each channel from the others.
 
 use crate::drivetrain::common_mode::{CommonMode, HIGHEST_HZ, weight};
 use crate::drivetrain::effect::{GaugeModel, one_shape};

@@ -1,4 +1,4 @@
-//! An order of the carrier angle that the strain map lacks.
+//! Candidate effect: an order of the carrier angle that the strain map lacks.
 
 use crate::drivetrain::effect::GaugeModel;
 use crate::drivetrain::effect::order::{AMPLITUDES, HIGHEST, fourier_pair};

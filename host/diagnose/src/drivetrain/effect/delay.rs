@@ -1,5 +1,5 @@
-//! Delay of a strain channel: difference between its reading shifted in time and the reading
-//! itself.
+//! Candidate effect, delay of a strain channel: difference between its reading shifted in time and
+//! the reading itself.
 
 use crate::drivetrain::effect::{GaugeModel, each};
 use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, Regressor, ResidualSignal};

@@ -1,4 +1,4 @@
-//! Eccentricity of an encoder disc: an angle error once per revolution.
+//! Candidate effect, eccentricity of an encoder disc: an angle error once per revolution.
 
 use crate::drivetrain::effect::order::fourier_pair;
 use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, Regressor};

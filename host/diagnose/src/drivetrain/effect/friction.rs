@@ -1,5 +1,5 @@
-//! Friction at one inertia that the model lacks: Coulomb, Stribeck, viscous, load-dependent or
-//! presliding.
+//! Candidate effect, friction at one inertia that the model lacks: Coulomb, Stribeck, viscous,
+//! load-dependent or presliding.
 
 use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, Regressor, ResidualSignal};
 use crate::drivetrain::signals::Signals;

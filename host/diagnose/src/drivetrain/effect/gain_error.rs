@@ -1,4 +1,4 @@
-//! A gauge that responds more or less than described.
+//! Candidate effect: a gauge that responds more or less than described.
 
 use crate::drivetrain::effect::{GaugeModel, one_shape};
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor};

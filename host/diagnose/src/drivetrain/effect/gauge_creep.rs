@@ -1,4 +1,4 @@
-//! Creep of a gauge: a slow response to a constant load.
+//! Candidate effect, creep of a gauge: a slow response to a constant load.
 
 use crate::drivetrain::effect::{GaugeModel, each};
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor};

@@ -1,4 +1,4 @@
-//! Drift of a gauge's offset over time.
+//! Candidate effect: drift of a gauge's offset over time.
 
 use crate::drivetrain::effect::one_shape;
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor};

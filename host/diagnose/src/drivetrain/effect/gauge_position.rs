@@ -1,4 +1,5 @@
-//! Gauge at another carrier angle than described: its strain map is shifted and has another gain.
+//! Candidate effect, gauge at another carrier angle than described: its strain map is shifted and
+//! has another gain.
 
 use crate::drivetrain::effect::{GaugeModel, one_shape};
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor, ResidualSignal};

@@ -1,4 +1,4 @@
-//! Mains interference: a sinusoid near 50 or 60 Hz in a strain channel.
+//! Candidate effect, mains interference: a sinusoid near 50 or 60 Hz in a strain channel.
 
 use std::f64::consts::TAU;
 

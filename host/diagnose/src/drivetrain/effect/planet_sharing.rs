@@ -1,4 +1,4 @@
-//! Unequal load sharing between planets.
+//! Candidate effect: unequal load sharing between planets.
 
 use crate::drivetrain::effect::order::fourier_pair;
 use crate::drivetrain::effect::{GaugeModel, one_shape};

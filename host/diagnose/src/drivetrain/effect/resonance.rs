@@ -1,5 +1,5 @@
-//! Torsional resonance: a gear with inertia of its own between two inertias, whose vibration the
-//! model lacks.
+//! Candidate effect, torsional resonance: a gear with inertia of its own between two inertias,
+//! whose vibration the model lacks.
 
 use crate::drivetrain::effect::backlash::SHAFT;
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor};

@@ -1,5 +1,5 @@
-//! Shaft order: an oscillation of strain in proportion to torque, once or twice per revolution of a
-//! shaft other than the carrier.
+//! Candidate effect, shaft order: an oscillation of strain in proportion to torque, once or twice
+//! per revolution of a shaft other than the carrier.
 
 use crate::drivetrain::effect::each;
 use crate::drivetrain::effect::order::{AMPLITUDES, HIGHEST, fourier_pair};

@@ -1,4 +1,4 @@
-//! Hysteresis of a gauge's reading over the torque (Bouc-Wen model).
+//! Candidate effect: hysteresis of a gauge's reading over the torque (Bouc-Wen model).
 
 use crate::drivetrain::effect::{GaugeModel, each};
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor};

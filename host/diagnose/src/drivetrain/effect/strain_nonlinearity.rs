@@ -1,4 +1,4 @@
-//! A gauge whose response is not proportional to the torque.
+//! Candidate effect: a gauge whose response is not proportional to the torque.
 
 use crate::drivetrain::effect::{GaugeModel, each};
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor, ResidualSignal, product};

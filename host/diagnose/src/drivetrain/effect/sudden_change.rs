@@ -1,5 +1,5 @@
-//! Sudden change of a strain channel that persists: a step of its offset, or of its gain
-//! (debonding).
+//! Candidate effect, sudden change of a strain channel that persists: a step of its offset, or of
+//! its gain (debonding).
 
 use crate::drivetrain::effect::{GaugeModel, each};
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor};

@@ -1,4 +1,5 @@
-//! Thermal effects: offset and sensitivity over the temperature rise since zeroing.
+//! Candidate effects of temperature: offset and sensitivity over the temperature rise since
+//! zeroing.
 
 use crate::drivetrain::effect::{GaugeModel, each};
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor};

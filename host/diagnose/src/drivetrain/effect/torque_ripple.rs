@@ -1,4 +1,4 @@
-//! Torque ripple (cogging).
+//! Candidate effect: torque ripple (cogging).
 
 use crate::drivetrain::effect::order::fourier_pair;
 use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, Regressor, ResidualSignal, product};

@@ -1,5 +1,5 @@
-//! Thermal drift of gauge offsets where no temperature is recorded: a first-order lag of the
-//! mechanical power.
+//! Candidate effect: thermal drift of gauge offsets where no temperature is recorded: a first-order
+//! lag of the mechanical power.
 
 use crate::drivetrain::effect::each;
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor};

@@ -1,4 +1,4 @@
-//! Sensor bias: a constant offset in the reading of a displacement sensor.
+//! Candidate effect, sensor bias: a constant offset in the reading of a displacement sensor.
 
 use crate::effect::{Effect, EffectInfo, LinearParameter, Scope};
 use crate::residual_model::SignalSet;

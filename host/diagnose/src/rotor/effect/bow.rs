@@ -1,4 +1,5 @@
-//! Shaft bow: the response to a force that rotates with the shaft and is the same at every speed.
+//! Candidate effect, shaft bow: the response to a force that rotates with the shaft and is the same
+//! at every speed.
 
 use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::residual_model::SignalSet;

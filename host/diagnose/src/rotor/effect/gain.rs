@@ -1,4 +1,4 @@
-//! Gain error of one displacement sensor.
+//! Candidate effect: gain error of one displacement sensor.
 
 use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::residual_model::SignalSet;

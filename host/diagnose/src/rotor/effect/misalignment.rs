@@ -1,5 +1,5 @@
-//! Misalignment of a coupling: the response to forces of order 2, forward and backward, at one end
-//! of the shaft.
+//! Candidate effect, misalignment of a coupling: the response to forces of order 2, forward and
+//! backward, at one end of the shaft.
 
 use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::residual_model::SignalSet;

@@ -1,5 +1,5 @@
-//! Runout (order 1) and lobes (orders 2 and 3) of the surface that displacement sensors measure: of
-//! the same size at every speed.
+//! Candidate effect: runout (order 1) and lobes (orders 2 and 3) of the surface that displacement
+//! sensors measure: of the same size at every speed.
 
 use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::residual_model::SignalSet;

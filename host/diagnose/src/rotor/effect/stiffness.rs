@@ -1,4 +1,5 @@
-//! Stiffness of a bearing other than described: a factor along x and one along y, found by search.
+//! Candidate effect, stiffness of a bearing other than described: a factor along x and one along y,
+//! found by search.
 
 use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::residual_model::SignalSet;
