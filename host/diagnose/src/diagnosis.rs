@@ -10,7 +10,6 @@ use crate::assessment::residual_excess::{ResidualExcess, residual_excesses};
 use crate::assessment::residual_tests::{ResidualTests, residual_tests};
 use crate::assessment::verdict::Verdict;
 use crate::effect::Effect;
-use crate::effect::fitted::FittedEffect;
 use crate::load_error::LoadErrors;
 use crate::machine_kind::Diagnosable;
 use crate::null_samples::NullSamples;
@@ -131,10 +130,7 @@ impl<S: Diagnosable> DiagnosisInput<S> {
             _ => Vec::new(),
         };
         // What explains too little is not named, and changes nothing.
-        let named: &[FittedEffect<S>] = match verdict {
-            Verdict::Unknown => &[],
-            _ => &selection.found,
-        };
+        let named = verdict.named(&selection);
         let errors = if holdout.is_empty() {
             S::errors(recordings, named)
         } else {

@@ -214,9 +214,8 @@ fn print<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
             correction.channel
         );
     }
-    if !matches!(diagnosis.verdict, Verdict::Unknown)
-        && let Some(open) = diagnosis.selection.found.iter().find(|f| f.is_ambiguous())
-    {
+    let mut named = diagnosis.verdict.named(&diagnosis.selection).iter();
+    if let Some(open) = named.find(|f| f.is_ambiguous()) {
         say!("what would: {}", open.effect.recommended_experiment());
     }
     let silent = diagnose::cannot_show(&diagnosis.selection);

@@ -4,6 +4,7 @@
 use crate::assessment::residual_excess::ResidualExcess;
 use crate::assessment::residual_tests::{ResidualTests, Test, TestResult};
 use crate::effect::Effect;
+use crate::effect::fitted::FittedEffect;
 use crate::machine_kind::Diagnosable;
 use crate::null_samples::NullSamples;
 use crate::regression::cross_validation::RegressionData;
@@ -72,6 +73,18 @@ impl Verdict {
             Self::None
         } else {
             Self::Effects(names)
+        }
+    }
+
+    /// The effects of `selection` that it names: none where something else is missing, which they explain
+    /// too little of.
+    pub fn named<'a, S: ResidualModel>(
+        &self,
+        selection: &'a Selection<S>,
+    ) -> &'a [FittedEffect<S>] {
+        match self {
+            Self::Unknown => &[],
+            _ => &selection.found,
         }
     }
 

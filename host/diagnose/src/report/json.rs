@@ -32,13 +32,10 @@ pub fn report<S: Diagnosable>(
         ..
     } = diagnosis;
     let unknown = *verdict == Verdict::Unknown;
-    let mut effects: Vec<Value> = if unknown {
-        Vec::new()
-    } else {
-        (selection.found.iter())
-            .map(|f| found(f, recordings, &selection.residuals_after))
-            .collect()
-    };
+    let named = verdict.named(selection);
+    let mut effects: Vec<Value> = (named.iter())
+        .map(|f| found(f, recordings, &selection.residuals_after))
+        .collect();
     for effect in S::library() {
         let evidence = fault_log_odds(*effect, recordings);
         if evidence > MIN_FAULT_LOG_ODDS {
@@ -64,8 +61,8 @@ pub fn report<S: Diagnosable>(
             })
         })
         .collect();
-    let next_experiment = (selection.found.iter())
-        .find(|f| f.is_ambiguous() && !unknown)
+    let next_experiment = (named.iter())
+        .find(|f| f.is_ambiguous())
         .map(|f| f.effect.recommended_experiment());
     let mut out = json!({
         "machine": machine.name,

@@ -5,7 +5,6 @@ use crate::assessment::parameter_std::parameter_stds;
 use crate::assessment::verdict::cannot_show;
 use crate::diagnosis::Diagnosis;
 use crate::effect::Scope;
-use crate::effect::fitted::FittedEffect;
 use crate::filter_check::FilterCheck;
 use crate::machine_kind::Diagnosable;
 use crate::{Innovations, Interval, Verdict};
@@ -79,14 +78,15 @@ fn facts<S: Diagnosable>(recording: &str, diagnosis: &Diagnosis<S>) -> Vec<[Stri
             facts.push([label.into(), value]);
         }
     };
-    for found in named(diagnosis) {
+    let named = diagnosis.verdict.named(selection);
+    for found in named {
         let effect = found.effect.name();
         add(
             &format!("Instead of {effect}"),
             found.indistinguishable_from.join(", "),
         );
     }
-    if let Some(ambiguous) = named(diagnosis).iter().find(|found| found.is_ambiguous()) {
+    if let Some(ambiguous) = named.iter().find(|found| found.is_ambiguous()) {
         add(
             "Record next",
             ambiguous.effect.recommended_experiment().into(),
@@ -105,19 +105,11 @@ fn facts<S: Diagnosable>(recording: &str, diagnosis: &Diagnosis<S>) -> Vec<[Stri
     facts
 }
 
-/// The effects that the verdict names: none where something else is missing.
-fn named<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> &[FittedEffect<S>] {
-    match diagnosis.verdict {
-        Verdict::Unknown => &[],
-        _ => &diagnosis.selection.found,
-    }
-}
-
 /// Each effect found with its parameters, and their standard deviations where they are linear.
 fn effects_table<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Option<Table> {
     let recordings = &diagnosis.recordings;
     let mut rows = Vec::new();
-    for found in named(diagnosis) {
+    for found in diagnosis.verdict.named(&diagnosis.selection) {
         let effect = found.effect;
         let place = effect
             .location(&recordings[0], &found.shape)
