@@ -213,10 +213,8 @@ fn cells(cells: &[String], tag: &str, is_words: &[bool]) -> String {
 /// Of each column whether some cell begins with a letter.
 fn columns_of_words(table: &Table) -> Vec<bool> {
     let is_words = |column: usize| {
-        let cells = table.rows.iter().filter_map(|row| row.get(column));
-        cells
-            .into_iter()
-            .any(|cell| cell.starts_with(char::is_alphabetic))
+        let mut cells = table.rows.iter().filter_map(|row| row.get(column));
+        cells.any(|cell| cell.starts_with(char::is_alphabetic))
     };
     (0..table.head.len()).map(is_words).collect()
 }

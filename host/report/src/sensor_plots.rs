@@ -34,7 +34,7 @@ impl SensorPlots {
         }
     }
 
-    /// Gathers one reading; measured, predicted and innovation for the row.
+    /// Gathers one reading; measured, predicted, innovation and whether it is flagged for the row.
     pub(crate) fn push(
         &mut self,
         angle: f64,

@@ -82,9 +82,8 @@ function build() {
 }
 
 function faultIn(element, { fault, cause }) {
-  const good = fault === "none" || fault === "";
-  const isSilent = fault === "";
-  element.className = good && !isSilent ? "good" : "bad";
+  const good = fault === "none", isSilent = fault === "";
+  element.className = good ? "good" : "bad";
   element.textContent = isSilent ? "no data" : good ? "valid" : `${fault.replaceAll("_", " ")}: ${cause}`;
 }
 

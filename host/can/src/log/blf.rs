@@ -21,6 +21,12 @@ const CAN_FD_MESSAGE_64: u32 = 101;
 /// Largest container and largest object (bytes): the usual writers make 128 KiB.
 const LARGEST: usize = 64 << 20;
 
+/// Head of the file up to its stated size: signature, length of the head, program, size.
+const FILE_HEAD: usize = 24;
+
+/// Where the stated size stands in it.
+const FILE_SIZE: std::ops::Range<usize> = 16..24;
+
 /// Head of each object: signature, sizes, type.
 const HEAD: usize = 16;
 
@@ -80,19 +86,9 @@ impl<R: Read> Blf<R> {
         (self.malformed, self.first_malformed)
     }
 
-    fn damaged(&mut self) {
+    fn count_malformed(&mut self) {
         self.malformed += 1;
         self.first_malformed.get_or_insert(self.containers);
-    }
-
-    /// Nothing more is read; what the header states and is not there is missing.
-    fn end(&mut self) -> bool {
-        if !self.ended && self.read < self.stated {
-            self.containers += 1;
-            self.damaged();
-        }
-        self.ended = true;
-        false
     }
 
     /// The next frame; none at the end.
@@ -118,7 +114,7 @@ impl<R: Read> Blf<R> {
                 if !(HEAD..=LARGEST).contains(&size) {
                     // On to what looks like the next object.
                     self.at += start + 4;
-                    self.damaged();
+                    self.count_malformed();
                     continue;
                 }
                 if let Some(object) = open.get(start..start + size) {
@@ -137,23 +133,29 @@ impl<R: Read> Blf<R> {
     fn fill(&mut self) -> io::Result<bool> {
         if !self.started {
             self.started = true;
-            let head = self.take(24)?;
+            let head = self.take(FILE_HEAD)?;
             let size = u32_at(&head, 4).unwrap_or(0) as usize;
-            if !head.starts_with(b"LOGG") || !(24..=LARGEST).contains(&size) {
+            if !head.starts_with(b"LOGG") || !(FILE_HEAD..=LARGEST).contains(&size) {
                 return Err(damaged("its header"));
             }
-            if self.take(size - 24)?.len() < size - 24 {
+            if self.take(size - FILE_HEAD)?.len() < size - FILE_HEAD {
                 return Err(damaged("its header is cut off"));
             }
-            let stated = head.get(16..24).and_then(|bytes| bytes.try_into().ok());
+            let stated = head.get(FILE_SIZE).and_then(|bytes| bytes.try_into().ok());
             self.stated = stated.map_or(0, u64::from_le_bytes);
         }
         if self.ended {
             return Ok(false);
         }
         let head = self.take(HEAD)?;
-        if head.len() < HEAD {
-            return Ok(self.end());
+        self.ended = head.len() < HEAD;
+        if self.ended {
+            if self.read < self.stated {
+                // What the header states and is not there is missing.
+                self.containers += 1;
+                self.count_malformed();
+            }
+            return Ok(false);
         }
         self.containers += 1;
         let (size, kind) = (
@@ -162,7 +164,7 @@ impl<R: Read> Blf<R> {
         );
         if !head.starts_with(b"LOBJ") || !(HEAD..=LARGEST).contains(&size) {
             // Where the next one begins is not known.
-            self.damaged();
+            self.count_malformed();
             self.ended = true;
             return Ok(false);
         }
@@ -184,10 +186,10 @@ impl<R: Read> Blf<R> {
                 if let Err(error) = expanded.read_to_end(&mut self.objects)
                     && (error.kind() != io::ErrorKind::UnexpectedEof || self.read >= self.stated)
                 {
-                    self.damaged();
+                    self.count_malformed();
                 }
             }
-            _ => self.damaged(),
+            _ => self.count_malformed(),
         }
         Ok(true)
     }

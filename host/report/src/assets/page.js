@@ -26,14 +26,13 @@ function dataOf(plot) {
 // ---- numbers
 
 const PREFIXED = ["N", "N m", "N·m", "Nm", "W", "Pa", "m", "m/m", "rad", "V", "Hz"];
-const PREFIXES = [["G", 2e9], ["M", 2e6], ["k", 2e3], ["", 0.2], ["m", 2e-4], ["µ", 2e-7], ["n", 0]];
-const FACTOR = { G: 1e9, M: 1e6, k: 1e3, "": 1, m: 1e-3, "µ": 1e-6, n: 1e-9 };
+const PREFIXES = [["G", 1e9], ["M", 1e6], ["k", 1e3], ["", 1], ["m", 1e-3], ["µ", 1e-6], ["n", 1e-9]];
 function prefixOf(unit, data) {
   if (!PREFIXED.includes(unit)) return ["", 1];
   let most = 0;
   for (const column of data) for (const v of column) if (v !== null && Math.abs(v) > most) most = Math.abs(v);
-  const [prefix] = most === 0 ? [""] : PREFIXES.find(([, least]) => most >= least);
-  return [prefix, FACTOR[prefix]];
+  // Up to 2000 and down to 0.2 without one.
+  return most === 0 ? ["", 1] : PREFIXES.find(([, factor]) => most >= (factor > 1 ? 2 : 0.2) * factor) ?? PREFIXES.at(-1);
 }
 function text(v, digits = 5) {
   if (v === null || v === undefined || Number.isNaN(v)) return "–";
