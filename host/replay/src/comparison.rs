@@ -134,6 +134,15 @@ pub struct Change {
     pub interval: Option<[f64; 2]>,
 }
 
+/// Direction in which a new description changes an estimate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tendency {
+    /// Smaller errors, or readings that are more likely.
+    Better,
+    /// Larger errors, or readings that are less likely.
+    Worse,
+}
+
 /// Figures of one set of sensors on the same samples with two descriptions.
 #[derive(Clone, Debug, Serialize)]
 pub struct Comparison {
@@ -192,6 +201,27 @@ impl Comparison {
             .is_some_and(|l| lowest(l) > 0.0);
         (self.nmae_percent.values())
             .any(|c| c.after - c.before > WORSE_PERCENT && (lowest(c) > 0.0 || !likelier))
+    }
+
+    /// Whether the NMAE of some load or the likelihood changes in that direction beyond its interval.
+    pub fn tends(&self, tendency: Tendency) -> bool {
+        let sign = match tendency {
+            Tendency::Better => 1.0,
+            Tendency::Worse => -1.0,
+        };
+        let least = |c: &Change, sign: f64| {
+            let [low, high] = c.interval.unwrap_or([c.after - c.before; 2]);
+            (sign * low).min(sign * high)
+        };
+        self.nmae_percent.values().any(|c| least(c, -sign) > 0.0)
+            || (self.log_likelihood.as_ref()).is_some_and(|l| least(l, sign) > 0.0)
+    }
+
+    /// Largest change of the NMAE of a load, for better or worse [% of nominal]; 0 without references.
+    pub fn largest_change_percent(&self) -> f64 {
+        (self.nmae_percent.values())
+            .map(|c| (c.after - c.before).abs())
+            .fold(0.0, f64::max)
     }
 
     /// Whether the new description is shown not to be worse: the NMAE of no load rises by more than 0.1 % of
@@ -319,6 +349,10 @@ mod tests {
         assert!((change.before - 1.5).abs() < 1e-12 && (change.after - 1.7).abs() < 1e-12);
         let [low, high] = change.interval.unwrap();
         assert!((low - 0.2).abs() < 1e-9 && (high - 0.2).abs() < 1e-9);
+        assert!(compared(0.05).tends(Tendency::Worse) && !compared(0.05).tends(Tendency::Better));
+        assert!(compared(-0.05).tends(Tendency::Better) && !compared(-0.05).tends(Tendency::Worse));
+        assert!(!unsure.tends(Tendency::Better) && !unsure.tends(Tendency::Worse));
+        assert!((compared(-0.05).largest_change_percent() - 0.05).abs() < 1e-9);
         let mut blind = compared(0.05);
         blind.nmae_percent.clear();
         assert!(blind.is_worse(), "the likelihood falls in every block");

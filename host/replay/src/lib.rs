@@ -41,7 +41,7 @@ use thiserror::Error;
 
 pub use band::{Band, BandFigures};
 pub use baselines::Baselines;
-pub use comparison::{Change, Comparison, Course};
+pub use comparison::{Change, Comparison, Course, Tendency};
 pub use consistency::{Cause, Consistency, SensorConsistency};
 pub use displacements::{Displacements, NodeFigures, displacement_columns};
 pub use estimates::{ESTIMATES, EstimateRows, EstimateWriter};
