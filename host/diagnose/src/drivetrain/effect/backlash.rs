@@ -1,5 +1,6 @@
 //! Candidate effect, backlash: lost motion in a mesh.
 
+use crate::drivetrain::effect::friction::SETS_OFF;
 use crate::drivetrain::residuals::{DrivetrainResiduals, Regressor};
 use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 
@@ -38,6 +39,7 @@ const INFO: EffectInfo = EffectInfo {
             step: 0.3,
             logarithmic: true,
         },
+        SETS_OFF,
     ],
     recommended_experiment: "torque through zero both ways at low speed, with an encoder at both ends",
 };
@@ -47,11 +49,20 @@ impl Effect<DrivetrainResiduals> for Backlash {
         &INFO
     }
     fn initial_values(&self, recording: &DrivetrainResiduals) -> Vec<Vec<f64>> {
-        // Fine: the play decides on the phase of what vibrates once the flank is met again.
-        let plays = (0..20).map(|i| 0.015 * 1.2_f64.powi(i));
+        // Fine: the play decides on the phase of what vibrates once the flank is met again; without that
+        // vibration, coarse.
+        let fine = (0..27).map(|i| [0.015 * 1.2_f64.powi(i), 1.0]);
+        let coarse = (0..12).map(|i| [0.015 * 1.5_f64.powi(i), 0.0]);
         (0..recording.twist.len())
-            .flat_map(|i| plays.clone().map(move |play| vec![i as f64, play]))
+            .flat_map(|i| {
+                let plays = fine.clone().chain(coarse.clone());
+                plays.map(move |[play, sets_off]| vec![i as f64, play, sets_off])
+            })
             .collect()
+    }
+    /// Whether the vibration is modelled is no number of the machine.
+    fn parameter_count(&self) -> usize {
+        INFO.linear.len() + INFO.nonlinear.len() - 1
     }
     fn regressors(&self, recording: &DrivetrainResiduals, shape: &[f64]) -> Vec<Regressor> {
         let (signals, shaft) = (&recording.signals, shape[0] as usize);
@@ -66,7 +77,11 @@ impl Effect<DrivetrainResiduals> for Backlash {
         let driven = response.driven.with_play(shaft, play, &response.carried);
         let mut change = driven.carried().difference(&response.carried);
         for torque in &mut change.torque {
-            *torque = signals.fast(torque);
+            if shape[2] > 0.0 {
+                *torque = signals.fast(torque);
+            } else {
+                torque.fill(0.0);
+            }
         }
         vec![Regressor::ShaftResponse(change)]
     }

@@ -4,7 +4,7 @@
 use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, Regressor, ResidualSignal};
 use crate::drivetrain::signals::Signals;
 use crate::effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
-use loadtwin_machine::{CREEP, Machine};
+use loadtwin_machine::{CREEP, Inertia, Machine};
 
 const BODY: NonlinearParameter = NonlinearParameter {
     name: "inertia",
@@ -14,9 +14,15 @@ const BODY: NonlinearParameter = NonlinearParameter {
     logarithmic: false,
 };
 
+/// The same of friction that two neighbouring inertias share: 0.3 is 70 % on the first and 30 % on the second.
+const PLACE: NonlinearParameter = NonlinearParameter { step: 0.3, ..BODY };
+
+/// Distance from one inertia within which all of it acts there [number].
+const AT_ONE: f64 = 0.1;
+
 /// Part of the vibration it excites that is modelled: 0 where it sticks and slips otherwise than
 /// the chain would respond to a known torque, 1 where the chain responds so.
-const SETS_OFF: NonlinearParameter = NonlinearParameter {
+pub(crate) const SETS_OFF: NonlinearParameter = NonlinearParameter {
     name: "vibration modelled",
     unit: "part",
     bounds: (0.0, 1.0),
@@ -83,7 +89,7 @@ pub const COULOMB: Friction = Friction {
             name: "part of nominal torque",
             prior_std: 0.1,
         }],
-        nonlinear: &[BODY, REGULARISATION, SETS_OFF],
+        nonlinear: &[PLACE, REGULARISATION, SETS_OFF],
         recommended_experiment: "slow turning both ways without load, with standstill between",
     },
     starts: &[],
@@ -101,7 +107,7 @@ pub const STRIBECK: Friction = Friction {
             prior_std: 0.1,
         }],
         nonlinear: &[
-            BODY,
+            PLACE,
             NonlinearParameter {
                 name: "speed over which it fades",
                 unit: "part of nominal",
@@ -168,7 +174,7 @@ pub const PRESLIDING: Friction = Friction {
             prior_std: 0.1,
         }],
         nonlinear: &[
-            BODY,
+            PLACE,
             NonlinearParameter {
                 name: "angle over which it builds up",
                 unit: "rad of the main shaft",
@@ -229,14 +235,32 @@ impl Effect<DrivetrainResiduals> for Friction {
         signal.kind != Kind::Angle
     }
     fn regressors(&self, recording: &DrivetrainResiduals, shape: &[f64]) -> Vec<Regressor> {
-        vec![Regressor::ResistingTorque {
-            body: shape[0] as usize,
-            u: self.torque(&recording.signals, shape),
-            sticks: matches!(self.law, Law::Dry(_)) && shape.last() == Some(&0.0),
-        }]
+        let parts = shared(shape[0], recording.signals.inertias.len());
+        if let [(body, _)] = parts.as_slice() {
+            return vec![self.at(*body, recording, shape)];
+        }
+        let mut sum = vec![Vec::new(); recording.residuals.len()];
+        for (body, part) in parts {
+            let own = recording.columns_of(&self.at(body, recording, shape));
+            for (sum, own) in sum.iter_mut().zip(own) {
+                sum.resize(own.len().max(sum.len()), 0.0);
+                sum.iter_mut()
+                    .zip(own)
+                    .for_each(|(sum, x)| *sum += part * x);
+            }
+        }
+        vec![Regressor::PerSignal(sum)]
     }
     fn location(&self, recording: &DrivetrainResiduals, shape: &[f64]) -> Option<String> {
-        recording.signals.inertias.get(shape[0] as usize).cloned()
+        let names = &recording.signals.inertias;
+        let parts = shared(shape[0], names.len());
+        if let [(body, _)] = parts.as_slice() {
+            return names.get(*body).cloned();
+        }
+        let each = (parts.iter())
+            .map(|(body, part)| Some(format!("{} {:.0} %", names.get(*body)?, 100.0 * part)));
+        each.collect::<Option<Vec<String>>>()
+            .map(|each| each.join(", "))
     }
     fn apply_to_machine(
         &self,
@@ -248,14 +272,53 @@ impl Effect<DrivetrainResiduals> for Friction {
         let Some(chain) = &mut machine.drivetrain else {
             return false;
         };
-        let name = &recording.signals.inertias[shape[0] as usize];
-        let Some(inertia) = chain.inertias.iter_mut().find(|i| i.name == *name) else {
-            return false;
-        };
+        let names = &recording.signals.inertias;
+        let mut changes = false;
+        for (body, part) in shared(shape[0], names.len()) {
+            let inertia = (chain.inertias.iter_mut()).find(|i| i.name == names[body]);
+            changes |= inertia.is_some_and(|inertia| {
+                self.apply_to_inertia(&recording.signals, shape, part * parameters[0], inertia)
+            });
+        }
+        changes
+    }
+}
+
+/// The inertias that share the friction at `place`, each with its part: `i` and `i + 1` of `bodies` with
+/// `1 - f` and `f` at `i + f`.
+fn shared(place: f64, bodies: usize) -> Vec<(usize, f64)> {
+    let place = place.clamp(0.0, bodies.saturating_sub(1) as f64);
+    if (place - place.round()).abs() < AT_ONE {
+        return vec![(place.round() as usize, 1.0)];
+    }
+    let first = place.floor();
+    vec![
+        (first as usize, 1.0 - (place - first)),
+        (first as usize + 1, place - first),
+    ]
+}
+
+impl Friction {
+    /// All of it on inertia `body`.
+    fn at(&self, body: usize, recording: &DrivetrainResiduals, shape: &[f64]) -> Regressor {
+        Regressor::ResistingTorque {
+            body,
+            u: self.torque(&recording.signals, body, shape),
+            sticks: matches!(self.law, Law::Dry(_)) && shape.last() == Some(&0.0),
+        }
+    }
+
+    /// Adds friction of the size `part_of_nominal` to `inertia`; whether that changes it.
+    fn apply_to_inertia(
+        &self,
+        signals: &Signals,
+        shape: &[f64],
+        part_of_nominal: f64,
+        inertia: &mut Inertia,
+    ) -> bool {
         let ratio = inertia.speed_ratio.abs();
-        let signals = &recording.signals;
         // At the inertia's own speed.
-        let torque = parameters[0] * signals.nominal_torque / ratio;
+        let torque = part_of_nominal * signals.nominal_torque / ratio;
         let speed = ratio * signals.nominal_speed;
         let own = match &self.law {
             Law::Drag => {
@@ -269,7 +332,7 @@ impl Effect<DrivetrainResiduals> for Friction {
                 own
             }
             Law::Load => loadtwin_machine::Friction {
-                load_part: parameters[0],
+                load_part: part_of_nominal,
                 ..NONE
             },
         };
@@ -279,9 +342,7 @@ impl Effect<DrivetrainResiduals> for Friction {
         inertia.friction = both.or(inertia.friction);
         both.is_some()
     }
-}
 
-impl Friction {
     /// Where in its shape it says how sharply it turns about.
     fn regularisation(&self) -> Option<usize> {
         self.info
@@ -290,9 +351,9 @@ impl Friction {
             .position(|s| s.name == REGULARISATION.name)
     }
 
-    fn torque(&self, signals: &Signals, shape: &[f64]) -> Vec<f64> {
+    fn torque(&self, signals: &Signals, body: usize, shape: &[f64]) -> Vec<f64> {
         // Part of nominal.
-        let speeds = signals.vibrating_speed(shape[0] as usize);
+        let speeds = signals.vibrating_speed(body);
         let turned = signals.nominal_speed * signals.dt_s;
         let motion = speeds.zip(signals.level.iter().copied());
         let regularisation = self.regularisation().map_or(CREEP, |at| shape[at]);
@@ -334,10 +395,23 @@ mod tests {
         }
     }
 
+    /// By hand: 0.3 of the way from the second of three inertias to the third.
+    #[test]
+    fn neighbours_share_friction_between_them() {
+        assert_eq!(shared(1.0, 3), [(1, 1.0)]);
+        assert_eq!(shared(1.05, 3), [(1, 1.0)]);
+        assert_eq!(shared(7.0, 3), [(2, 1.0)]);
+        let [(first, most), (second, rest)] = shared(1.3, 3)[..] else {
+            panic!("two inertias")
+        };
+        assert_eq!((first, second), (1, 2));
+        assert!((most - 0.7).abs() < 1e-12 && (rest - 0.3).abs() < 1e-12);
+    }
+
     #[test]
     fn what_builds_up_within_a_count_has_no_angle_of_its_own() {
         let signals = turning();
-        let over = |angle: f64| PRESLIDING.torque(&signals, &[0.0, angle, 1.0]);
+        let over = |angle: f64| PRESLIDING.torque(&signals, 0, &[0.0, angle, 1.0]);
         assert_eq!(over(1e-4), over(1e-3));
         assert_ne!(over(1e-3), over(4e-3));
     }
@@ -347,7 +421,7 @@ mod tests {
     fn dry_friction_turns_about_as_sharply_as_it_is_said_to() {
         let signals = turning();
         for regularisation in [3e-4, 0.03] {
-            let torque = COULOMB.torque(&signals, &[0.0, regularisation, 1.0]);
+            let torque = COULOMB.torque(&signals, 0, &[0.0, regularisation, 1.0]);
             for (torque, w) in torque.iter().zip(&signals.speeds[0]) {
                 let expected = w / w.hypot(regularisation);
                 assert!((torque - expected).abs() < 1e-12 || *w == 0.0);

@@ -13,7 +13,7 @@ pub struct UnrecordedThermalDrift;
 const HEATING: NonlinearParameter = NonlinearParameter {
     name: "time constant",
     unit: "s",
-    bounds: (100.0, 5000.0),
+    bounds: (10.0, 5000.0),
     step: 0.7,
     logarithmic: true,
 };
@@ -38,7 +38,7 @@ impl Effect<DrivetrainResiduals> for UnrecordedThermalDrift {
         if recording.signals.warming.is_some() {
             Vec::new()
         } else {
-            each(&[200.0, 600.0, 1800.0])
+            each(&[20.0, 60.0, 200.0, 600.0, 1800.0])
         }
     }
     fn regressors(&self, recording: &DrivetrainResiduals, shape: &[f64]) -> Vec<Regressor> {
