@@ -10,6 +10,7 @@ use crate::assessment::residual_excess::{ResidualExcess, residual_excesses};
 use crate::assessment::residual_tests::{ResidualTests, residual_tests};
 use crate::assessment::verdict::Verdict;
 use crate::effect::Effect;
+use crate::effect::fitted::FittedEffect;
 use crate::load_error::LoadErrors;
 use crate::machine_kind::Diagnosable;
 use crate::null_samples::NullSamples;
@@ -93,6 +94,13 @@ pub struct Diagnosis<S: Diagnosable> {
     pub errors: LoadErrors,
 }
 
+impl<S: Diagnosable> Diagnosis<S> {
+    /// The effects that the verdict names.
+    pub fn named(&self) -> &[FittedEffect<S>] {
+        self.verdict.named(&self.selection)
+    }
+}
+
 /// Seed of the null samples.
 pub(crate) const SEED: u64 = 20_261_121;
 
@@ -110,12 +118,18 @@ impl<S: Diagnosable> DiagnosisInput<S> {
         candidates: &[&'static dyn Effect<S>],
         progress: impl Fn(f64),
     ) -> Diagnosis<S> {
+        let mut selection =
+            stepwise::select(&self.recordings, &self.null_samples, candidates, progress);
+        if !self.holdout.is_empty() {
+            selection.validate_on(&self.recordings, &self.holdout);
+        }
+        self.assess(selection)
+    }
+
+    /// The diagnosis that follows from the effects of `selection`.
+    pub(crate) fn assess(&self, selection: Selection<S>) -> Diagnosis<S> {
         let (recordings, holdout, null_samples) =
             (&self.recordings, &self.holdout, &self.null_samples);
-        let mut selection = stepwise::select(recordings, null_samples, candidates, progress);
-        if !holdout.is_empty() {
-            selection.validate_on(recordings, holdout);
-        }
         let residual_excesses = residual_excesses(recordings, &selection, null_samples);
         let residual_tests = residual_tests(recordings, &selection, null_samples);
         let verdict = Verdict::of(

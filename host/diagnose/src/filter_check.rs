@@ -9,7 +9,6 @@ use serde::Serialize;
 use crate::diagnosis::{DiagnoseError, Diagnosis};
 use crate::effect::fitted::FittedEffect;
 use crate::machine_kind::Diagnosable;
-use crate::regression::joint_fit::fit_jointly;
 use loadtwin_design::build::Sensors;
 use loadtwin_files::scratch::Scratch;
 use loadtwin_machine::{Machine, MachineError};
@@ -40,7 +39,19 @@ impl Evaluated {
             is_fitted,
         }
     }
+
+    /// All of `fitted`.
+    pub(crate) fn whole(fitted: &[PathBuf]) -> Self {
+        Self {
+            recordings: fitted.to_vec(),
+            last_part: 1.0,
+            is_fitted: true,
+        }
+    }
 }
+
+/// What the estimator of each set of sensors does on all recordings: name and course of each.
+pub(crate) type Courses = Vec<(String, Vec<Course>)>;
 
 /// Check of the estimator with an improved description.
 #[derive(Clone, Debug, Serialize)]
@@ -138,7 +149,7 @@ pub fn check_filter<S: Diagnosable>(
         for i in 0..all.len() {
             let mut kept = all.clone();
             kept.remove(i);
-            take(diagnosis, kept);
+            keep(diagnosis, kept);
             let trial = compared(machine, diagnosis, &check.evaluated, &before)?;
             trials.push((trial.harm(), i, trial));
         }
@@ -147,7 +158,7 @@ pub fn check_filter<S: Diagnosable>(
         };
         let mut kept = all;
         check.left_out.push(kept.remove(i).effect.name());
-        take(diagnosis, kept);
+        keep(diagnosis, kept);
         check.is_accepted = trial.is_accepted();
         check.sets_without = trial.sets;
         check.refused = trial.refused;
@@ -156,9 +167,8 @@ pub fn check_filter<S: Diagnosable>(
 }
 
 /// Fits the effects `kept` anew, together.
-fn take<S: Diagnosable>(diagnosis: &mut Diagnosis<S>, mut kept: Vec<FittedEffect<S>>) {
-    diagnosis.selection.nuisance = fit_jointly(&diagnosis.recordings, &mut kept, None);
-    diagnosis.selection.found = kept;
+fn keep<S: Diagnosable>(diagnosis: &mut Diagnosis<S>, kept: Vec<FittedEffect<S>>) {
+    diagnosis.selection.keep(&diagnosis.recordings, kept);
 }
 
 /// Names of the sets of sensors of `machine`; none for all sensors where it has no sets.
@@ -170,11 +180,11 @@ fn set_names(machine: &Machine) -> Vec<Option<String>> {
 }
 
 /// Every set of sensors on all recordings.
-fn courses(
+pub(crate) fn courses(
     described: &Machine,
     machine: &Machine,
     evaluated: &Evaluated,
-) -> Result<Vec<(String, Vec<Course>)>, ReplayError> {
+) -> Result<Courses, ReplayError> {
     set_names(described)
         .into_par_iter()
         .map(|name| {
@@ -195,30 +205,56 @@ fn compared<S: Diagnosable>(
     evaluated: &Evaluated,
     before: &[(String, Vec<Course>)],
 ) -> Result<Trial, DiagnoseError> {
-    let folder = Scratch::new()?;
-    let path = folder.path().join("machine.toml");
-    S::write(machine, diagnosis, &path)?;
-    let improved = match read(machine, &path) {
-        Err(MachineError::Field {
-            field,
-            found,
-            allowed,
-            ..
-        }) => {
+    let improved = match described(machine, diagnosis)? {
+        Ok(improved) => improved,
+        Err(refused) => {
             return Ok(Trial {
                 sets: Vec::new(),
-                refused: Some(format!("{field} = {found}, allowed: {allowed}")),
+                refused: Some(refused),
             });
         }
-        read => read?,
     };
-    let after = courses(machine, &improved, evaluated)?;
+    let after = courses(machine, &improved.machine, evaluated)?;
     let sets = (before.iter().zip(&after))
         .map(|((name, before), (_, after))| Comparison::new(name, before, after))
         .collect();
     Ok(Trial {
         sets,
         refused: None,
+    })
+}
+
+/// A description with the effects of a diagnosis.
+pub(crate) struct Improved {
+    /// The machine.
+    pub machine: Machine,
+    /// Names of the effects that the estimator cannot model.
+    pub absent: Vec<&'static str>,
+    /// Where its maps lie.
+    _folder: Scratch,
+}
+
+/// The description with the effects of `diagnosis`, or the value that no description may have: field, found
+/// and allowed.
+pub(crate) fn described<S: Diagnosable>(
+    machine: &Machine,
+    diagnosis: &Diagnosis<S>,
+) -> Result<Result<Improved, String>, DiagnoseError> {
+    let folder = Scratch::new()?;
+    let path = folder.path().join("machine.toml");
+    let absent = S::write(machine, diagnosis, &path)?;
+    Ok(match read(machine, &path) {
+        Err(MachineError::Field {
+            field,
+            found,
+            allowed,
+            ..
+        }) => Err(format!("{field} = {found}, allowed: {allowed}")),
+        read => Ok(Improved {
+            machine: read?,
+            absent,
+            _folder: folder,
+        }),
     })
 }
 

@@ -28,6 +28,7 @@ mod diagnosis;
 mod drivetrain;
 pub mod effect;
 mod filter_check;
+mod filter_contradiction;
 mod filter_run;
 mod load_error;
 mod machine_kind;
@@ -60,6 +61,7 @@ pub use drivetrain::signals::Signals;
 pub use drivetrain::write::corrected;
 pub use effect::fitted::FittedEffect;
 pub use filter_check::{Evaluated, FilterCheck, check_filter};
+pub use filter_contradiction::set_contradicted_aside;
 pub use load_error::{Interval, LoadErrors};
 pub use machine_kind::Diagnosable;
 pub use report::json::report;
@@ -85,5 +87,8 @@ pub fn diagnose<S: Diagnosable>(
     let residuals = S::read(machine, paths, validation, |part| {
         progress(0.5 * part);
     })?;
-    Ok(residuals.diagnose(S::library(), |part| progress(0.5 + 0.5 * part)))
+    let diagnosis = residuals.diagnose(S::library(), |part| progress(0.5 + 0.45 * part));
+    let diagnosis = set_contradicted_aside(machine, paths, &residuals, diagnosis)?;
+    progress(1.0);
+    Ok(diagnosis)
 }

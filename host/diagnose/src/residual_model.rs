@@ -122,6 +122,11 @@ pub trait ResidualModel: Clone + Send + Sync + 'static {
     /// Standard deviation of a sample of signal `k` that the description expects.
     fn noise_std(&self, k: usize) -> f64;
 
+    /// What signal `k` reads at nominal load, root mean square; none where no load is nominal.
+    fn full_scale(&self, _: usize) -> Option<f64> {
+        None
+    }
+
     /// Whether the torque of the residuals comes from other sensors than those tested.
     fn has_reference_torque(&self) -> bool {
         false

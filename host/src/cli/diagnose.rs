@@ -206,6 +206,15 @@ fn print<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
             );
         }
     }
+    let negligible: Vec<&str> = (diagnosis.selection.negligible.iter())
+        .map(|f| f.effect.name())
+        .collect();
+    if !negligible.is_empty() {
+        say!(
+            "significant, but negligible for the load: {}",
+            negligible.join(", ")
+        );
+    }
     for correction in &diagnosis.corrections {
         say!(
             "an empirical correction over {} takes {:.0} % of {} (see --json)",

@@ -108,7 +108,7 @@ fn unexplained<S: Diagnosable>(
     null_samples: &NullSamples,
 ) -> bool {
     let data = RegressionData::new(recordings, null_samples);
-    let left = data.null_mean_squares(&data.base(base_columns(recordings, &selection.found)));
+    let left = data.null_mean_squares(&data.base(base_columns(recordings, &selection.all())));
     let samples: f64 = recordings.iter().map(|s| s.speed().len() as f64).sum();
     let weight = |k: usize| {
         let n = samples / recordings[0].samples_per_independent(k);

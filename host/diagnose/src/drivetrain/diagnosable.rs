@@ -157,6 +157,11 @@ impl ResidualModel for DrivetrainResiduals {
         self.residuals[k].noise_std
     }
 
+    fn full_scale(&self, k: usize) -> Option<f64> {
+        let signal = &self.residuals[k];
+        (signal.kind != Kind::Innovation).then_some(signal.scale)
+    }
+
     fn has_reference_torque(&self) -> bool {
         self.torque_source == TorqueSource::References
     }

@@ -91,10 +91,15 @@ impl Signals {
         self.rate(&smooth(&self.level, self.smoothing))
     }
 
+    /// What times are known to [s].
+    pub fn time_tolerance_s(&self) -> f64 {
+        APART * self.dt_s / self.means_of as f64
+    }
+
     /// How the acceleration differs where angles are read later than torques, by what times are known
     /// to [rad/s^2].
     pub fn time_skew(&self) -> Vec<f64> {
-        let later_s = APART * self.dt_s / self.means_of as f64;
+        let later_s = self.time_tolerance_s();
         let rate = self.rate(&self.acceleration).into_iter();
         rate.map(|rate| later_s * rate).collect()
     }

@@ -140,6 +140,11 @@ pub trait Effect<S: ResidualModel>: Sync {
         true
     }
 
+    /// Whether it is large enough to matter, whatever its part of the nominal load.
+    fn is_relevant(&self, _: &S, _shape: &[f64], _parameters: &[Vec<f64>]) -> bool {
+        true
+    }
+
     /// Natural logarithm of the odds for it by a signal's faulty samples
     /// alone.
     fn fault_log_odds(&self, _: &S::ResidualSignal) -> f64 {

@@ -69,6 +69,7 @@ pub fn report<S: Diagnosable>(
         "verdict": verdict.as_str(),
         "cannot_show": cannot_show(selection),
         "effects": effects,
+        "negligible": selection.negligible.iter().map(|f| f.effect.name()).collect::<Vec<_>>(),
         "alternatives": alternatives,
         "next_experiment": next_experiment,
         "note": recordings[0].remarks(selection),

@@ -92,6 +92,13 @@ fn facts<S: Diagnosable>(recording: &str, diagnosis: &Diagnosis<S>) -> Vec<[Stri
             ambiguous.effect.recommended_experiment().into(),
         );
     }
+    let negligible: Vec<&str> = (selection.negligible.iter())
+        .map(|f| f.effect.name())
+        .collect();
+    add(
+        "Significant, but negligible for the load",
+        negligible.join(", "),
+    );
     add(
         "Not shown by this recording",
         cannot_show(selection).join(", "),

@@ -39,9 +39,7 @@ impl<S: ResidualModel> Selection<S> {
             }
         }
         if kept.len() < self.found.len() {
-            self.nuisance = fit_jointly(recordings, &mut kept, None);
-            self.residuals_after = residuals_after(recordings, &kept, &self.nuisance);
-            self.found = kept;
+            self.keep(recordings, kept);
         }
     }
 }

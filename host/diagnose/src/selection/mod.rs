@@ -5,5 +5,6 @@ pub mod equivalence;
 pub mod holdout;
 pub mod model_error;
 pub mod parameter_search;
+pub mod relevance;
 pub mod score;
 pub mod stepwise;

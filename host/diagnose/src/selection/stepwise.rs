@@ -11,6 +11,7 @@ use crate::selection::candidates::{RankedCandidate, penalise_latent, rank, refin
 use crate::selection::equivalence::{is_identical, is_tied, simplest};
 use crate::selection::model_error::{ModelErrors, excess_explained};
 use crate::selection::parameter_search::search_parameters;
+use crate::selection::relevance::is_relevant;
 use crate::selection::score::CandidateScore;
 
 /// Fraction of the mean square of some residual that an effect must explain:
@@ -39,12 +40,32 @@ const MAX_EFFECTS: usize = 3;
 pub struct Selection<S: ResidualModel> {
     /// Effects, the first found first.
     pub found: Vec<FittedEffect<S>>,
+    /// Significant effects that are too small to matter, or that the estimator contradicts: in the model, but
+    /// neither named nor written.
+    pub negligible: Vec<FittedEffect<S>>,
     /// All candidates for the first effect, the best first.
     pub ranking: Vec<RankedCandidate<S>>,
     /// Nuisance parameters of each signal (zero first).
     pub nuisance: Vec<Vec<f64>>,
     /// Residuals after everything found: `[recording][signal]`.
     pub residuals_after: Vec<Vec<Vec<f64>>>,
+}
+
+impl<S: ResidualModel> Selection<S> {
+    /// Keeps the effects `kept` of those found, fitted anew together with the negligible ones.
+    pub(crate) fn keep(&mut self, recordings: &[S], kept: Vec<FittedEffect<S>>) {
+        let count = kept.len();
+        let mut all = [kept, std::mem::take(&mut self.negligible)].concat();
+        self.nuisance = fit_jointly(recordings, &mut all, None);
+        self.residuals_after = residuals_after(recordings, &all, &self.nuisance);
+        self.negligible = all.split_off(count);
+        self.found = all;
+    }
+
+    /// Everything in the model: the effects found, then the negligible ones.
+    pub(crate) fn all(&self) -> Vec<FittedEffect<S>> {
+        [self.found.as_slice(), &self.negligible].concat()
+    }
 }
 
 /// Searches `candidates` for what explains the residuals of `recordings`.
@@ -78,9 +99,11 @@ pub fn select<S: ResidualModel>(
         f.indistinguishable_from
             .retain(|other| !named.contains(other));
     }
+    let (found, negligible) = (found.into_iter()).partition(|f| is_relevant(recordings, f));
     progress(1.0);
     Selection {
         found,
+        negligible,
         ranking,
         nuisance,
         residuals_after,

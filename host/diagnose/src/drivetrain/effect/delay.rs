@@ -56,6 +56,17 @@ impl Effect<DrivetrainResiduals> for Delay {
             recording.residuals.iter().map(column).collect(),
         )]
     }
+    /// Where some channel is late by more than what times are known to.
+    fn is_relevant(
+        &self,
+        recording: &DrivetrainResiduals,
+        shape: &[f64],
+        parameters: &[Vec<f64>],
+    ) -> bool {
+        let late_s = |part: &f64| (part * shape[0]).abs();
+        (parameters.iter().flatten())
+            .any(|part| late_s(part) > recording.signals.time_tolerance_s())
+    }
     fn apply_to(&self, shape: &[f64], parameters: &[f64], gauge: &mut GaugeModel) -> bool {
         // Where the reading moves slowly only the product is observable.
         let late_s = gauge.late_s + parameters[0] * shape[0];

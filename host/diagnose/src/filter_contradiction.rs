@@ -1,0 +1,99 @@
+//! Effects that the estimator contradicts: with them no set of sensors estimates better, and some worse.
+
+use std::path::PathBuf;
+
+use crate::diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput};
+use crate::effect::fitted::FittedEffect;
+use crate::filter_check::{Courses, Evaluated, courses, described};
+use crate::machine_kind::Diagnosable;
+use crate::selection::relevance::RELEVANT_PART;
+use loadtwin_machine::Machine;
+use loadtwin_replay::{Comparison, Tendency};
+
+/// Moves to the negligible effects of `diagnosis`, one by one, the least significant effect that the estimator
+/// contradicts on the fitted recordings `paths`.
+///
+/// An effect is contradicted where with it some set of sensors becomes worse and none better, each beyond its
+/// interval, and no load changes by more than what is relevant: it then describes an error of the
+/// model on which the residuals rest. What the estimator cannot model, a value that no description
+/// allows and what happened once are kept: the estimator says nothing about them.
+///
+/// # Errors
+/// When a description cannot be written, or the estimator cannot run.
+pub fn set_contradicted_aside<S: Diagnosable>(
+    machine: &Machine,
+    paths: &[PathBuf],
+    input: &DiagnosisInput<S>,
+    mut diagnosis: Diagnosis<S>,
+) -> Result<Diagnosis<S>, DiagnoseError> {
+    let evaluated = Evaluated::whole(paths);
+    while !diagnosis.named().is_empty() {
+        let mut kept = diagnosis.selection.found.clone();
+        let least = least_contradicted(machine, &evaluated, &mut diagnosis, &kept)?;
+        if let Some(i) = least {
+            diagnosis.selection.negligible.push(kept.remove(i));
+        }
+        diagnosis.selection.keep(&input.recordings, kept);
+        if least.is_none() {
+            break;
+        }
+        diagnosis = input.assess(diagnosis.selection);
+    }
+    Ok(diagnosis)
+}
+
+/// Number of the least significant effect of `found` that the estimator contradicts.
+fn least_contradicted<S: Diagnosable>(
+    machine: &Machine,
+    evaluated: &Evaluated,
+    diagnosis: &mut Diagnosis<S>,
+    found: &[FittedEffect<S>],
+) -> Result<Option<usize>, DiagnoseError> {
+    let Some((with_all, absent)) = estimated(machine, evaluated, diagnosis, found)? else {
+        return Ok(None);
+    };
+    let mut least: Option<usize> = None;
+    for (i, effect) in found.iter().enumerate() {
+        if absent.contains(&effect.effect.name()) || !effect.effect.is_machine_property() {
+            continue;
+        }
+        let mut others = found.to_vec();
+        others.remove(i);
+        let Some((without, _)) = estimated(machine, evaluated, diagnosis, &others)? else {
+            continue;
+        };
+        let sets: Vec<Comparison> = (without.iter().zip(&with_all))
+            .map(|((name, before), (_, after))| Comparison::new(name, before, after))
+            .collect();
+        let is = |tendency: Tendency| sets.iter().any(|set| set.tends(tendency));
+        let changes = |set: &Comparison| set.largest_change_percent() > 100.0 * RELEVANT_PART;
+        if is(Tendency::Worse)
+            && !is(Tendency::Better)
+            && !sets.iter().any(changes)
+            && least.is_none_or(|least| effect.evidence < found[least].evidence)
+        {
+            least = Some(i);
+        }
+    }
+    Ok(least)
+}
+
+/// What the estimator of each set of sensors does with the effects `kept`, fitted anew, and the names of those
+/// that it cannot model; none where a description may not have their values.
+fn estimated<S: Diagnosable>(
+    machine: &Machine,
+    evaluated: &Evaluated,
+    diagnosis: &mut Diagnosis<S>,
+    kept: &[FittedEffect<S>],
+) -> Result<Option<(Courses, Vec<&'static str>)>, DiagnoseError> {
+    let recordings = std::mem::take(&mut diagnosis.recordings);
+    diagnosis.selection.keep(&recordings, kept.to_vec());
+    diagnosis.recordings = recordings;
+    Ok(match described(machine, diagnosis)? {
+        Ok(improved) => Some((
+            courses(machine, &improved.machine, evaluated)?,
+            improved.absent,
+        )),
+        Err(_) => None,
+    })
+}
