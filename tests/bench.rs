@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;
 use loadtwin_firmware::board::Board;
-use loadtwin_firmware::counters::Counters;
+use loadtwin_firmware::board_counters::Counters;
 
 /// The board.
 #[derive(Debug)]

@@ -13,7 +13,7 @@ use std::{fs, io};
 use defmt_decoder::{DecodeError, Table};
 use loadtwin::key::SigningKey;
 use loadtwin::seal::seal;
-use loadtwin::upload::{Next, UploadError, Uploader};
+use loadtwin::upload_protocol::{Next, UploadError, Uploader};
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;
 use loadtwin_common::io::signed_image::KEY_PAGE_LEN;

@@ -1,6 +1,6 @@
 //! Counting over many sequences and over a long one; more by a number in the environment.
 
-use loadtwin_common::counting::saved::MAX_BYTES;
+use loadtwin_common::counting::saved_counts::MAX_BYTES;
 use loadtwin_common::counting::{LEVELS, LevelScale, LoadCounts, Residue, SHAFTS};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -2,7 +2,7 @@
 
 use loadtwin::key::SigningKey;
 use loadtwin::seal::seal;
-use loadtwin::upload::{Next, UploadError, Uploader};
+use loadtwin::upload_protocol::{Next, UploadError, Uploader};
 use loadtwin_common::io::isotp::FrameData;
 use loadtwin_common::io::signed_image::ImageError;
 use loadtwin_firmware::simulated_flash::SimulatedFlash;

@@ -7,7 +7,7 @@ use std::vec::Vec;
 use proptest::prelude::*;
 
 use super::residue::MAX_POINTS;
-use super::saved::MAX_BYTES;
+use super::saved_counts::MAX_BYTES;
 use super::{BINS, LEVELS, LevelScale, LoadCounts, bin};
 
 /// Levels that are their own loads.

@@ -14,8 +14,8 @@ use loadtwin_common::io::frame::{
 use serde::Serialize;
 
 use super::bus::{Bus, BusError, Link, LinkCounts};
-use super::comparison::Comparison;
-use super::page::{Page, View};
+use super::frame_comparison::Comparison;
+use super::live_display::{Page, View};
 use super::{CanError, Model, standard};
 
 /// How a bus is watched.
@@ -147,7 +147,7 @@ pub fn run<B: Bus>(
                 Some((id, data)) => {
                     assembler.push(id, data);
                     // A raw sample's FD frame is the assembler's alone.
-                    let fd = id == base + frame::layout::raw_fd::OFFSET;
+                    let fd = id == base + frame::signal_layout::raw_fd::OFFSET;
                     match frame::decode(base, id, data) {
                         _ if fd => *summary.frames.entry(id).or_default() += 1,
                         Ok((message, counter)) => {

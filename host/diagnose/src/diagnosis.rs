@@ -9,7 +9,7 @@ use crate::assessment::empirical_correction::{self, Correction};
 use crate::assessment::residual_excess::{ResidualExcess, residual_excesses};
 use crate::assessment::residual_tests::{ResidualTests, residual_tests};
 use crate::assessment::verdict::Verdict;
-use crate::effect::Effect;
+use crate::candidate_effect::Effect;
 use crate::load_error::LoadErrors;
 use crate::machine_kind::Diagnosable;
 use crate::null_samples::NullSamples;

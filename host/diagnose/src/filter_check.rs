@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::candidate_effect::fitted::FittedEffect;
 use crate::diagnosis::{DiagnoseError, Diagnosis};
-use crate::effect::fitted::FittedEffect;
 use crate::machine_kind::Diagnosable;
 use crate::regression::joint_fit::fit_jointly;
 use loadtwin_design::build::Sensors;

@@ -8,10 +8,10 @@ use loadtwin_common::io::raw::RawSample;
 use serde::{Deserialize, Serialize};
 
 use super::ReplayError;
-use super::correction::Correction;
 use super::displacements::displacement_columns;
-use super::index::{Pulse, Pulses};
-use super::motion::{Motion, counter, motions};
+use super::encoder_counts::{Motion, counter, motions};
+use super::index_pulse::{Pulse, Pulses};
+use super::reading_correction::Correction;
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{Channel, Encoder, Machine, Reference, Regime, Segment};
 use loadtwin_recording::{

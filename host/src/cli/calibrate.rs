@@ -7,9 +7,9 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
-use super::layout::LayoutFile;
-use super::output::{say, shown, shown_all};
-use super::plan::{Plan, Replace};
+use super::file_plan::{Plan, Replace};
+use super::layout_option::LayoutFile;
+use super::printing::{say, shown, shown_all};
 use super::progress::Progress;
 use crate::atomic_file::{AtomicFile, publish};
 use crate::bearing::{CALIBRATION, Rig};

@@ -8,13 +8,13 @@ use std::time::Instant;
 use clap::Args;
 use serde_json::json;
 
-use super::balance;
-use super::layout::LayoutFile;
-use super::output::{note, say};
-use super::plan::{Plan, Replace};
+use super::diagnose_drive;
+use super::file_plan::{Plan, Replace};
+use super::layout_option::LayoutFile;
+use super::printing::{note, say};
 use super::progress::Progress;
 use crate::balance::{self as drive, Request};
-use crate::diagnose::effect::Effect;
+use crate::diagnose::candidate_effect::Effect;
 use crate::diagnose::{
     self, BearingResiduals, Diagnosable, Diagnosis, DrivetrainResiduals, Evaluated, FilterCheck,
     Innovations, ResidualTests, RotorResiduals, Verdict,
@@ -179,7 +179,7 @@ impl Diagnose {
             cutoff_hz,
             machine_out: self.output.as_deref(),
         };
-        balance::run(&request, as_json)
+        diagnose_drive::run(&request, as_json)
     }
 }
 
@@ -344,7 +344,7 @@ fn print_innovations(innovations: &Result<Vec<Innovations>, ReplayError>) {
 
 /// The effects, for the long help.
 fn library() -> String {
-    let shown = |effect: &&dyn drive::effect::Effect| {
+    let shown = |effect: &&dyn drive::candidate_effect::Effect| {
         format!("  {:<28}{}\n", effect.name(), effect.shown_by())
     };
     let of_balance: String = drive::EFFECTS.iter().map(shown).collect();

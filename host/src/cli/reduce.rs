@@ -8,8 +8,8 @@ use anyhow::Context;
 use clap::Args;
 use serde_json::json;
 
-use super::output::{say, shown};
-use super::plan::{Plan, Replace};
+use super::file_plan::{Plan, Replace};
+use super::printing::{say, shown};
 use crate::atomic_file::publish;
 use crate::machine::{MAP_ENTRIES, MAPS, Machine, complete_columns, resampled};
 use crate::recording::{Quantity, Unit};

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use serde_json::{Map, Value, json};
 
-use super::output::{say, shown, shown_all};
+use super::printing::{say, shown, shown_all};
 use super::progress::Progress;
 use super::tune::{Choice as Asked, Tune};
 use crate::atomic_file::{Complete, publish};

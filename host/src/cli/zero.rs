@@ -7,9 +7,9 @@ use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::layout::LayoutFile;
-use super::output::{say, shown};
-use super::plan::{Plan, Replace};
+use super::file_plan::{Plan, Replace};
+use super::layout_option::LayoutFile;
+use super::printing::{say, shown};
 use crate::calibrate::Description;
 use crate::machine::{Channel, DESCRIPTION, Machine};
 use crate::recording::{Quantity, Reader, Unit, Wanted, columns};

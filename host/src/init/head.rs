@@ -3,8 +3,8 @@
 
 use loadtwin_recording::{ChannelLayout, RATES_HZ, Timing, Unit, WrittenNan};
 
-use super::column::{Look, LookedAt};
-use super::text::{Text, number, quoted};
+use super::column_kind::{Look, LookedAt};
+use super::toml_text::{Text, number, quoted};
 use super::{MARK, MachineKind, Source};
 
 /// Difference of a rate from a shorter number that jitter of stamps and quartzes explain.

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use loadtwin::can::Model;
 use loadtwin::can::bus::{Bus, BusError, Received};
-use loadtwin::can::comparison::Comparison;
+use loadtwin::can::frame_comparison::Comparison;
 use loadtwin::can::log::LogBus;
 use loadtwin_common::io::frame;
 use loadtwin_common::io::frame::{DEFAULT_BASE, FrameEncoder, RawAssembler};

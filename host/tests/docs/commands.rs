@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::page::{Block, Page};
+use crate::markdown_page::{Block, Page};
 
 /// A command after `$ `, continued after a backslash, and the lines below it.
 struct Step {

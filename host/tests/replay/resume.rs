@@ -15,7 +15,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tempfile::TempDir;
 
-use super::recorded::{Recorded, example, loadtwin};
+use super::faulty_recordings::{Recorded, example, loadtwin};
 
 /// Time, references and estimate of each sample, as text of their bits.
 type Rows = Vec<(u64, Vec<u64>, Estimate)>;

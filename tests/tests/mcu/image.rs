@@ -5,7 +5,7 @@ use std::time::Duration;
 use loadtwin::can::Model;
 use loadtwin::key::SigningKey;
 use loadtwin::seal::seal;
-use loadtwin::upload::UploadError;
+use loadtwin::upload_protocol::UploadError;
 use loadtwin_common::io::frame::{
     DEFAULT_BASE, Frame, IDS_PER_MACHINE, Message, State, Status, StatusPage, decode,
 };

@@ -1,5 +1,5 @@
 use crate::io::frame::DEFAULT_BASE;
-use crate::io::frame::raw::*;
+use crate::io::frame::raw_frame::*;
 
 fn sample(tick: u32) -> RawSample {
     let mut sample = RawSample {

@@ -11,8 +11,8 @@ use parquet::arrow::ArrowWriter;
 
 use super::ArrowTable;
 use crate::error::{Problem, RecordingError};
-use crate::layout::{Column, CsvLayout};
-use crate::source::Output;
+use crate::recording_layout::{Column, CsvLayout};
+use crate::row_source::Output;
 use crate::{BLOCK_ROWS, clipped};
 
 type Stream = Box<dyn Iterator<Item = Result<RecordBatch, ArrowError>> + Send>;

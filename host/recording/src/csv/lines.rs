@@ -8,7 +8,7 @@ use encoding_rs::{Encoding, UTF_8, UTF_16BE, UTF_16LE, WINDOWS_1252};
 use encoding_rs_io::DecodeReaderBytesBuilder;
 
 use crate::error::Problem;
-use crate::layout::CsvLayout;
+use crate::recording_layout::CsvLayout;
 
 /// Size of the read buffer and so the longest line: what is longer is no CSV.
 const BUFFER: usize = 1 << 20;
