@@ -1,4 +1,4 @@
-//! A board on the host whose converter and bus a test controls.
+//! `Bench`, a board on the host whose converter, clock and bus a test controls.
 
 use std::collections::VecDeque;
 

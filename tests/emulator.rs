@@ -1,4 +1,5 @@
-//! The application on an emulated Cortex-M4F, and its two serial lines.
+//! Controls the application on an emulated Cortex-M4F (QEMU): flash, serial line of the bus,
+//! serial line of the sensors, end.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpListener;

@@ -1,4 +1,4 @@
-//! A small gearbox, its sensors, and what the application on the host says of them.
+//! Test gearbox: its model image, raw samples, and the frames of the application on the host.
 
 use std::path::Path;
 

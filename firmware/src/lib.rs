@@ -1,4 +1,5 @@
-//! The loadtwin estimator on a microcontroller.
+//! The loadtwin estimator on a microcontroller: application, store of model images in flash,
+//! upload, drivers, fault-injection campaign.
 //!
 //! [`app`] is what every board runs, over the one trait [`board::Board`]; the
 //! boards are the binaries of this package, one feature each.

@@ -1,4 +1,5 @@
-//! Faults around the estimator are counted, reported in the status, and stop nothing.
+//! Counters of the board in its status frame: overruns, full queue, bus-off; none stops the
+//! estimator.
 
 use loadtwin_common::io::frame::{Frame, IDS_PER_MACHINE, Message, Status, decode};
 use loadtwin_firmware::app::App;

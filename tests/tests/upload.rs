@@ -1,4 +1,5 @@
-//! The host's upload against the board's, over a bus that loses frames.
+//! Upload of an image from the host's state machine to the board's, over a simulated bus that
+//! loses frames.
 
 use loadtwin::key::SigningKey;
 use loadtwin::seal::seal;

@@ -1,4 +1,5 @@
-//! The wheel bearing: forces and moments from gauges on the outer ring.
+//! Load estimator of a wheel bearing: forces and moments from strain gauges on the outer ring,
+//! by an extended Kalman filter for each hypothesis.
 //!
 //! Every sample is gathered into a [`harmonic_block`]; 100 times a second two hypotheses
 //! ([`ekf`]) take in the block: the primary, whose loads are the estimate, and

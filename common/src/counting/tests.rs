@@ -1,4 +1,5 @@
-//! Properties of counting, on random sequences.
+//! Property tests of load counting on random sequences: splitting, saving, merging, level
+//! crossings, gate, bound of the residue.
 
 extern crate std;
 

@@ -1,4 +1,5 @@
-//! The host in the microcontroller's place: raw frames in, estimate frames out.
+//! The command `loadtwin node`: estimates on the host in the microcontroller's place, raw
+//! frames in, estimate frames out.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};

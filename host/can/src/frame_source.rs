@@ -1,4 +1,5 @@
-//! What a command reads frames from: an interface, a serial adapter or a log.
+//! `Source`, what a command reads frames from: a CAN interface, a serial adapter or a log;
+//! parsing of its name and opening.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! Sending of raw samples as CAN or CAN FD frames, in real time or as fast as the bus accepts them;
-//! in lock-step it waits for the load frames of the receiver.
+//! The command `loadtwin send`: sends raw samples as CAN or CAN FD frames, in real time or as
+//! fast as the bus accepts them; in lock-step it waits for the load frames of the receiver.
 
 use std::error::Error;
 use std::path::PathBuf;

@@ -1,4 +1,5 @@
-//! Bayesian linear least squares with folds left out.
+//! Bayesian linear least squares with priors on the coefficients: columns grouped by effect,
+//! the fit on all data, and the errors on left-out folds.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};

@@ -1,4 +1,4 @@
-//! Rating life of rolling bearings.
+//! Basic rating life of a rolling bearing from the revolutions at each load (ISO 281).
 
 use crate::LifeError;
 use crate::error::positive;

@@ -1,4 +1,5 @@
-//! Equivalent torque of a gear.
+//! Equivalent torque of a gear: the power mean over the revolutions of its shaft at each
+//! torque.
 
 use crate::LifeError;
 use crate::error::positive;

@@ -1,4 +1,5 @@
-//! The forces of a rotor by the 1x phasor inversion, as a baseline beside the filter.
+//! Baseline of a rotor's replay: forces by inversion of the once-per-revolution (1x) phasors,
+//! and their errors beside those of the filter.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};

@@ -1,4 +1,5 @@
-//! Temperature of the housing: a first-order lag, heated by the transmitted power.
+//! Simulated temperature of the gearbox's housing: a first-order lag, heated by the transmitted
+//! power.
 
 /// First order, heated by the power that is transmitted.
 #[derive(Clone, Copy, Debug)]

@@ -1,4 +1,5 @@
-//! Counting encoders and the index pulse of the carrier.
+//! Simulated sensors of angle: encoders that count, with an eccentric disc, and the index pulse
+//! of the carrier.
 
 use std::f64::consts::TAU;
 

@@ -1,4 +1,4 @@
-//! Logs of one traffic in every format: the proof is the same.
+//! Bus logs of the same traffic in every format: `loadtwin prove` gives the same result.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;

@@ -1,4 +1,4 @@
-//! Any bytes: no panic, and nothing accepted in part.
+//! Fuzz test of frames and logs: any bytes give no panic, and nothing is accepted in part.
 
 use std::time::Duration;
 

@@ -1,4 +1,5 @@
-//! `common/src/io/frame/signal_layout.rs` is what the DBC says, and so are its tables.
+//! Comparison of `common/src/io/frame/signal_layout.rs` and the tables of the documentation
+//! with the DBC; writes the file anew on request.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;

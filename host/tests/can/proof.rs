@@ -1,4 +1,5 @@
-//! Twin, proof, node and send without a bus: over logs and a simulated controller.
+//! The commands `twin`, `prove`, `node` and `send` on logs and on a simulated controller,
+//! without a real bus.
 
 use std::collections::VecDeque;
 use std::sync::atomic::AtomicBool;

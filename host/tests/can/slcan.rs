@@ -1,4 +1,5 @@
-//! A serial adapter: what a machine sends in a minute, over a pseudo-terminal.
+//! Serial adapter (slcan) over a pseudo-terminal: frames of a machine are received, recorded
+//! and compared.
 #![cfg(unix)]
 
 use std::fmt::Write as _;

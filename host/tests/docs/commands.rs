@@ -1,4 +1,4 @@
-//! Runs the commands of a page, in order, and compares what they print.
+//! Runs the `console` blocks of a documentation page in order and compares their output.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

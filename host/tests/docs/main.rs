@@ -1,4 +1,5 @@
-//! The documentation: its commands are run and their output compared, its links exist.
+//! Test program of the documentation: commands are run and their output compared, links and
+//! lists are checked.
 
 mod commands;
 mod links;

@@ -1,4 +1,4 @@
-//! A Markdown page and its fenced blocks.
+//! Parser of a Markdown page into its fenced blocks with their attributes.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! Recordings of simulated machines with faults, and parts of them.
+//! Recordings of simulated machines with sensor faults, and cut parts of them, for the replay
+//! tests.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,4 +1,4 @@
-//! Replays of the real binary: what a person reads beside the figures.
+//! Test program of `loadtwin replay` on the real binary, one module for each subject.
 
 mod consistency;
 mod faulty_recordings;

@@ -1,4 +1,5 @@
-//! The report in a real browser: every plot draws, the cursors measure, nothing is fetched.
+//! Report page of `loadtwin replay` in a real browser: every plot draws, cursors measure,
+//! nothing is fetched.
 
 use loadtwin::metrics::{LoadError, Segment};
 use loadtwin::report::{KeyFigure, LoadLabel, ReplayPlots, Report, SensorLabel, Table};

@@ -1,4 +1,5 @@
-//! A recording cut anywhere and continued gives the bits of a whole, for every kind of machine.
+//! Continuation of a replay from its saved state: a recording cut anywhere gives the bits of
+//! the whole one, for every machine kind.
 //!
 //! `LOADTWIN_CUTS` is the number of cuts, 40 where it is not set.
 

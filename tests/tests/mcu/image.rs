@@ -1,4 +1,5 @@
-//! The emulated board takes its model from two slots and from the bus.
+//! Model images on the emulated board: choice between two slots, upload over the bus, damaged
+//! images.
 
 use std::time::Duration;
 

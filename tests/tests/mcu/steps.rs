@@ -1,4 +1,4 @@
-//! Instructions of a step on the emulated Cortex-M4F against their bounds.
+//! Instructions of a filter step on the emulated Cortex-M4F against their bounds.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,3 +1,6 @@
+//! Unit tests of raw-sample frames: round trip, lost, repeated and swapped frames, detection of
+//! bit errors.
+
 use crate::io::frame::DEFAULT_BASE;
 use crate::io::frame::raw_frame::*;
 

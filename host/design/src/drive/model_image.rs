@@ -1,4 +1,5 @@
-//! The model image of a drive.
+//! Model image of a drive from its description: sensors, inertia, drag, terms of friction,
+//! delays, filter noise.
 
 use loadtwin_common::drive::term::{Direction, Factor, Term};
 use loadtwin_common::drive::{DriveModel, MAX_DELAY, PositionSensor, Signal};

@@ -1,4 +1,5 @@
-//! The gains of the steady filter over the carrier angle.
+//! Steady gains of the drivetrain filter over the carrier angle, by the covariance recursion
+//! over whole turns until it repeats.
 
 use std::f64::consts::TAU;
 

@@ -1,4 +1,5 @@
-//! An effect with its parameters, as fitted.
+//! `FittedEffect`, a candidate effect after its fit: shape and linear parameters, evidence with
+//! its threshold, and the effects and locations that the data do not distinguish from it.
 
 use crate::candidate_effect::Effect;
 use crate::residual_model::ResidualModel;

@@ -1,4 +1,5 @@
-//! A recording as record batches of Arrow, from memory or from a stream.
+//! A recording as record batches of Arrow, from memory or from a stream: reading as rows, and
+//! writing as Parquet.
 
 use std::fmt;
 use std::fs::File;

@@ -1,4 +1,5 @@
-//! Lines of a text file in UTF-8, whatever its encoding.
+//! Reader of the lines of a text file of any encoding (UTF-8, UTF-16, Windows-1252), converted
+//! to UTF-8.
 use std::fs::File;
 use std::io::{Cursor, Read};
 use std::ops::Range;

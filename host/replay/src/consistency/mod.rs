@@ -1,4 +1,5 @@
-//! Whether description and recording agree, and the likely cause where they do not.
+//! Consistency check of description and recording in a replay: sensors, references and index
+//! pulses, and the likely cause of a disagreement.
 //!
 //! Summed up from the innovations of each sensor: the part of its readings beyond three standard
 //! deviations. Where that is more than noise makes, causes are tested as hypotheses: the recording is

@@ -1,4 +1,5 @@
-//! A bending load: a constant and a slow random reading of every gauge, whatever the torque.
+//! Injected effect, bending load: a constant and a slow random reading of every gauge, whatever
+//! the torque.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Data faults of a channel: inverted bits, stuck values, missing samples.
+//! Injected data faults of a channel: inverted bits, stuck values, missing samples.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -1,4 +1,4 @@
-//! A channel that lags behind the others.
+//! Injected effect: delay of a channel against the others.
 
 use crate::injected_effect::{Apply, Effect, Scope};
 use crate::simulated_gauge::Delay;

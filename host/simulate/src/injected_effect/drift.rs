@@ -1,4 +1,4 @@
-//! Slow drift of gauge readings: creep under load, and zero drift with temperature.
+//! Injected slow drift of gauge readings: creep under load, and zero drift with temperature.
 
 use rand::RngExt;
 use rand_distr::StandardNormal;

@@ -1,4 +1,4 @@
-//! An encoder disc that is not centred.
+//! Injected effect: eccentric encoder disc, an angle error once per revolution.
 
 use std::f64::consts::TAU;
 

@@ -1,4 +1,4 @@
-//! Friction effects: Coulomb, Stribeck, viscous and pre-sliding (Dahl) friction on the first
+//! Injected friction: Coulomb, Stribeck, viscous and pre-sliding (Dahl) friction on the first
 //! inertia, load-dependent losses in each mesh.
 
 use crate::chain_parameters::Presliding;

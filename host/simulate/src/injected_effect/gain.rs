@@ -1,4 +1,5 @@
-//! Gauge errors of zero and gain: an offset, a gain error, a gain that changes with temperature.
+//! Injected gauge errors of zero and gain: an offset, a gain error, a gain that changes with
+//! temperature.
 
 use rand::RngExt;
 use rand_distr::StandardNormal;

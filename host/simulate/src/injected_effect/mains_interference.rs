@@ -1,4 +1,4 @@
-//! Pick-up from the mains.
+//! Injected effect: mains interference, a sinusoid near 50 Hz in the reading of each channel.
 
 use std::f64::consts::TAU;
 

@@ -1,5 +1,5 @@
-//! Effects of the drivetrain plant and its sensors that the estimator's model lacks: their list,
-//! parsing with target and strength, and application to the simulated machine.
+//! Effects injected into the simulated drivetrain and its sensors that the estimator's model
+//! lacks: their list, parsing with target and strength, and application.
 
 mod bending;
 mod data_faults;

@@ -1,4 +1,4 @@
-//! Strain that is not in proportion to torque.
+//! Injected effect: nonlinear gauge, whose strain is not in proportion to the torque.
 
 use rand::RngExt;
 

@@ -1,5 +1,5 @@
-//! Gauge errors over the carrier angle that the maps lack: a cosine of order 1 to 6, and unequal
-//! load sharing of the planets.
+//! Injected gauge errors over the carrier angle that the maps lack: a cosine of order 1 to 6,
+//! and unequal load sharing of the planets.
 
 use std::f64::consts::TAU;
 

@@ -1,5 +1,5 @@
-//! Spread of the drivetrain's parameters: random factors on inertias, stiffnesses, damping and
-//! drag.
+//! Injected spread of the drivetrain's parameters: random factors on inertias, stiffnesses,
+//! damping and drag.
 
 use rand::RngExt;
 use rand_distr::StandardNormal;

@@ -1,4 +1,5 @@
-//! Position errors of gauges: the sensitivity map is shifted over the carrier angle and scaled.
+//! Injected position errors of gauges: the sensitivity map is shifted over the carrier angle
+//! and scaled.
 
 use rand::RngExt;
 use rand_distr::StandardNormal;

@@ -1,4 +1,5 @@
-//! Sudden gauge faults: a step of the zero, debonding (loss of response), bursts of an oscillation.
+//! Injected sudden gauge faults: a step of the zero, debonding (loss of response), bursts of an
+//! oscillation.
 
 use rand::RngExt;
 

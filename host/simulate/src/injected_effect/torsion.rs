@@ -1,5 +1,5 @@
-//! Torsional effects of the drivetrain: backlash, varying mesh stiffness, torque ripple, resonance
-//! of a gear between shaft and mesh.
+//! Injected torsional effects of the drivetrain: backlash, varying mesh stiffness, torque
+//! ripple, resonance of a gear between shaft and mesh.
 
 use std::f64::consts::TAU;
 

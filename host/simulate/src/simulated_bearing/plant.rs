@@ -1,5 +1,6 @@
-//! Plant model of a wheel bearing: each ball a contact of its own, an elastic ring with more shapes
-//! than the estimator's, equilibrium by Newton's method, and the strain at each gauge.
+//! Plant of a simulated wheel bearing: the individual with its random deviations; each ball a
+//! contact of its own, an elastic ring with more shapes than the estimator's, equilibrium by
+//! Newton's method, and the strain at each gauge.
 //!
 //! Nothing here is shared with the estimator but the machine description.
 
