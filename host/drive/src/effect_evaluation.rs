@@ -130,7 +130,40 @@ impl Outcome {
         selection: &Selection<'_>,
         balance: &Balance,
     ) -> Diagnosis {
-        let effects: Vec<FoundEffect> = selection
+        let effects = self.found_effects(selection, balance);
+        let alternatives: Vec<Alternative> = selection
+            .parts
+            .iter()
+            .filter(|part| !part.alternatives.is_empty())
+            .map(|part| Alternative {
+                effect: part.effect.name(),
+                instead: part.alternatives.clone(),
+            })
+            .collect();
+        let verdict = self.verdict(selection);
+        let next_experiment = next_experiment(selection);
+        Diagnosis {
+            verdict,
+            effects,
+            alternatives,
+            next_experiment,
+            error: self.error,
+            recalibrated: self.linear,
+            remainder: self.remainder,
+            beyond: self.beyond,
+            notes: self.notes,
+            spikes: self.spikes,
+            cutoff_hz: request.cutoff_hz,
+            fitted_on: (request.fit.iter())
+                .map(|path| path.display().to_string())
+                .collect(),
+            validated_on: self.validated,
+            machine_out: machine_out.map(|path| path.display().to_string()),
+        }
+    }
+
+    fn found_effects(&self, selection: &Selection<'_>, balance: &Balance) -> Vec<FoundEffect> {
+        selection
             .parts
             .iter()
             .zip(self.effects.iter().skip(balance.effects.len()))
@@ -151,22 +184,16 @@ impl Outcome {
                     p_value: part.evidence.p_value,
                 },
             })
-            .collect();
-        let alternatives: Vec<Alternative> = selection
-            .parts
-            .iter()
-            .filter(|part| !part.alternatives.is_empty())
-            .map(|part| Alternative {
-                effect: part.effect.name(),
-                instead: part.alternatives.clone(),
-            })
-            .collect();
+            .collect()
+    }
+
+    fn verdict(&self, selection: &Selection<'_>) -> &'static str {
         // The effect that explains most decides whether the finding is certain.
         let main = selection
             .parts
             .iter()
             .max_by(|a, b| a.evidence.gain.total_cmp(&b.evidence.gain));
-        let verdict = match effects.len() {
+        match selection.parts.len() {
             0 if self.remainder.unknown => "unknown",
             0 => "none",
             // What makes the error greater where it was not fitted is not known.
@@ -174,38 +201,24 @@ impl Outcome {
             _ if main.is_some_and(|m| !m.alternatives.is_empty()) => "inseparable",
             1 => "effect",
             _ => "effects",
-        };
-        let next_experiment = selection
-            .parts
-            .iter()
-            .find(|part| !part.alternatives.is_empty())
-            .map(|part| {
-                format!(
-                    "to tell {} from {}: {}",
-                    part.effect.name(),
-                    part.alternatives[0].0,
-                    part.effect.shown_by()
-                )
-            });
-        Diagnosis {
-            verdict,
-            effects,
-            alternatives,
-            next_experiment,
-            error: self.error,
-            recalibrated: self.linear,
-            remainder: self.remainder,
-            beyond: self.beyond,
-            notes: self.notes,
-            spikes: self.spikes,
-            cutoff_hz: request.cutoff_hz,
-            fitted_on: (request.fit.iter())
-                .map(|path| path.display().to_string())
-                .collect(),
-            validated_on: self.validated,
-            machine_out: machine_out.map(|path| path.display().to_string()),
         }
     }
+}
+
+/// The experiment that distinguishes an effect from its alternatives.
+fn next_experiment(selection: &Selection<'_>) -> Option<String> {
+    selection
+        .parts
+        .iter()
+        .find(|part| !part.alternatives.is_empty())
+        .map(|part| {
+            format!(
+                "to tell {} from {}: {}",
+                part.effect.name(),
+                part.alternatives[0].0,
+                part.effect.shown_by()
+            )
+        })
 }
 
 /// Whether the effects make the error on the validation recordings greater.

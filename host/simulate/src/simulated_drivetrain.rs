@@ -103,23 +103,7 @@ impl Simulation {
         let number = individual.unwrap_or(seed);
         let draw = |purpose: &str| Draw::new(purpose, number, seed);
 
-        let mut individual = Individual {
-            chain: Chain::new(drivetrain),
-            gauges: machine
-                .channels
-                .iter()
-                .map(|channel| gauge(machine, drivetrain, channel, draw(&channel.name).recording))
-                .collect::<Result<_, _>>()?,
-            encoders: machine
-                .encoders
-                .iter()
-                .map(|encoder| {
-                    let inertia = place(drivetrain, &encoder.inertia);
-                    let ratio = drivetrain.inertias[inertia].speed_ratio;
-                    Encoder::new(encoder, inertia, ratio, draw(&encoder.name).recording)
-                })
-                .collect(),
-        };
+        let mut individual = described(machine, drivetrain, &draw)?;
         for effect in effects {
             effect.apply(
                 &mut individual,
@@ -150,13 +134,7 @@ impl Simulation {
         let bench = TestBench {
             gauges: individual.gauges.into_iter().zip(sensed).collect(),
             encoders: individual.encoders,
-            index: machine.index.as_ref().map(|index| {
-                let encoder = machine
-                    .encoders
-                    .iter()
-                    .position(|e| e.name == index.encoder);
-                Index::new(index, encoder.unwrap_or(0))
-            }),
+            index: simulated_index(machine),
             references: machine
                 .references
                 .iter()
@@ -320,6 +298,42 @@ impl Flange {
             unit.from_si(load / self.reference.gain) + self.reference.zero
         }
     }
+}
+
+/// The machine as described, before any effect.
+fn described(
+    machine: &Machine,
+    drivetrain: &Drivetrain,
+    draw: &impl Fn(&str) -> Draw,
+) -> Result<Individual, SimulateError> {
+    Ok(Individual {
+        chain: Chain::new(drivetrain),
+        gauges: machine
+            .channels
+            .iter()
+            .map(|channel| gauge(machine, drivetrain, channel, draw(&channel.name).recording))
+            .collect::<Result<_, _>>()?,
+        encoders: machine
+            .encoders
+            .iter()
+            .map(|encoder| {
+                let inertia = place(drivetrain, &encoder.inertia);
+                let ratio = drivetrain.inertias[inertia].speed_ratio;
+                Encoder::new(encoder, inertia, ratio, draw(&encoder.name).recording)
+            })
+            .collect(),
+    })
+}
+
+/// The index pulse on the encoder that it homes.
+fn simulated_index(machine: &Machine) -> Option<Index> {
+    machine.index.as_ref().map(|index| {
+        let encoder = machine
+            .encoders
+            .iter()
+            .position(|e| e.name == index.encoder);
+        Index::new(index, encoder.unwrap_or(0))
+    })
 }
 
 fn rounded(value: f64, resolution: f64) -> f64 {

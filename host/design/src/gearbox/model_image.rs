@@ -8,26 +8,20 @@ use loadtwin_common::drivetrain::{
 };
 use loadtwin_common::estimator::STATES;
 use loadtwin_common::image::Model;
-use loadtwin_common::io::measurement::AdcScaling;
-use loadtwin_common::load_signal::LoadSignal;
+use loadtwin_common::io::measurement::{AdcScaling, IndexPulse};
 use loadtwin_common::signal::periodic_lookup::PeriodicLookup;
 
 use crate::encoder_scaling;
 use crate::error::BuildError;
 use crate::gearbox::channel_tables::Tables;
 use crate::gearbox::consistency_parameters::{consistency, model_error};
+use crate::gearbox::load_signals::load_signals;
 use crate::gearbox::process_noise::process_noise;
 use crate::gearbox::steady_gains::{SteadyTable, steady_gains};
 use crate::gearbox::torsional_model::Torsion;
 use crate::payload::packed;
 use crate::sensor_set::{Filter, Sensors};
 use loadtwin_machine::{Auxiliary, CREEP, Drift, Drivetrain, Machine, Senses};
-
-/// Load at the end of the scale on the bus, in nominal loads.
-const FULL_SCALE: f64 = 4.0;
-
-/// Standard deviation at which an estimate is no longer valid, in nominal loads.
-const VALID_STD: f64 = 0.3;
 
 /// Random walk of a load whose description gives none, in nominal loads per sqrt(s).
 const DEFAULT_WALK: f64 = 0.2;
@@ -354,6 +348,44 @@ impl Plan {
         channels: FixedVec<Channel<'a>, 8>,
     ) -> Result<GearboxModel<'a>, BuildError> {
         let (n, top) = (self.states(), self.first_load());
+        let q = process_noise(
+            drivetrain,
+            self.dt_s,
+            machine.tuning.parameter_std,
+            &self.scale,
+        );
+        let mut noise = Vec::new();
+        for i in 0..top {
+            for j in 0..=i {
+                noise.push(self.noise_entry(&q, i, j));
+            }
+        }
+        Ok(GearboxModel {
+            scale: fixed(&self.scale)?,
+            transition: fixed(&self.transition())?,
+            process_noise: fixed(&noise)?,
+            load_noise: self.load_noise(drivetrain, sensors),
+            initial_state: fixed(&vec![0.0; n])?,
+            initial_std: fixed(&self.initial_std())?,
+            gate_nis: machine.tuning.gate_nis as f32,
+            loads: load_signals(drivetrain)?,
+            channels,
+            encoders: sensors
+                .encoders
+                .iter()
+                .enumerate()
+                .map(|(k, encoder)| self.encoder(k, encoder))
+                .collect::<Result<_, _>>()?,
+            index: index_pulse(machine, sensors),
+            frictions: self.frictions(drivetrain)?,
+            consistency: consistency(self.dt_s, self.nominal_speed),
+            steady: None,
+        })
+    }
+
+    /// Rows of the transition up to the loads, between scaled states.
+    fn transition(&self) -> Vec<f64> {
+        let (n, top) = (self.states(), self.first_load());
         let f = self.torsion.discretised(self.dt_s);
         let mut transition = Vec::with_capacity(top * n);
         for i in 0..top {
@@ -370,18 +402,11 @@ impl Plan {
                 transition.push(entry * self.scale[j] / self.scale[i]);
             }
         }
-        let q = process_noise(
-            drivetrain,
-            self.dt_s,
-            machine.tuning.parameter_std,
-            &self.scale,
-        );
-        let mut noise = Vec::new();
-        for i in 0..top {
-            for j in 0..=i {
-                noise.push(self.noise_entry(&q, i, j));
-            }
-        }
+        transition
+    }
+
+    /// Variance of each load's random walk in a sample, in parts of its nominal value.
+    fn load_noise(&self, drivetrain: &Drivetrain, sensors: &Sensors) -> [f32; LOADS] {
         let mut load_noise = [1e-18_f32; LOADS];
         for (slot, load) in load_noise.iter_mut().zip(&drivetrain.loads) {
             let walk = sensors
@@ -392,54 +417,7 @@ impl Plan {
                 .unwrap_or(DEFAULT_WALK * load.nominal_nm);
             *slot = (walk * walk * self.dt_s / (load.nominal_nm * load.nominal_nm)) as f32;
         }
-        let loads = drivetrain
-            .loads
-            .iter()
-            .map(|load| {
-                Ok(LoadSignal {
-                    name: load
-                        .name
-                        .as_str()
-                        .try_into()
-                        .map_err(|_| BuildError::TooLarge("a load's name"))?,
-                    full_scale: (FULL_SCALE * load.nominal_nm) as f32,
-                    valid_std: (VALID_STD * load.nominal_nm) as f32,
-                })
-            })
-            .collect::<Result<_, BuildError>>()?;
-        let index = machine.index.as_ref().and_then(|index| {
-            let mut encoders = sensors.encoders.iter().zip(0..);
-            match encoders.find(|(encoder, _)| encoder.name == index.encoder) {
-                Some((encoder, number)) => {
-                    Some(encoder_scaling::pulse(index, number, Some(encoder)))
-                }
-                // Without encoder the pulse itself is the measurement of the angle.
-                None => {
-                    (sensors.encoders.is_empty()).then(|| encoder_scaling::pulse(index, 0, None))
-                }
-            }
-        });
-        Ok(GearboxModel {
-            scale: fixed(&self.scale)?,
-            transition: fixed(&transition)?,
-            process_noise: fixed(&noise)?,
-            load_noise,
-            initial_state: fixed(&vec![0.0; n])?,
-            initial_std: fixed(&self.initial_std())?,
-            gate_nis: machine.tuning.gate_nis as f32,
-            loads,
-            channels,
-            encoders: sensors
-                .encoders
-                .iter()
-                .enumerate()
-                .map(|(k, encoder)| self.encoder(k, encoder))
-                .collect::<Result<_, _>>()?,
-            index,
-            frictions: self.frictions(drivetrain)?,
-            consistency: consistency(self.dt_s, self.nominal_speed),
-            steady: None,
-        })
+        load_noise
     }
 
     fn steady_table(&self, model: &GearboxModel<'_>) -> Result<SteadyTable, BuildError> {
@@ -491,4 +469,16 @@ fn fixed<const N: usize>(values: &[f64]) -> Result<FixedVec<f32, N>, BuildError>
             fixed.push(value).map(|()| fixed).ok()
         })
         .ok_or(BuildError::TooLarge("the number of states"))
+}
+
+/// The index pulse with the encoder that it homes.
+fn index_pulse(machine: &Machine, sensors: &Sensors) -> Option<IndexPulse> {
+    machine.index.as_ref().and_then(|index| {
+        let mut encoders = sensors.encoders.iter().zip(0..);
+        match encoders.find(|(encoder, _)| encoder.name == index.encoder) {
+            Some((encoder, number)) => Some(encoder_scaling::pulse(index, number, Some(encoder))),
+            // Without encoder the pulse itself is the measurement of the angle.
+            None => (sensors.encoders.is_empty()).then(|| encoder_scaling::pulse(index, 0, None)),
+        }
+    })
 }
