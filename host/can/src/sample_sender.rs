@@ -76,11 +76,58 @@ impl Answers {
         }
     }
 
+    /// Waits until at most `window` samples before sample `number` are open; how often in vain.
+    fn wait<B: Bus>(
+        &mut self,
+        link: &mut Link<B>,
+        number: u32,
+        window: u32,
+        stop: &AtomicBool,
+    ) -> Result<u64, CanError> {
+        let window = window.max(1 << self.every);
+        let deadline = link.bus().now() + ANSWER;
+        let mut unanswered = 0;
+        while self.open(number) > window && !stop.load(Ordering::Relaxed) {
+            match link.receive(Duration::from_millis(20)) {
+                Ok(Some(received)) => self.take(&received.frame),
+                Ok(None) if link.bus().now() > deadline => {
+                    unanswered += 1;
+                    // Goes on from here: what was not answered will not be.
+                    self.last = Some(number >> self.every);
+                }
+                Ok(None) => {}
+                Err(BusError::Ended) => break,
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(unanswered)
+    }
+
     /// Samples after the last one answered, when `sent` is the last one sent.
     fn open(&self, sent: u32) -> u32 {
         let answered = self.last.map_or(0, |last| (last + 1) << self.every);
         (sent + 1).saturating_sub(answered)
     }
+}
+
+/// Sends the frames of one sample; whether all were sent.
+fn send_sample<B: Bus>(
+    link: &mut Link<B>,
+    encoder: &FrameEncoder,
+    sample: &RawSample,
+    fd: bool,
+    stop: &AtomicBool,
+) -> Result<bool, CanError> {
+    if fd {
+        return Ok(link.send(&to_bus_fd(&encoder.raw_fd(sample)), stop)?);
+    }
+    let mut frames = heapless::Vec::<_, 7>::new();
+    encoder.raw(sample, |frame| frames.extend([frame]));
+    let mut whole = true;
+    for frame in frames {
+        whole = whole && link.send(&to_bus(&frame), stop)?;
+    }
+    Ok(whole)
 }
 
 /// Sends samples until they end or `stop` is set.
@@ -126,33 +173,9 @@ pub fn run<B: Bus>(
             summary.late_max_ms = summary.late_max_ms.max(late_ms);
         }
         if let Some(window) = args.lockstep {
-            let window = window.max(1 << answers.every);
-            let deadline = link.bus().now() + ANSWER;
-            while answers.open(number as u32) > window && !stop.load(Ordering::Relaxed) {
-                match link.receive(Duration::from_millis(20)) {
-                    Ok(Some(received)) => answers.take(&received.frame),
-                    Ok(None) if link.bus().now() > deadline => {
-                        summary.unanswered += 1;
-                        // Goes on from here: what was not answered will not be.
-                        answers.last = Some((number as u32) >> answers.every);
-                    }
-                    Ok(None) => {}
-                    Err(BusError::Ended) => break,
-                    Err(error) => return Err(error.into()),
-                }
-            }
+            summary.unanswered += answers.wait(&mut link, number as u32, window, stop)?;
         }
-        let mut whole = true;
-        if args.fd {
-            whole = link.send(&to_bus_fd(&encoder.raw_fd(&sample)), stop)?;
-        } else {
-            let mut frames = heapless::Vec::<_, 7>::new();
-            encoder.raw(&sample, |frame| frames.extend([frame]));
-            for frame in frames {
-                whole = whole && link.send(&to_bus(&frame), stop)?;
-            }
-        }
-        if whole {
+        if send_sample(&mut link, &encoder, &sample, args.fd, stop)? {
             summary.samples += 1;
         } else {
             summary.incomplete_samples += 1;

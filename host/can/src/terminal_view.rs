@@ -10,7 +10,7 @@ use ratatui::crossterm::execute;
 use ratatui::crossterm::terminal::{
     EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode, enable_raw_mode,
 };
-use ratatui::layout::{Constraint, Layout};
+use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style, Stylize};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Gauge, Paragraph};
@@ -83,6 +83,14 @@ pub(super) fn draw(frame: &mut Frame, page: &Page) {
     ])
     .areas(frame.area());
 
+    frame.render_widget(title(page), head);
+    draw_loads(frame, loads, page);
+    draw_sensors(frame, sensors, page);
+    draw_counts(frame, counts, page);
+}
+
+/// Command, machine, verdict and state.
+fn title(page: &Page) -> Line<'_> {
     let mut title = vec![format!("loadtwin {} {}  ", page.title, page.machine).bold()];
     if let Some(verdict) = page.verdict {
         let colour = match verdict {
@@ -98,8 +106,11 @@ pub(super) fn draw(frame: &mut Frame, page: &Page) {
     if let Some(status) = page.status {
         title.push(status.state.name().into());
     }
-    frame.render_widget(Line::from(title), head);
+    Line::from(title)
+}
 
+/// Value and bar of each load.
+fn draw_loads(frame: &mut Frame, loads: Rect, page: &Page) {
     let block = Block::bordered().title("loads");
     // Two rows a load; the layout cuts what the terminal has no room for.
     let inner = Layout::vertical(page.loads.iter().flat_map(|_| [Constraint::Length(1); 2]))
@@ -124,7 +135,10 @@ pub(super) fn draw(frame: &mut Frame, page: &Page) {
             frame.render_widget(gauge, *second);
         }
     }
+}
 
+/// Innovation and fault of each sensor.
+fn draw_sensors(frame: &mut Frame, sensors: Rect, page: &Page) {
     let rows = page.sensors.iter().enumerate().map(|(i, sensor)| {
         let nis = sensor.nis.map_or("--".into(), |nis| format!("{nis:.2}"));
         Line::from(vec![
@@ -136,7 +150,10 @@ pub(super) fn draw(frame: &mut Frame, page: &Page) {
         Paragraph::new(rows.collect::<Vec<_>>()).block(Block::bordered().title("health")),
         sensors,
     );
+}
 
+/// Counts of frames, lag, counters of the board and notes.
+fn draw_counts(frame: &mut Frame, counts: Rect, page: &Page) {
     let mut lines: Vec<Line> = page
         .counts
         .iter()
