@@ -78,16 +78,7 @@ enum Maps {
 impl Calibrate {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let started = Instant::now();
-        anyhow::ensure!(
-            self.patch > 0.0 && self.patch <= 180.0,
-            "--patch {}: allowed: above 0, up to 180",
-            self.patch
-        );
-        anyhow::ensure!(
-            self.largest_mae > 0.0,
-            "--largest-mae {}: allowed: above 0",
-            self.largest_mae
-        );
+        self.check_ranges()?;
         let plan = Plan::new(self.replace)
             .description(&self.machine)
             .reads(self.layout.file())
@@ -148,6 +139,20 @@ impl Calibrate {
             }
             say!("{:.0} turns, {:.1} s", observations.turns, seconds);
         }
+        Ok(())
+    }
+
+    fn check_ranges(&self) -> anyhow::Result<()> {
+        anyhow::ensure!(
+            self.patch > 0.0 && self.patch <= 180.0,
+            "--patch {}: allowed: above 0, up to 180",
+            self.patch
+        );
+        anyhow::ensure!(
+            self.largest_mae > 0.0,
+            "--largest-mae {}: allowed: above 0",
+            self.largest_mae
+        );
         Ok(())
     }
 

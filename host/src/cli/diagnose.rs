@@ -2,7 +2,7 @@
 //! rotor or bearing lacks, compares the estimator before and after, and writes the improved
 //! description.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
@@ -106,14 +106,7 @@ impl Diagnose {
         };
         let written = match (&self.output, &filter) {
             (Some(path), Some(check)) if check.is_accepted => {
-                let absent = S::write(machine, &diagnosis, path)?;
-                if !absent.is_empty() {
-                    note(format_args!(
-                        "loadtwin: not in {}: {}: the line has no place for it yet\n",
-                        path.display(),
-                        absent.join(", ")
-                    ));
-                }
+                write_description(machine, &diagnosis, path)?;
                 Some(path.as_path())
             }
             _ => None,
@@ -183,7 +176,32 @@ impl Diagnose {
     }
 }
 
+/// Writes the improved description; a note on the effects that it has no place for.
+fn write_description<S: Diagnosable>(
+    machine: &Machine,
+    diagnosis: &Diagnosis<S>,
+    path: &Path,
+) -> anyhow::Result<()> {
+    let absent = S::write(machine, diagnosis, path)?;
+    if !absent.is_empty() {
+        note(format_args!(
+            "loadtwin: not in {}: {}: the line has no place for it yet\n",
+            path.display(),
+            absent.join(", ")
+        ));
+    }
+    Ok(())
+}
+
 fn print<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
+    print_verdict(diagnosis);
+    print_candidates(diagnosis);
+    print_residual_tests(&diagnosis.residual_tests);
+    print_errors(diagnosis);
+}
+
+/// The verdict: effects found with their places, corrections, and what the data do not show.
+fn print_verdict<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
     say!("{}", diagnose::headline(&diagnosis.verdict));
     let recording = &diagnosis.recordings[0];
     for found in &diagnosis.selection.found {
@@ -228,6 +246,10 @@ fn print<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
     if let Some(note) = recording.remarks(&diagnosis.selection) {
         say!("{note}");
     }
+}
+
+/// Ranking of the candidates, and the residuals before and after.
+fn print_candidates<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
     say!("{:<26}{:>12}{:>12}", "candidate", "evidence", "by chance");
     for ranked in diagnosis.selection.ranking.iter().take(8) {
         say!(
@@ -255,7 +277,10 @@ fn print<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
             excess.concentration
         );
     }
-    print_residual_tests(&diagnosis.residual_tests);
+}
+
+/// Errors of load or residual, without and with the effects.
+fn print_errors<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
     let cell = |value: Option<f64>| value.map_or_else(|| "-".into(), |v| format!("{v:.3} %"));
     let errors = &diagnosis.errors;
     for (name, pair) in [

@@ -31,6 +31,13 @@ pub(super) fn run(request: &Request<'_>, as_json: bool) -> anyhow::Result<()> {
 }
 
 fn print(diagnosis: &Diagnosis) {
+    print_effects(diagnosis);
+    print_errors(diagnosis);
+    print_remainder(diagnosis);
+}
+
+/// Verdict, effects found with their alternatives, and the linear part.
+fn print_effects(diagnosis: &Diagnosis) {
     say!("verdict: {}", diagnosis.verdict);
     for note in &diagnosis.notes {
         say!("  {note}");
@@ -67,6 +74,10 @@ fn print(diagnosis: &Diagnosis) {
         linear.drag,
         linear.load_gains
     );
+}
+
+/// Errors without and with the effects, on the fitted and on the hold-out recordings.
+fn print_errors(diagnosis: &Diagnosis) {
     let figure = |f: &Figure| match (f.value_percent, f.interval_percent) {
         (None, _) => "-".into(),
         (Some(value), None) => format!("{value:.1} % (interval: -)"),
@@ -106,6 +117,10 @@ fn print(diagnosis: &Diagnosis) {
             b.fitted
         );
     }
+}
+
+/// Samples that were left out, and what remains unexplained.
+fn print_remainder(diagnosis: &Diagnosis) {
     if diagnosis.spikes > 0 {
         say!("left out: {} values that jump out alone", diagnosis.spikes);
     }

@@ -30,6 +30,12 @@ fn print_equivalent(counted: &Counted, figures: &Figures) {
 }
 
 pub(super) fn print(counted: &Counted, figures: &Figures, period_s: f64) {
+    print_counts(counted, period_s);
+    print_figures(counted, figures);
+}
+
+/// Range, observed time, extremes and cycles of each machine.
+fn print_counts(counted: &Counted, period_s: f64) {
     let unit = counted.unit;
     for (number, machine) in (1..).zip(&counted.machines) {
         let counts = &machine.counts;
@@ -70,6 +76,11 @@ pub(super) fn print(counted: &Counted, figures: &Figures, period_s: f64) {
             residue.ranges().count()
         );
     }
+}
+
+/// Equivalent loads, damage, torque of gears and life of a bearing.
+fn print_figures(counted: &Counted, figures: &Figures) {
+    let unit = counted.unit;
     say!(
         "  equal cycles of the same damage, {:.0} of them:",
         figures.equivalent_cycles
