@@ -1,11 +1,11 @@
-//! A board on the host whose converter and bus a test controls.
+//! `Bench`, a board on the host whose converter, clock and bus a test controls.
 
 use std::collections::VecDeque;
 
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;
 use loadtwin_firmware::board::Board;
-use loadtwin_firmware::counters::Counters;
+use loadtwin_firmware::board_counters::Counters;
 
 /// The board.
 #[derive(Debug)]

@@ -1,5 +1,5 @@
-//! Every machine that the project describes, with every set of sensors and every
-//! filter that they allow, and everything that can go wrong with its samples.
+//! Variants of the shipped machines (every sensor set and filter that they allow), with raw
+//! samples that contain every fault.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,5 @@
-//! The application on an emulated Cortex-M4F, and its two serial lines.
+//! Controls the application on an emulated Cortex-M4F (QEMU): flash, serial line of the bus,
+//! serial line of the sensors, end.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpListener;
@@ -13,7 +14,7 @@ use std::{fs, io};
 use defmt_decoder::{DecodeError, Table};
 use loadtwin::key::SigningKey;
 use loadtwin::seal::seal;
-use loadtwin::upload::{Next, UploadError, Uploader};
+use loadtwin::upload_protocol::{Next, UploadError, Uploader};
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;
 use loadtwin_common::io::signed_image::KEY_PAGE_LEN;

@@ -1,4 +1,4 @@
-//! The firmware's binaries.
+//! Builds the firmware's binaries for the boards.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

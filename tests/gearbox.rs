@@ -1,10 +1,10 @@
-//! A small gearbox, its sensors, and what the application on the host says of them.
+//! Test gearbox: its model image, raw samples, and the frames of the application on the host.
 
 use std::path::Path;
 
 use loadtwin::build::{self, Sensors};
 use loadtwin::machine::Machine;
-use loadtwin_common::io::frame::{Frame, layout};
+use loadtwin_common::io::frame::{Frame, signal_layout};
 use loadtwin_common::io::raw::RawSample;
 use loadtwin_firmware::app::App;
 
@@ -26,7 +26,7 @@ pub fn image() -> Vec<u8> {
 
 /// Whether the frame is the same wherever it is computed: all but the status.
 pub fn is_estimate(frame: &Frame) -> bool {
-    frame.id % loadtwin_common::io::frame::IDS_PER_MACHINE != layout::status::OFFSET
+    frame.id % loadtwin_common::io::frame::IDS_PER_MACHINE != signal_layout::status::OFFSET
 }
 
 /// A torque that ramps and swings, a shaft that turns, and the faults that

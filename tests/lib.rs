@@ -1,4 +1,4 @@
-//! Tests that need more than one crate or a rig; see `tests/run`.
+//! Shared parts of the tests that need more than one crate or a rig; see `tests/run`.
 
 pub mod bench;
 pub mod descriptions;

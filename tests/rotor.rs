@@ -1,4 +1,4 @@
-//! A rotor through its first critical speed, its sensors, and the faults they have.
+//! Test rotor through its first critical speed: model image and raw samples with sensor faults.
 
 use std::path::Path;
 

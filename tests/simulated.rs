@@ -1,4 +1,4 @@
-//! What the sensors of a described machine see.
+//! Raw samples of a described machine, simulated.
 
 use std::f64::consts::TAU;
 

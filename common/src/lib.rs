@@ -9,13 +9,13 @@ pub mod drive;
 pub mod drivetrain;
 pub mod error;
 pub mod estimator;
-mod flat;
 pub mod image;
 pub mod io;
 pub mod kalman;
 pub mod load_signal;
+mod matrix_serde;
 pub mod rotor;
-mod sealed;
+mod sealed_bytes;
 pub mod signal;
 
 pub use crate::error::Error;

@@ -1,6 +1,7 @@
-//! Counting over many sequences and over a long one; more by a number in the environment.
+//! Load counting on long and on randomly cut sequences: equal counts, no overflow, bounded
+//! number of cycles closed by a sample. The environment sets the number of sequences.
 
-use loadtwin_common::counting::saved::MAX_BYTES;
+use loadtwin_common::counting::saved_counts::MAX_BYTES;
 use loadtwin_common::counting::{LEVELS, LevelScale, LoadCounts, Residue, SHAFTS};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

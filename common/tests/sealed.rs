@@ -1,4 +1,5 @@
-//! The sealed image: one valid image in, everything near it out.
+//! Sealed images: a valid one opens; bit flips, truncations, other signers and any bytes are
+//! refused, each with its reason.
 
 use ed25519_compact::{KeyPair, Seed};
 use loadtwin_common::io::signed_image::{

@@ -9,7 +9,7 @@ use loadtwin_common::io::frame::{Frame, FrameEncoder, State, Status};
 use loadtwin_common::io::raw::RawSample;
 
 use crate::board::Board;
-use crate::counters::{Counters, count};
+use crate::board_counters::{Counters, count};
 
 /// Most frames that one data-ready queues: a raw sample, the loads, a sensor,
 /// the status.

@@ -3,7 +3,7 @@
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;
 
-use crate::counters::Counters;
+use crate::board_counters::Counters;
 
 /// A board at the priority of the sample clock; no call waits.
 ///

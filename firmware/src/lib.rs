@@ -1,4 +1,5 @@
-//! The loadtwin estimator on a microcontroller.
+//! The loadtwin estimator on a microcontroller: application, store of model images in flash,
+//! upload, drivers, fault-injection campaign.
 //!
 //! [`app`] is what every board runs, over the one trait [`board::Board`]; the
 //! boards are the binaries of this package, one feature each.
@@ -11,14 +12,14 @@ extern crate std;
 
 pub mod app;
 pub mod board;
+pub mod board_counters;
 pub mod campaign;
-pub mod counters;
-pub mod counting;
+pub mod counting_test;
 pub mod driver;
-pub mod model;
-pub mod owned;
-pub mod progress;
+pub mod interrupt_owned;
+pub mod progress_check;
 pub mod ram_flash;
+pub mod running_model;
 pub mod simulated_flash;
 pub mod slcan;
 pub mod stimulus;

@@ -1,4 +1,5 @@
-//! Taking a model image from the bus: UDS download services over ISO-TP.
+//! Receiver of a model image from the bus: UDS download services over ISO-TP, written to a slot
+//! of the store.
 //!
 //! [`Upload::on_frame`] belongs where frames are received: it answers with flow
 //! control and never blocks. [`Upload::poll`] belongs in the background, below

@@ -1,4 +1,5 @@
-//! Boards over their lives: uploads, cuts, bits that rot, cells that wear out.
+//! Random histories of a board's flash (uploads, power cuts, flipped bits, worn cells): the
+//! newest whole image always runs.
 //!
 //! `LOADTWIN_HISTORIES` sets how many of each kind; 100 000 in all were run for the figures in
 //! docs/reference/boards.md.

@@ -1,4 +1,4 @@
-//! The store on a flash that loses power: the old or the new image, always.
+//! Power cuts at any flash operation of an upload: afterwards the old or the new image runs.
 
 mod signer;
 

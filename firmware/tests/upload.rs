@@ -1,4 +1,5 @@
-//! The upload from the bus: frames in, frames out, a simulated flash behind.
+//! Upload of images to a board with a simulated flash, frame by frame: acceptance, each
+//! refusal, repeated blocks, interruption, forged frames.
 
 mod signer;
 

@@ -1,5 +1,5 @@
-//! The bearing's load cases on bearings of their own: each is calibrated
-//! on its rig, then driven. `bearing_cases [FIRST [COUNT [sizes]]]`, numbers of the
+//! Benchmark of the bearing's estimator: load cases on random individuals, each calibrated on
+//! its rig and then driven. `bearing_cases [FIRST [COUNT [sizes]]]`, numbers of the
 //! individuals; with `sizes` each is of another size, too.
 
 use std::collections::BTreeMap;

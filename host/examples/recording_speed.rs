@@ -1,4 +1,4 @@
-//! How fast recordings are written and read, and in how much memory.
+//! Benchmark of writing and reading recordings: rows a second and peak memory.
 //!
 //! ```text
 //! cargo run --release --example recording_speed -- write long.csv 10000000

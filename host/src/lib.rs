@@ -23,7 +23,7 @@ pub mod tables;
 pub mod web;
 
 pub use loadtwin_can as can;
-pub use loadtwin_can::image::{key, seal, upload};
+pub use loadtwin_can::image::{key, seal, upload_protocol};
 pub use loadtwin_design::{bearing, build, gearbox, reduce, rotor};
 pub use loadtwin_diagnose as diagnose;
 pub use loadtwin_drive as balance;

@@ -1,4 +1,4 @@
-//! Origin of a report page: description with its hash, command, date.
+//! Origin of a report page, added to its facts: description with its hash, command, date.
 
 use std::path::Path;
 use std::time::SystemTime;

@@ -1,5 +1,5 @@
-//! `loadtwin diagnose` on drives that are made up here: each lacks an effect
-//! that the description does not name.
+//! `loadtwin diagnose` on simulated drives, each with an effect that the description does not
+//! name: effects found, improved description, unknown effects.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! The wheel bearing of the example, from simulated words to loads.
+//! Wheel bearing of the example, from simulated words to loads: start, dead gauge, comparison
+//! with baselines, calibration.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,4 +1,5 @@
-//! Calibration against machines whose gauges are known to sit elsewhere.
+//! `loadtwin calibrate` on simulated machines with displaced, faulty or mis-scaled gauges:
+//! errors found, refusals, accuracy of the calibrated description.
 
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! The real binary: figures, and one clear line for bad input.
+//! Tests of the real binary: figures of a replay, one clear line for bad input, exit codes,
+//! schema, image, zeroing of a bridge.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

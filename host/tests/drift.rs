@@ -1,4 +1,5 @@
-//! A drifting gauge beside sound ones: the drift becomes a state, not torque.
+//! Estimation of a drifting gauge's offset as a state beside sound gauges, so that the drift is
+//! not taken for torque.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! The estimator on drives that are made up here: what `diagnose` writes is replayed and built.
+//! Estimator of simulated drives: what `diagnose` writes is built and replayed, and reduces the
+//! load error.
 
 use std::f64::consts::TAU;
 use std::fmt::Write as _;

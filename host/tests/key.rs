@@ -1,4 +1,5 @@
-//! Keys in files, and images sealed with them.
+//! Signing keys in files and images sealed with them: `loadtwin key`, keys of OpenSSL, refused
+//! files.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;

@@ -1,4 +1,5 @@
-//! The whole line, from raw words to estimate, when sensors misbehave.
+//! Sensor faults through the whole chain from raw words to estimate: missing, saturated and
+//! stuck words, lost samples, gaps.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Damaged machine descriptions: an error or a machine, never a panic.
+//! Fuzz test of machine descriptions: damaged text gives an error or a machine, never a panic.
 
 use std::io::Write;
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! Measured data that does not ship with the project: `LOADTWIN_DATA`, or the
-//! folder `shared/data` beside the checkout.
+//! Replay and diagnosis of measured data that does not ship with the project: `LOADTWIN_DATA`,
+//! or the folder `shared/data` beside the checkout.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,4 +1,4 @@
-//! MDF4 files exchanged with asammdf, the reader and writer of the trade.
+//! Exchange of MDF4 files with asammdf in both directions.
 
 #[path = "reference/python.rs"]
 mod python;

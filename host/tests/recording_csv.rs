@@ -1,4 +1,4 @@
-//! Recordings as text: what is read, and the message for each wrong one.
+//! Reader of recordings in text: units, dialects, gaps, and the message for each wrong file.
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 

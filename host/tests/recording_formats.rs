@@ -1,5 +1,4 @@
-//! Recordings in every format: what is written comes back, and what is wrong
-//! with a file is said in one line.
+//! Round trip of recordings in every format, and one line of error for each damaged file.
 use std::path::Path;
 
 use loadtwin::recording::{

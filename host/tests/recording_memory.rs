@@ -1,4 +1,4 @@
-//! Memory to write and to read a recording does not grow with its length. Alone
+//! Peak memory of writing and reading a recording, which does not grow with its length. Alone
 //! in its process: the peak is that of the process.
 use std::path::Path;
 

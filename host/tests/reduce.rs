@@ -1,4 +1,5 @@
-//! Strain maps from unit loads: an analytic housing by CSV, and the example's by `CalculiX`.
+//! `loadtwin reduce`: strain maps from unit loads, of an analytic housing by CSV and of the
+//! example's by `CalculiX`.
 
 use std::f64::consts::TAU;
 use std::fmt::Write as _;

@@ -1,5 +1,5 @@
-//! What a rotor's description may not be is said in one line: where, what was found and
-//! what is allowed. And rotors of other sizes than the example.
+//! Refusal of wrong rotor descriptions in one line (where, what was found, what is allowed);
+//! rotors of other sizes than the example.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

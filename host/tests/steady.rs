@@ -1,4 +1,5 @@
-//! The steady filter beside the full one, as a user would look at it.
+//! Steady filter beside the full filter on the gearbox of the example: errors, size of the
+//! image, missing gauges, lost samples, homing, damaged tables.
 
 use std::path::{Path, PathBuf};
 

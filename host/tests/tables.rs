@@ -1,4 +1,5 @@
-//! The paper's tables on an individual that no default was chosen on.
+//! `loadtwin tables` on an individual that no default was chosen on, against the published
+//! figures.
 
 use std::path::Path;
 

@@ -1,4 +1,5 @@
-//! Tuning, as a user would look at it.
+//! `loadtwin tune` of a drivetrain: chosen noise, hold-out comparison, written description,
+//! refusals.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,4 +1,5 @@
-//! The rules without which the host would compute other bits than the board.
+//! Source rules for equal bits on board and host: transcendental functions come from `libm`
+//! only.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! Firmware in the loop: emulated board, slcan, `SocketCAN`, twin.
+//! Firmware in the loop: samples of the emulated board over slcan and `SocketCAN`, recomputed
+//! bit for bit by `loadtwin twin`.
 
 use std::net::TcpListener;
 use std::path::Path;

@@ -1,4 +1,5 @@
-//! Node, send and twin over real sockets, with can-utils and python-can beside them.
+//! `loadtwin node`, `send` and `twin` over real sockets, with can-utils and python-can beside
+//! them.
 
 use std::path::Path;
 use std::process::Command;

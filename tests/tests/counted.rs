@@ -1,8 +1,9 @@
-//! Faults around the estimator are counted, reported in the status, and stop nothing.
+//! Counters of the board in its status frame: overruns, full queue, bus-off; none stops the
+//! estimator.
 
 use loadtwin_common::io::frame::{Frame, IDS_PER_MACHINE, Message, Status, decode};
 use loadtwin_firmware::app::App;
-use loadtwin_firmware::counters::BusState;
+use loadtwin_firmware::board_counters::BusState;
 use loadtwin_tests::bench::Bench;
 use loadtwin_tests::gearbox::{image, is_estimate, on_host, samples};
 

@@ -1,4 +1,4 @@
-//! A million damaged models: each is refused whole, or runs without a panic.
+//! Fuzz test of a million damaged model images: each is refused whole, or runs without a panic.
 
 use loadtwin::build::Filter;
 use loadtwin_common::estimator::Estimator;

@@ -1,8 +1,9 @@
-//! The host's upload against the board's, over a bus that loses frames.
+//! Upload of an image from the host's state machine to the board's, over a simulated bus that
+//! loses frames.
 
 use loadtwin::key::SigningKey;
 use loadtwin::seal::seal;
-use loadtwin::upload::{Next, UploadError, Uploader};
+use loadtwin::upload_protocol::{Next, UploadError, Uploader};
 use loadtwin_common::io::isotp::FrameData;
 use loadtwin_common::io::signed_image::ImageError;
 use loadtwin_firmware::simulated_flash::SimulatedFlash;

@@ -77,7 +77,7 @@ pub struct JointEkf {
     pub equilibrium: Equilibrium,
     /// Features at the estimated loads.
     pub features: Features,
-    #[serde(with = "crate::flat")]
+    #[serde(with = "crate::matrix_serde")]
     linearised_at: SVector<f32, NX>,
 }
 

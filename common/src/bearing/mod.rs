@@ -1,4 +1,5 @@
-//! The wheel bearing: forces and moments from gauges on the outer ring.
+//! Load estimator of a wheel bearing: forces and moments from strain gauges on the outer ring,
+//! by an extended Kalman filter for each hypothesis.
 //!
 //! Every sample is gathered into a [`harmonic_block`]; 100 times a second two hypotheses
 //! ([`ekf`]) take in the block: the primary, whose loads are the estimate, and
@@ -11,7 +12,6 @@
 //! Source: Kerst et al. 2019, section IV, in another form.
 
 pub mod bias_prior;
-mod consistency;
 pub mod contact;
 pub mod ekf;
 mod gauge_health;
@@ -20,13 +20,13 @@ mod hypothesis_test;
 mod lock_detector;
 mod model;
 mod output;
+mod slow_state_test;
 mod wheel_pll;
 
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::bearing::bias_prior::BiasPrior;
-use crate::bearing::consistency::Consistency;
 use crate::bearing::contact::{Contacts, Equilibrium};
 use crate::bearing::ekf::{BlockInnovation, JointEkf, KNOWN_PHASE};
 use crate::bearing::gauge_health::GaugeHealth;
@@ -34,6 +34,7 @@ use crate::bearing::harmonic_block::{HarmonicBlock, HarmonicSums};
 use crate::bearing::hypothesis_test::{CANDIDATES, HypothesisTest};
 use crate::bearing::lock_detector::LockDetector;
 use crate::bearing::output::{NO_ESTIMATE, estimate};
+use crate::bearing::slow_state_test::Consistency;
 use crate::bearing::wheel_pll::WheelPll;
 use crate::io::estimate::{Estimate, LoadEstimate, MAX_LOADS};
 use crate::io::measurement::{AdcScaling, EncoderScaling, SignalConditioner};

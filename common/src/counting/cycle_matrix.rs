@@ -4,7 +4,7 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::array;
+use super::long_array_serde;
 use super::residue::Cycle;
 use super::{BINS, bin};
 
@@ -24,7 +24,7 @@ const CARRIES: usize = 40;
 /// level) is in no cell; it crosses no edge of a bin and has its place among the ranges.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CycleMatrix {
-    #[serde(with = "array")]
+    #[serde(with = "long_array_serde")]
     low: [u32; CELLS],
     carries: Vec<Carry, CARRIES>,
     lost: u64,

@@ -5,12 +5,12 @@ use heapless::Deque;
 use serde::{Deserialize, Serialize};
 
 use super::cycle_matrix::CycleMatrix;
+use super::load_revolutions::Turns;
 use super::observation::Observation;
 use super::residue::{Cycle, MAX_POINTS, Residue};
 use super::scale::LevelScale;
-use super::tally::Tally;
+use super::tally_array::Tally;
 use super::turning_points::TurningPoints;
-use super::turns::Turns;
 use super::{BINS, LEVELS, SHAFTS, bin};
 use crate::Error;
 

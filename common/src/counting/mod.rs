@@ -14,27 +14,27 @@
 //! Standardization of the rainflow counting method for fatigue analysis, 1994
 //! (four-point); DIN 45667 (level crossing, time at level).
 
-mod array;
 pub mod cycle_matrix;
 pub mod load_counts;
+pub mod load_revolutions;
+mod long_array_serde;
 pub mod observation;
 pub mod residue;
-pub mod saved;
+pub mod saved_counts;
 pub mod scale;
-pub mod tally;
+pub mod tally_array;
 pub mod turning_points;
-pub mod turns;
 
 #[cfg(test)]
 mod tests;
 
 pub use cycle_matrix::CycleMatrix;
 pub use load_counts::LoadCounts;
+pub use load_revolutions::Turns;
 pub use observation::Observation;
 pub use residue::{Cycle, Residue};
 pub use scale::LevelScale;
 pub use turning_points::TurningPoints;
-pub use turns::Turns;
 
 /// Levels that a load is brought onto.
 ///

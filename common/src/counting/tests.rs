@@ -1,4 +1,5 @@
-//! Properties of counting, on random sequences.
+//! Property tests of load counting on random sequences: splitting, saving, merging, level
+//! crossings, gate, bound of the residue.
 
 extern crate std;
 
@@ -7,7 +8,7 @@ use std::vec::Vec;
 use proptest::prelude::*;
 
 use super::residue::MAX_POINTS;
-use super::saved::MAX_BYTES;
+use super::saved_counts::MAX_BYTES;
 use super::{BINS, LEVELS, LevelScale, LoadCounts, bin};
 
 /// Levels that are their own loads.

@@ -1,4 +1,5 @@
-//! The drive: the load on one axis, from its driving torque or force and its motion.
+//! Load estimator of a drive without strain gauges: the load on one axis, from its driving
+//! torque or force and its motion.
 //!
 //! ```text
 //! states    x, v, a, d    position, speed, acceleration, unknown load

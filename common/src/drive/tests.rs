@@ -1,3 +1,6 @@
+//! Unit tests of the drive's estimator: unknown load through friction and reversals, delayed
+//! drive signal, homing, gaps, refused parameters.
+
 extern crate std;
 
 use super::*;

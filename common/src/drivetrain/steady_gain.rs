@@ -1,4 +1,6 @@
-//! The steady filter: gains computed beforehand over the carrier angle.
+//! Steady gains of the drivetrain filter as a table in the model image, binned over the carrier
+//! angle; the measurement update with them, and the change from the full filter to them once
+//! its covariance has settled.
 
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};

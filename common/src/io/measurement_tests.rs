@@ -1,3 +1,6 @@
+//! Unit tests of the conversion of raw samples: saturation, stuck words, unwrapping of counts,
+//! homing by the index pulse, lost samples.
+
 use crate::io::measurement::*;
 
 const CONVERTER: AdcScaling = AdcScaling {

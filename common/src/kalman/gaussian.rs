@@ -25,10 +25,10 @@ use crate::kalman::unroll::{UNROLLED, unroll};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gaussian<const NX: usize> {
     /// Mean, `NX` x 1, in the units of the states.
-    #[serde(with = "crate::flat")]
+    #[serde(with = "crate::matrix_serde")]
     pub state: SVector<f32, NX>,
     /// Column `j` holds `P_ij` for `i <= j`; the rest is not used.
-    #[serde(with = "crate::flat")]
+    #[serde(with = "crate::matrix_serde")]
     pub(crate) upper: [[f32; NX]; NX],
 }
 

@@ -24,7 +24,7 @@ use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 use serde::{Deserialize, Serialize};
 
-use crate::flat::Flat;
+use crate::matrix_serde::Flat;
 
 /// States that are forces, two for each load.
 pub const FORCES: usize = 4;
@@ -81,10 +81,10 @@ impl Real for f64 {
 #[serde(bound = "[T; NX]: Flat, [[T; NX]; NX]: Flat")]
 pub struct StateEstimate<T, const NX: usize> {
     /// `x`.
-    #[serde(with = "crate::flat")]
+    #[serde(with = "crate::matrix_serde")]
     pub state: [T; NX],
     /// `P`.
-    #[serde(with = "crate::flat")]
+    #[serde(with = "crate::matrix_serde")]
     pub covariance: [[T; NX]; NX],
 }
 

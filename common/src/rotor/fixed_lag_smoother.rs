@@ -23,7 +23,7 @@ pub type Gain<const NX: usize> = [[f32; NX]; MAX_CHANNELS];
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct LaggedState<const NX: usize> {
     /// The filter's state, in the image's scale.
-    #[serde(with = "crate::flat")]
+    #[serde(with = "crate::matrix_serde")]
     pub state: [f32; NX],
     /// Variances of the forces by the filter, as the last full recursion left them.
     pub variances: [f32; FORCES],

@@ -17,10 +17,10 @@ const UPDATE_THRESHOLD: f32 = 1.0 / 128.0;
 pub(crate) struct ScheduledModel<const NZ: usize, const NX: usize> {
     place: f32,
     /// `D`.
-    #[serde(with = "crate::flat")]
+    #[serde(with = "crate::matrix_serde")]
     pub increment_matrix: [[f32; NX]; NZ],
     /// Of the last sample, and of those before it.
-    #[serde(with = "crate::flat")]
+    #[serde(with = "crate::matrix_serde")]
     pub gains: [Gain<NX>; 1 + MAX_LAG],
     /// Of each channel's innovation.
     pub variance: [f32; MAX_CHANNELS],

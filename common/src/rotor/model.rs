@@ -209,7 +209,6 @@ impl RotorModel<'_> {
 
     /// Checks every length and range for `modes` modes and `states` states.
     pub(crate) fn check(&self, modes: usize, states: usize) -> Result<(), Error> {
-        let triangle = states * (states + 1) / 2;
         if usize::from(self.modes) != modes || self.scale.len() != states {
             return Err(Error::OutOfRange("number of states"));
         }
@@ -228,35 +227,8 @@ impl RotorModel<'_> {
             "increment_matrix",
         )?;
         let (ny, nd) = (self.channels.len(), self.loads.len());
-        let covariance = |m: &PackedF32<'_>, name| {
-            m.check(triangle, name)?;
-            if (0..states).any(|i| m.get(i * (i + 3) / 2) < 0.0) {
-                return Err(Error::NotPositive(name));
-            }
-            Ok(())
-        };
-        covariance(&self.initial_covariance, "initial_covariance")?;
-        let stride = self.steady_stride();
-        if self.levels.is_empty() {
-            return Err(Error::OutOfRange("levels"));
-        }
-        for noise in &self.levels {
-            covariance(&noise.process, "process")?;
-            covariance(&noise.covariance, "covariance")?;
-            noise
-                .steady
-                .check(usize::from(speeds.count) * stride, "steady")?;
-            for k in 0..usize::from(speeds.count) {
-                let end = (k + 1) * stride - 2 * nd;
-                positive(
-                    (end - ny..end).map(|i| noise.steady.get(i)),
-                    "innovation variance",
-                )?;
-            }
-            if !(noise.tolerance >= 0.0 && noise.tolerance.is_finite()) {
-                return Err(Error::OutOfRange("tolerance"));
-            }
-        }
+        checked_covariance(&self.initial_covariance, states, "initial_covariance")?;
+        self.check_levels(states)?;
         positive([self.gate_nis], "gate_nis")?;
         if nd == 0 || !nd.is_multiple_of(2) || nd > FORCES {
             return Err(Error::OutOfRange("loads"));
@@ -267,6 +239,49 @@ impl RotorModel<'_> {
         if ny == 0 {
             return Err(Error::OutOfRange("channels"));
         }
+        self.check_channels(modes, states)?;
+        if let Some(encoder) = &self.encoder {
+            if !(1..=32).contains(&encoder.counter.bits) {
+                return Err(Error::OutOfRange("encoder bits"));
+            }
+            let gains = [
+                encoder.angle_gain,
+                encoder.speed_gain,
+                encoder.acceleration_gain,
+            ];
+            positive(gains, "encoder gain")?;
+        }
+        self.index.as_ref().map_or(Ok(()), IndexPulse::check)
+    }
+
+    /// Checks the noise levels with their steady tables.
+    fn check_levels(&self, states: usize) -> Result<(), Error> {
+        let (ny, nd) = (self.channels.len(), self.loads.len());
+        let speeds = usize::from(self.speeds.count);
+        let stride = self.steady_stride();
+        if self.levels.is_empty() {
+            return Err(Error::OutOfRange("levels"));
+        }
+        for noise in &self.levels {
+            checked_covariance(&noise.process, states, "process")?;
+            checked_covariance(&noise.covariance, states, "covariance")?;
+            noise.steady.check(speeds * stride, "steady")?;
+            for k in 0..speeds {
+                let end = (k + 1) * stride - 2 * nd;
+                positive(
+                    (end - ny..end).map(|i| noise.steady.get(i)),
+                    "innovation variance",
+                )?;
+            }
+            if !(noise.tolerance >= 0.0 && noise.tolerance.is_finite()) {
+                return Err(Error::OutOfRange("tolerance"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks the channels and the decay of their biases.
+    fn check_channels(&self, modes: usize, states: usize) -> Result<(), Error> {
         if !self
             .bias_decay
             .iter()
@@ -291,17 +306,15 @@ impl RotorModel<'_> {
                 return Err(Error::OutOfRange("channel bias"));
             }
         }
-        if let Some(encoder) = &self.encoder {
-            if !(1..=32).contains(&encoder.counter.bits) {
-                return Err(Error::OutOfRange("encoder bits"));
-            }
-            let gains = [
-                encoder.angle_gain,
-                encoder.speed_gain,
-                encoder.acceleration_gain,
-            ];
-            positive(gains, "encoder gain")?;
-        }
-        self.index.as_ref().map_or(Ok(()), IndexPulse::check)
+        Ok(())
     }
+}
+
+/// Checks the length of a packed covariance of `states` states, and that no variance is negative.
+fn checked_covariance(m: &PackedF32<'_>, states: usize, name: &'static str) -> Result<(), Error> {
+    m.check(states * (states + 1) / 2, name)?;
+    if (0..states).any(|i| m.get(i * (i + 3) / 2) < 0.0) {
+        return Err(Error::NotPositive(name));
+    }
+    Ok(())
 }

@@ -1,5 +1,5 @@
-//! Whether the filters are as sure as they should be: mean NEES and NIS of
-//! fixed-seed Monte Carlo runs inside two-sided 99.9 % chi-squared bounds.
+//! Consistency of the linear, extended and unscented filter: mean NEES and NIS of fixed-seed
+//! Monte Carlo runs inside two-sided 99.9 % chi-squared bounds.
 //!
 //! NEES: one value from the end of each run, so that the values are
 //! independent. NIS: all samples of all runs; innovations of a consistent

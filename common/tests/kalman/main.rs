@@ -1,4 +1,5 @@
-//! The filters: against another library, as sure as they should be, and what they survive.
+//! Test program of the Kalman filters: comparison with filterpy and scipy, statistical
+//! consistency, numerical robustness.
 
 mod consistency;
 mod endurance;

@@ -1,4 +1,5 @@
-//! The models of `reference/filters.py`.
+//! Models of the filter tests, the same as in `reference/filters.py`: a linear shaft and a
+//! pendulum; reader of the reference tables.
 
 use loadtwin_common::kalman::transition::{RandomWalk, Transition};
 use loadtwin_common::kalman::{NonlinearTransition, Observation};

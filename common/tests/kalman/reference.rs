@@ -1,4 +1,4 @@
-//! Each filter against another library, step by step.
+//! Comparison of each filter with filterpy and scipy, step by step.
 //!
 //! `reference/filters.py` made the numbers in double precision with filterpy
 //! 1.4.5 and scipy 1.17.1. Tolerances are relative to the standard deviation

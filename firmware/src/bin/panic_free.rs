@@ -18,7 +18,7 @@ use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;
 use loadtwin_firmware::app::{App, MAX_FRAMES};
 use loadtwin_firmware::board::Board;
-use loadtwin_firmware::counters::Counters;
+use loadtwin_firmware::board_counters::Counters;
 
 struct Bare<'a> {
     sample: Option<RawSample>,

@@ -1,4 +1,5 @@
-//! Commit records: which slot is in force.
+//! Commit records in flash, which name the slot of the image in force: appended at a commit,
+//! read at start.
 
 use embedded_storage::nor_flash::NorFlash;
 use loadtwin_common::io::signed_image::{CRC, Header, ImageError};

@@ -1,4 +1,4 @@
-//! Signs images for tests.
+//! Signing of images with a test key, for the tests of the store and of the upload.
 
 use ed25519_compact::{KeyPair, Seed};
 use loadtwin_common::io::signed_image::{CRC, Header, Identity, MachineId, PublicKey};

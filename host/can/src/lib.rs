@@ -21,23 +21,23 @@
 
 pub mod bus;
 pub mod bus_frame;
-pub mod comparison;
 pub mod dbc;
+pub mod estimator_node;
+pub mod frame_comparison;
+pub mod frame_source;
 pub mod image;
+pub mod live_display;
 pub mod log;
+pub mod logging_bus;
 pub mod monitor;
-pub mod node;
-pub mod paced;
-pub mod page;
-pub mod recorded;
-mod screen;
-pub mod send;
+pub mod paced_bus;
+pub mod sample_sender;
 pub mod simulated_controller;
 mod slcan;
 #[cfg(target_os = "linux")]
 pub mod socketcan;
-pub mod source;
-pub mod twin;
+mod terminal_view;
+pub mod twin_and_prove;
 pub mod upload;
 
 pub use log::LOG;
@@ -105,7 +105,7 @@ pub enum CanError {
     Samples(Box<dyn std::error::Error + Send + Sync>),
     /// The board did not take the image.
     #[error("upload: {0}")]
-    Upload(#[from] image::upload::UploadError),
+    Upload(#[from] image::upload_protocol::UploadError),
     /// Ended by the user before it was done.
     #[error("stopped before the end")]
     Stopped,

@@ -13,9 +13,9 @@ use loadtwin_common::io::frame::{
 };
 use serde::Serialize;
 
-use super::bus::{Bus, BusError, Link, LinkCounts};
-use super::comparison::Comparison;
-use super::page::{Page, View};
+use super::bus::{Bus, BusError, Link, LinkCounts, Received};
+use super::frame_comparison::Comparison;
+use super::live_display::{Page, View};
 use super::{CanError, Model, standard};
 
 /// How a bus is watched.
@@ -117,20 +117,24 @@ pub fn run<B: Bus>(
         .or(model.map(|m| m.image.can_base))
         .unwrap_or(DEFAULT_BASE);
     let mut link = Link::new(bus, Duration::ZERO);
-    let mut page = model.map_or_else(
-        || Page::empty("monitor"),
-        |model| Page::new("monitor", model),
-    );
-    let mut counters = BTreeMap::<u16, Counter>::new();
-    let mut assembler = RawAssembler::new(base);
-    let mut status = None::<Status>;
-    let mut summary = MonitorSummary::default();
-    let mut last = None;
     // Recomputed beside it where the model is known.
-    let mut comparison = match model.filter(|_| args.compares()) {
+    let comparison = match model.filter(|_| args.compares()) {
         Some(model) => Some(Comparison::new(model.clone())?),
         None => None,
     };
+    let mut watch = Watch {
+        base,
+        page: model.map_or_else(
+            || Page::empty("monitor"),
+            |model| Page::new("monitor", model),
+        ),
+        counters: BTreeMap::new(),
+        assembler: RawAssembler::new(base),
+        status: None,
+        summary: MonitorSummary::default(),
+        comparison,
+    };
+    let mut last = None;
     while !stop.load(Ordering::Relaxed) {
         let received = match link.receive(Duration::from_millis(100)) {
             Ok(received) => received,
@@ -140,38 +144,7 @@ pub fn run<B: Bus>(
         let now = link.bus().now();
         if let Some(received) = received {
             last = Some(now);
-            if let Some(comparison) = &mut comparison {
-                comparison.take(&received);
-            }
-            match standard(&received.frame) {
-                Some((id, data)) => {
-                    assembler.push(id, data);
-                    // A raw sample's FD frame is the assembler's alone.
-                    let fd = id == base + frame::layout::raw_fd::OFFSET;
-                    match frame::decode(base, id, data) {
-                        _ if fd => *summary.frames.entry(id).or_default() += 1,
-                        Ok((message, counter)) => {
-                            *summary.frames.entry(id).or_default() += 1;
-                            if let Some(counter) = counter {
-                                match counters.entry(id).or_default().follow(counter) {
-                                    Sequence::Lost(lost) => summary.lost_frames += u64::from(lost),
-                                    Sequence::Repeated => summary.repeated_frames += 1,
-                                    Sequence::First | Sequence::Next => {}
-                                }
-                            }
-                            show(&mut page, &mut status, &mut summary, message);
-                            if matches!(message, Message::Load(..) | Message::Sensor(..)) {
-                                view.take(&page);
-                            }
-                        }
-                        Err(Rejected::Foreign) => summary.foreign_frames += 1,
-                        Err(Rejected::Length) => summary.malformed_frames += 1,
-                        Err(Rejected::Check | Rejected::Content) => summary.damaged_frames += 1,
-                    }
-                }
-                None if received.frame.is_error() => summary.error_frames += 1,
-                None => summary.foreign_frames += 1,
-            }
+            watch.take(&received, view);
         }
         let idle = args.idle;
         if idle
@@ -181,42 +154,99 @@ pub fn run<B: Bus>(
             break;
         }
         if view.due(now) {
-            page.status(status);
-            if let Some(comparison) = &comparison {
-                page.verdict(comparison.verdict(false));
-            }
-            page.count("frames", summary.frames.values().sum());
-            page.count("lost", summary.lost_frames);
-            page.count("damaged", summary.damaged_frames + summary.malformed_frames);
-            page.count("foreign", summary.foreign_frames + link.bus().foreign());
-            page.count("raw samples", assembler.counts().samples);
-            if view.show(&page).map_err(CanError::Terminal)?.is_break() {
+            watch.update_page(link.bus().foreign());
+            if view
+                .show(&watch.page)
+                .map_err(CanError::Terminal)?
+                .is_break()
+            {
                 break;
             }
         }
     }
-    summary.samples = assembler.counts().samples;
+    let mut summary = watch.summary;
+    summary.samples = watch.assembler.counts().samples;
     summary.foreign_frames += link.bus().foreign();
-    summary.state = status.map(|status| status.state.name());
+    summary.state = watch.status.map(|status| status.state.name());
     summary.bus = link.counts();
     Ok(summary)
 }
 
-fn show(
-    page: &mut Page,
-    status: &mut Option<Status>,
-    summary: &mut MonitorSummary,
-    message: Message,
-) {
-    match message {
-        Message::Load(index, load) => page.load(index, &load),
-        Message::Sensor(index, sensor) => page.sensor(index, &sensor),
-        Message::Status(newer, page_of_status) => {
-            status.get_or_insert_default().merge(&newer, page_of_status);
-            if let StatusPage::Image(hash) = page_of_status {
-                summary.machine_model = Some(hash);
-            }
+/// What was received so far.
+struct Watch<'a> {
+    base: u16,
+    page: Page,
+    counters: BTreeMap<u16, Counter>,
+    assembler: RawAssembler,
+    status: Option<Status>,
+    summary: MonitorSummary,
+    comparison: Option<Comparison<'a>>,
+}
+
+impl Watch<'_> {
+    /// Decodes and counts one frame.
+    fn take(&mut self, received: &Received, view: &mut dyn View) {
+        if let Some(comparison) = &mut self.comparison {
+            comparison.take(received);
         }
-        Message::Raw => {}
+        match standard(&received.frame) {
+            Some((id, data)) => self.decode(id, data, view),
+            None if received.frame.is_error() => self.summary.error_frames += 1,
+            None => self.summary.foreign_frames += 1,
+        }
+    }
+
+    fn decode(&mut self, id: u16, data: &[u8], view: &mut dyn View) {
+        self.assembler.push(id, data);
+        // A raw sample's FD frame is the assembler's alone.
+        let fd = id == self.base + frame::signal_layout::raw_fd::OFFSET;
+        match frame::decode(self.base, id, data) {
+            _ if fd => *self.summary.frames.entry(id).or_default() += 1,
+            Ok((message, counter)) => {
+                *self.summary.frames.entry(id).or_default() += 1;
+                if let Some(counter) = counter {
+                    match self.counters.entry(id).or_default().follow(counter) {
+                        Sequence::Lost(lost) => self.summary.lost_frames += u64::from(lost),
+                        Sequence::Repeated => self.summary.repeated_frames += 1,
+                        Sequence::First | Sequence::Next => {}
+                    }
+                }
+                self.show(message);
+                if matches!(message, Message::Load(..) | Message::Sensor(..)) {
+                    view.take(&self.page);
+                }
+            }
+            Err(Rejected::Foreign) => self.summary.foreign_frames += 1,
+            Err(Rejected::Length) => self.summary.malformed_frames += 1,
+            Err(Rejected::Check | Rejected::Content) => self.summary.damaged_frames += 1,
+        }
+    }
+
+    fn show(&mut self, message: Message) {
+        match message {
+            Message::Load(index, load) => self.page.load(index, &load),
+            Message::Sensor(index, sensor) => self.page.sensor(index, &sensor),
+            Message::Status(newer, page) => {
+                self.status.get_or_insert_default().merge(&newer, page);
+                if let StatusPage::Image(hash) = page {
+                    self.summary.machine_model = Some(hash);
+                }
+            }
+            Message::Raw => {}
+        }
+    }
+
+    /// Brings state, verdict and counts on the page.
+    fn update_page(&mut self, foreign: u64) {
+        let (page, summary) = (&mut self.page, &self.summary);
+        page.status(self.status);
+        if let Some(comparison) = &self.comparison {
+            page.verdict(comparison.verdict(false));
+        }
+        page.count("frames", summary.frames.values().sum());
+        page.count("lost", summary.lost_frames);
+        page.count("damaged", summary.damaged_frames + summary.malformed_frames);
+        page.count("foreign", summary.foreign_frames + foreign);
+        page.count("raw samples", self.assembler.counts().samples);
     }
 }

@@ -1,5 +1,5 @@
 //! Upload of a signed model image over a bus: sends the frames of the state machine in
-//! `image/upload.rs`, and hands it the answers of the board.
+//! `image/upload_protocol.rs`, and hands it the answers of the board.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::bus::{Bus, BusError};
 use super::{CanError, standard, to_bus};
-use crate::image::upload::{Next, Uploader};
+use crate::image::upload_protocol::{Next, Uploader};
 
 /// Longest wait for an answer before the state machine is asked again.
 const PATIENCE: Duration = Duration::from_millis(20);

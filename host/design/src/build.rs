@@ -1,7 +1,7 @@
 //! `loadtwin build`: machine description to model image.
 
 pub use crate::error::BuildError;
-pub use crate::sensors::{Filter, Sensors};
+pub use crate::sensor_set::{Filter, Sensors};
 
 use crate::rotor::RotorFilterDesign;
 use crate::{bearing, drive, gearbox};

@@ -18,10 +18,10 @@
 pub mod bearing;
 pub mod build;
 mod drive;
-mod encoder;
+mod encoder_scaling;
 mod error;
 pub mod gearbox;
 mod payload;
 pub mod reduce;
 pub mod rotor;
-mod sensors;
+mod sensor_set;

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::candidate_effect::fitted::FittedEffect;
 use crate::diagnosis::{DiagnoseError, Diagnosis};
-use crate::effect::fitted::FittedEffect;
 use crate::machine_kind::Diagnosable;
 use loadtwin_design::build::Sensors;
 use loadtwin_files::scratch::Scratch;

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::candidate_effect::fitted::FittedEffect;
 use crate::diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput};
-use crate::effect::fitted::FittedEffect;
 use crate::filter_check::{Courses, Evaluated, courses, described};
 use crate::machine_kind::Diagnosable;
 use crate::selection::relevance::RELEVANT_PART;

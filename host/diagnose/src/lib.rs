@@ -24,9 +24,10 @@
 
 mod assessment;
 mod bearing;
+pub mod candidate_effect;
 mod diagnosis;
+mod diagnosis_report;
 mod drivetrain;
-pub mod effect;
 mod filter_check;
 mod filter_contradiction;
 mod filter_run;
@@ -34,12 +35,11 @@ mod load_error;
 mod machine_kind;
 mod null_samples;
 mod regression;
-mod report;
 mod residual_model;
 mod rotor;
+mod sample_statistics;
 mod selection;
 mod smoothing;
-mod statistics;
 
 use std::path::PathBuf;
 
@@ -51,21 +51,21 @@ pub use assessment::residual_excess::{ResidualExcess, residual_excesses};
 pub use assessment::residual_tests::{ResidualTests, Test, TestResult, residual_tests};
 pub use assessment::verdict::{Verdict, by_name, cannot_show};
 pub use bearing::BearingResiduals;
+pub use candidate_effect::fitted::FittedEffect;
 pub use diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput};
+pub use diagnosis_report::html_page::{headline, page};
+pub use diagnosis_report::json::report;
+pub use drivetrain::decimated_signals::Signals;
+pub use drivetrain::improved_description::corrected;
 pub use drivetrain::load_error::load_errors;
-pub use drivetrain::read::read_residuals;
-pub use drivetrain::residuals::{
+pub use drivetrain::residual_reader::read_residuals;
+pub use drivetrain::residual_signals::{
     DrivetrainResiduals, Kind, Regressor, ResidualSignal, TorqueSource,
 };
-pub use drivetrain::signals::Signals;
-pub use drivetrain::write::corrected;
-pub use effect::fitted::FittedEffect;
 pub use filter_check::{Evaluated, FilterCheck, check_filter};
 pub use filter_contradiction::set_contradicted_aside;
 pub use load_error::{Interval, LoadErrors};
 pub use machine_kind::Diagnosable;
-pub use report::json::report;
-pub use report::page::{headline, page};
 pub use residual_model::{Covariate, ResidualModel, Shaft};
 pub use rotor::RotorResiduals;
 pub use selection::candidates::RankedCandidate;

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value};
 
+use crate::candidate_effect::fitted::FittedEffect;
 use crate::diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput};
-use crate::effect::fitted::FittedEffect;
 use crate::load_error::LoadErrors;
 use crate::residual_model::ResidualModel;
 use crate::selection::stepwise::Selection;

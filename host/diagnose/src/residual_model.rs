@@ -3,7 +3,7 @@
 
 use std::borrow::Cow;
 
-use crate::effect::Effect;
+use crate::candidate_effect::Effect;
 
 /// A quantity that residuals are tested and plotted against.
 pub struct Covariate<'a> {

@@ -3,8 +3,8 @@
 
 use rayon::prelude::*;
 
-use crate::effect::Effect;
-use crate::motion::Motion;
+use crate::candidate_effect::Effect;
+use crate::smoothed_motion::Motion;
 
 /// Groups of blocks that are left out in turn.
 const FOLDS: usize = 10;

@@ -19,37 +19,37 @@
     )
 )]
 
-mod description;
+pub mod candidate_effect;
 mod design_matrix;
-mod diagnosis;
-pub mod effect;
-mod fit;
-mod motion;
-mod noise;
-mod outcome;
+mod diagnosis_result;
+mod effect_evaluation;
+mod improved_description;
+mod least_squares;
+mod noise_levels;
 mod outliers;
+mod remaining_residual;
 mod savitzky_golay;
 mod significance;
+mod smoothed_motion;
 mod stepwise;
-mod unexplained;
 
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-pub use crate::diagnosis::{
+pub use crate::candidate_effect::EFFECTS;
+pub use crate::diagnosis_result::{
     Alternative, BeforeAfter, Beyond, Diagnosis, Errors, Figure, FoundEffect, FoundEvidence,
     Linear, Parameters, Validated,
 };
-pub use crate::effect::EFFECTS;
-pub use crate::unexplained::Remainder;
+pub use crate::remaining_residual::Remainder;
 
+use crate::candidate_effect::{Effect, Scale};
 use crate::design_matrix::{Dataset, OFFSET_PRIOR};
-use crate::effect::{Effect, Scale};
-use crate::fit::{Columns, shared};
-use crate::motion::Motion;
-use crate::noise::Levels;
-use crate::outcome::Outcome;
+use crate::effect_evaluation::Outcome;
+use crate::least_squares::{Columns, shared};
+use crate::noise_levels::Levels;
+use crate::smoothed_motion::Motion;
 use crate::stepwise::{LINEAR_PRIOR, Selection};
 use loadtwin_machine::{Balance, BalanceEffect, Machine, MachineError, Regime, Violation};
 use loadtwin_recording::RecordingError;
@@ -174,9 +174,9 @@ pub fn diagnose(
         let levels = Levels {
             nominal: rms(&table.drive),
             model_std: outcome.model_std,
-            noise: noise::noise(&fitted),
+            noise: noise_levels::noise(&fitted),
         };
-        description::write(machine, &outcome.linear, &outcome.effects, &levels, path)?;
+        improved_description::write(machine, &outcome.linear, &outcome.effects, &levels, path)?;
     }
     Ok(outcome.diagnosis(request, machine_out, &selection, balance))
 }

@@ -1,7 +1,7 @@
 //! Significance of the improvement of one model over another: reduction of the cross-validated
 //! error, and Student's t test over stretches of the recordings.
 
-use crate::fit::Fit;
+use crate::least_squares::Fit;
 
 /// Part by which the error of what was left out has to fall for an effect to be added.
 pub const LEAST_GAIN: f64 = 0.02;

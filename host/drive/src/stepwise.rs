@@ -3,12 +3,12 @@
 
 use rayon::prelude::*;
 
+use crate::candidate_effect::{EFFECTS, Effect, Scale};
 use crate::design_matrix;
 use crate::design_matrix::Dataset;
-use crate::effect::{EFFECTS, Effect, Scale};
-use crate::fit::{Columns, Fit, fit, shared};
-use crate::motion::Motion;
+use crate::least_squares::{Columns, Fit, fit, shared};
 use crate::significance::{LEAST_GAIN, certain, gain, p_value};
+use crate::smoothed_motion::Motion;
 
 /// Part within which two errors count as equal, and the simpler model is taken.
 const EQUAL: f64 = 0.01;

@@ -1,4 +1,5 @@
-//! Random cases of the benchmark: machines, effects, profiles, seeds.
+//! Random cases of the benchmark: machine with its parameters drawn anew, effects, profile and
+//! seed; the simulation of its recordings.
 
 use std::error::Error;
 use std::path::Path;

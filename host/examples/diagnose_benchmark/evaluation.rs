@@ -1,4 +1,5 @@
-//! One recording through `diagnose`.
+//! Runs `diagnose` on one recording of the benchmark, and measures the load error of the
+//! improved description.
 
 use std::error::Error;
 use std::time::Instant;

@@ -1,4 +1,5 @@
-//! What happens to recordings that no effect of the library does.
+//! Changes to a recording that no candidate effect describes, for the benchmark's recordings
+//! with an unknown effect.
 
 use loadtwin::machine::Machine;
 use loadtwin::recording::Block;

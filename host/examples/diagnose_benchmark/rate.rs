@@ -1,4 +1,4 @@
-//! Counts with the interval of the probability behind them.
+//! Success rate of a benchmark: count, total and the 95 % interval of its probability.
 
 use std::fmt;
 

@@ -1,4 +1,5 @@
-//! Score of the benchmark.
+//! Score of the benchmark: one row for each recording, with true and named effects; rates over
+//! all rows; the table as CSV.
 
 use std::collections::BTreeMap;
 use std::fmt;

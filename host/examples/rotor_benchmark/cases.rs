@@ -1,4 +1,5 @@
-//! Random rotors and recordings, and their diagnoses.
+//! Random cases of the rotor benchmark: rotor, sensors, effect and strength; the simulation and
+//! diagnosis of its recordings.
 
 use std::error::Error;
 use std::path::Path;

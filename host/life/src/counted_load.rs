@@ -4,7 +4,7 @@
 use loadtwin_common::Error;
 use loadtwin_common::counting::{LoadCounts, SHAFTS};
 
-use crate::smoother::{Estimate, Smoother};
+use crate::rts_smoother::{Estimate, Smoother};
 
 /// One sample of a load.
 #[derive(Clone, Copy, Debug, PartialEq)]

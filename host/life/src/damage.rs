@@ -1,4 +1,5 @@
-//! Damage and damage-equivalent loads.
+//! Damage by the Palmgren-Miner rule from a spectrum of load cycles and an S-N curve, and
+//! damage-equivalent loads.
 
 use crate::error::positive;
 use crate::{LifeError, SnCurve, Spectrum};

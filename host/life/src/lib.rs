@@ -9,32 +9,32 @@
 //! ```
 #![forbid(unsafe_code)]
 
-mod bearing;
+mod bearing_life;
 mod counted_load;
+mod counts_table;
 mod damage;
+mod damage_interval;
 mod error;
-mod gear;
-mod interval;
+mod first_pass;
+mod gear_torque;
 mod load_columns;
-mod load_error;
 mod load_file;
-mod smoother;
+mod load_file_error;
+mod rts_smoother;
 mod sn_curve;
 mod spectrum;
-mod survey;
-mod table;
 
-pub use bearing::{RatingLife, rating_life};
+pub use bearing_life::{RatingLife, rating_life};
 pub use counted_load::{CountedLoad, LoadSample};
+pub use counts_table::{COUNTS, CountsTable};
 pub use damage::{EXPONENTS, damage, equivalent_load};
+pub use damage_interval::{Interval, NoiseRemoved};
 pub use error::LifeError;
-pub use gear::equivalent_torque;
-pub use interval::{Interval, NoiseRemoved};
+pub use first_pass::LoadSurvey;
+pub use gear_torque::equivalent_torque;
 pub use load_columns::Loads;
-pub use load_error::LoadFileError;
 pub use load_file::LoadFile;
-pub use smoother::{Estimate, Smoother, StepVariance};
+pub use load_file_error::LoadFileError;
+pub use rts_smoother::{Estimate, Smoother, StepVariance};
 pub use sn_curve::{Beyond, SnCurve};
 pub use spectrum::{LoadCycle, Spectrum, turns_at_load};
-pub use survey::LoadSurvey;
-pub use table::{COUNTS, CountsTable};

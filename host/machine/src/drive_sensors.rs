@@ -1,4 +1,5 @@
-//! The signals of a measured drive as sensors of the estimator.
+//! Conversion of the recorded signals of a drive to channels and encoders of the estimator:
+//! gain, resolution, noise.
 
 use std::f64::consts::TAU;
 

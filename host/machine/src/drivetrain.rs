@@ -233,6 +233,17 @@ impl Drivetrain {
             positive("drivetrain.bending.std", bending.std)?;
             positive("drivetrain.bending.time_s", bending.time_s)?;
         }
+        self.check_parts(&inertias)?;
+        positive("drivetrain.nominal_speed_rad_s", self.nominal_speed_rad_s)?;
+        self.check_carrier(&inertias)?;
+        match (&self.gears, self.inertias.last()) {
+            (Some(gears), Some(last)) => gears.check(last.speed_ratio),
+            _ => Ok(()),
+        }
+    }
+
+    /// Checks the fields of inertias, shafts and loads.
+    fn check_parts(&self, inertias: &[&str]) -> Checked {
         for (i, inertia) in self.inertias.iter().enumerate() {
             let field = |name: &str| format!("drivetrain.inertia[{}].{name}", i + 1);
             positive(&field("moment_kg_m2"), inertia.moment_kg_m2)?;
@@ -254,7 +265,7 @@ impl Drivetrain {
         }
         for (i, load) in self.loads.iter().enumerate() {
             let field = |name: &str| format!("drivetrain.load[{}].{name}", i + 1);
-            one_of(&field("inertia"), &load.inertia, &inertias)?;
+            one_of(&field("inertia"), &load.inertia, inertias)?;
             positive(&field("nominal_nm"), load.nominal_nm)?;
             if let Some(walk) = load.walk_nm_per_sqrt_s {
                 positive(&field("walk_nm_per_sqrt_s"), walk)?;
@@ -265,9 +276,13 @@ impl Drivetrain {
                 loadtwin_common::load_signal::MAX_NAME,
             )?;
         }
-        positive("drivetrain.nominal_speed_rad_s", self.nominal_speed_rad_s)?;
+        Ok(())
+    }
+
+    /// Checks that the carrier is an inertia of speed ratio 1.
+    fn check_carrier(&self, inertias: &[&str]) -> Checked {
         let carrier = self.carrier.as_deref().unwrap_or(inertias[0]);
-        one_of("drivetrain.carrier", carrier, &inertias)?;
+        one_of("drivetrain.carrier", carrier, inertias)?;
         let ratio = self
             .inertias
             .iter()
@@ -279,10 +294,6 @@ impl Drivetrain {
             format!("speed_ratio {ratio}"),
             ratio == 1.0,
             allowed,
-        )?;
-        match (&self.gears, self.inertias.last()) {
-            (Some(gears), Some(last)) => gears.check(last.speed_ratio),
-            _ => Ok(()),
-        }
+        )
     }
 }

@@ -1,4 +1,5 @@
-//! Errors of a machine description, with their places.
+//! Errors of a machine description, each with file, line and field: `MachineError`, and
+//! `Violation` of a single rule.
 
 use std::path::{Path, PathBuf};
 

@@ -116,6 +116,19 @@ impl Gears {
 
     /// Checks ranges, and the teeth against the train's `speed_ratio`.
     pub(super) fn check(&self, speed_ratio: f64) -> Checked {
+        self.check_planetary()?;
+        self.check_helical()?;
+        let ratio = self.ratio();
+        within(
+            "drivetrain.gears",
+            format!("teeth of ratio {ratio:.3}"),
+            (ratio / speed_ratio - 1.0).abs() < 1e-3,
+            &format!("{speed_ratio}, the speed_ratio of the last inertia, to 0.1 %"),
+        )?;
+        self.check_bearings()
+    }
+
+    fn check_planetary(&self) -> Checked {
         let field = |name: &str| format!("drivetrain.gears.planetary.{name}");
         let p = &self.planetary;
         within(
@@ -150,7 +163,10 @@ impl Gears {
             p.first_planet_deg,
             -360.0,
             360.0,
-        )?;
+        )
+    }
+
+    fn check_helical(&self) -> Checked {
         for (i, stage) in self.helical.iter().enumerate() {
             let field = |name: &str| format!("drivetrain.gears.helical[{}].{name}", i + 1);
             within(
@@ -181,14 +197,7 @@ impl Gears {
             at_least(&field("z_m"), stage.z_m, -100.0)?;
             range(&field("pinion_at_deg"), stage.pinion_at_deg, -360.0, 360.0)?;
         }
-        let ratio = self.ratio();
-        within(
-            "drivetrain.gears",
-            format!("teeth of ratio {ratio:.3}"),
-            (ratio / speed_ratio - 1.0).abs() < 1e-3,
-            &format!("{speed_ratio}, the speed_ratio of the last inertia, to 0.1 %"),
-        )?;
-        self.check_bearings()
+        Ok(())
     }
 
     fn check_bearings(&self) -> Checked {

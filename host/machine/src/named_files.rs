@@ -1,4 +1,4 @@
-//! The files that a description names.
+//! Search for the files that a description names in any field, and for those that these name.
 
 use std::path::{Path, PathBuf};
 

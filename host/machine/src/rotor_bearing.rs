@@ -1,4 +1,5 @@
-//! Bearings of a rotor: stiffness and damping, constant or over speed.
+//! Bearings of a rotor: stiffness and damping matrices, constant or as tables over speed, and
+//! their checks.
 
 use nalgebra::{Matrix2, Matrix4};
 use schemars::JsonSchema;

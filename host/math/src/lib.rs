@@ -13,7 +13,7 @@
     )
 )]
 
-pub mod counter;
+pub mod count_unwrapping;
 pub mod exponential;
 pub mod metrics;
 pub mod riccati;

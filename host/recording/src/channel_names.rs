@@ -1,7 +1,7 @@
 //! Renaming of the columns of a file to the names of the machine's channels, as the layout states,
 //! and recognition of the time column by its usual names.
 use super::TIME;
-use super::layout::{Column, CsvLayout};
+use super::recording_layout::{Column, CsvLayout};
 
 /// Names of a time column that is not called `t`, in lower case.
 pub(super) const TIMES: [&str; 4] = ["timestamps", "timestamp", "time", "zeit"];

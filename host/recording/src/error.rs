@@ -1,4 +1,5 @@
-//! Errors of reading and writing a recording, each with a message of one line.
+//! Errors of reading and writing a recording: `RecordingError` with file and row, and the kinds
+//! of `Problem`, each with a message of one line.
 use std::fmt;
 use std::io;
 use std::path::PathBuf;

@@ -14,32 +14,34 @@
 
 mod arrow;
 mod channel_names;
-mod clock;
+mod clock_state;
+mod column_selection;
 mod csv;
 mod error;
-mod foreign;
-mod grid;
-mod layout;
+mod file_survey;
+mod foreign_formats;
 mod mdf;
 mod parquet;
 mod reader;
+mod recording_layout;
 mod resample;
-mod selection;
-mod source;
-mod survey;
+mod row_source;
+mod sampling_grid;
+mod table_writer;
 mod unit;
-mod writer;
 
 pub use arrow::Batches;
-pub use clock::Clock;
+pub use clock_state::Clock;
 use error::clipped;
 pub use error::{Problem, RecordingError, Row};
-pub use layout::{ChannelLayout, Column, ColumnType, CsvLayout, Role, Timing, Wanted, WrittenNan};
+pub use file_survey::{Change, RATES_HZ, Survey, SurveyedColumn, survey};
 pub use reader::{Block, Reader};
-pub use source::{Input, columns};
-pub use survey::{Change, RATES_HZ, Survey, SurveyedColumn, survey};
+pub use recording_layout::{
+    ChannelLayout, Column, ColumnType, CsvLayout, Role, Timing, Wanted, WrittenNan,
+};
+pub use row_source::{Input, columns};
+pub use table_writer::{OutputColumn, SIMULATED, SUFFIXES, Writer, record_batch, schema};
 pub use unit::{Conversion, Quantity, Unit, UnknownUnit};
-pub use writer::{OutputColumn, SIMULATED, SUFFIXES, Writer, record_batch, schema};
 
 /// Rows of a block, before the rows put into gaps.
 pub const BLOCK_ROWS: usize = 8192;

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use super::TIME;
-use super::clock::Clock;
+use super::clock_state::Clock;
+use super::column_selection::Selection;
 use super::error::{Problem, RecordingError, Row};
-use super::grid::{Gap, Grid, Misplaced};
-use super::layout::{Column, CsvLayout, Role, Timing, Wanted};
+use super::recording_layout::{Column, CsvLayout, Role, Timing, Wanted};
 use super::resample::Resampler;
-use super::selection::Selection;
-use super::source::{Input, Opened, Rows, Source};
+use super::row_source::{Input, Opened, Rows, Source};
+use super::sampling_grid::{Gap, Grid, Misplaced};
 
 /// Time that no clock shows, 30 000 years [s]: nanoseconds since 1970 read as
 /// seconds are later.

@@ -14,8 +14,8 @@
 //! A value is not interpolated between rows more than two periods apart.
 use super::BLOCK_ROWS;
 use super::error::{Problem, Row};
-use super::layout::Role;
-use super::source::Rows;
+use super::recording_layout::Role;
+use super::row_source::Rows;
 
 /// Half width of the filter [periods]: with a Hann window the stop band, -44 dB,
 /// begins at 0.63 of the estimator's rate (Harris 1978, table I).

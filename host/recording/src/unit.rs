@@ -1,5 +1,5 @@
-//! Units of measurement, as written in column headers and in the machine
-//! description.
+//! Units of measurement: quantity, symbols and aliases, and conversion between units; as
+//! written in column headers and in the machine description.
 use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;

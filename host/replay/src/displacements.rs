@@ -72,7 +72,7 @@ impl Displacements {
             from_s: f64::NEG_INFINITY,
             to_s: f64::INFINITY,
         }];
-        segments.extend(super::figures::segments(machine));
+        segments.extend(super::error_figures::segments(machine));
         // The whole recording where it has no parts.
         let parts = &segments[usize::from(segments.len() > 1)..];
         Ok(Self {

@@ -6,7 +6,7 @@ use std::path::Path;
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::io::estimate::Estimate;
 
-use super::nodes::NodeColumns;
+use super::rotor_columns::NodeColumns;
 use loadtwin_design::build::Sensors;
 use loadtwin_files::atomic_file::Complete;
 use loadtwin_files::content::Content;

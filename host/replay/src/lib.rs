@@ -13,25 +13,25 @@
     )
 )]
 
-mod band;
+mod band_coverage;
 mod baselines;
-mod comparison;
 mod consistency;
-mod correction;
+mod description_comparison;
 mod displacements;
+mod encoder_counts;
+mod error_figures;
 mod estimates;
-mod figures;
-mod index;
+mod index_pulse;
 mod known_loads;
 mod lag_buffer;
-mod motion;
-mod nodes;
 mod orbits;
-mod page;
-mod phasor;
+mod phasor_baseline;
+mod reading_correction;
+mod report_page;
+mod rotor_columns;
 mod run;
 mod samples;
-mod speeds;
+mod speed_range;
 
 use std::path::Path;
 
@@ -39,21 +39,21 @@ use loadtwin_common::estimator::Estimator;
 use loadtwin_common::io::estimate::Estimate;
 use thiserror::Error;
 
-pub use band::{Band, BandFigures};
+pub use band_coverage::{Band, BandFigures};
 pub use baselines::Baselines;
-pub use comparison::{Change, Comparison, Course, Tendency};
 pub use consistency::{Cause, Consistency, SensorConsistency};
+pub use description_comparison::{Change, Comparison, Course, Tendency};
 pub use displacements::{Displacements, NodeFigures, displacement_columns};
+pub use error_figures::{Figures, LoadFigures, Whiteness};
 pub use estimates::{ESTIMATES, EstimateRows, EstimateWriter};
-pub use figures::{Figures, LoadFigures, Whiteness};
-pub use index::IndexError;
+pub use index_pulse::IndexError;
 pub use known_loads::{RecordedError, recorded};
-pub use nodes::{NodeChoice, NodeColumns};
-pub use page::ReportPage;
-pub use phasor::{Phasor, PhasorFigures};
+pub use phasor_baseline::{Phasor, PhasorFigures};
+pub use report_page::ReportPage;
+pub use rotor_columns::{NodeChoice, NodeColumns};
 pub use run::{LARGEST_STATE, Run, STATE_MARK};
 pub use samples::{Sample, Samples};
-pub use speeds::Speeds;
+pub use speed_range::Speeds;
 
 use loadtwin_design::build::{self, BuildError, Sensors};
 use loadtwin_machine::Machine;

@@ -8,10 +8,10 @@ use loadtwin_common::io::raw::RawSample;
 use serde::{Deserialize, Serialize};
 
 use super::ReplayError;
-use super::correction::Correction;
 use super::displacements::displacement_columns;
-use super::index::{Pulse, Pulses};
-use super::motion::{Motion, counter, motions};
+use super::encoder_counts::{Motion, counter, motions};
+use super::index_pulse::{Pulse, Pulses};
+use super::reading_correction::Correction;
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{Channel, Encoder, Machine, Reference, Regime, Segment};
 use loadtwin_recording::{
@@ -190,42 +190,9 @@ impl Samples {
                 .ok()
                 .map(Unit::quantity)
         };
-        let encodings: Vec<Encoding> = sensors
-            .channels
-            .iter()
-            .map(|channel| match quantity(&channel.name) {
-                Some(Quantity::Counts) => Encoding::Word,
-                Some(Quantity::BridgeRatio) if channel.bridge.is_some() => Encoding::Ratio,
-                _ => Encoding::Reading,
-            })
-            .collect();
+        let encodings = encodings(sensors, quantity);
         let motions = motions(machine, sensors, quantity);
-        let mut wanted = Vec::new();
-        for (channel, encoding) in sensors.channels.iter().zip(&encodings) {
-            let unit = match encoding {
-                Encoding::Word => Unit::COUNTS,
-                Encoding::Ratio => Unit::VOLT_PER_VOLT,
-                Encoding::Reading => channel.unit.si(),
-            };
-            wanted.push(Wanted {
-                name: &channel.name,
-                unit,
-                required: true,
-            });
-        }
-        let mut roles = vec![Role::Continuous; wanted.len()];
-        for (encoder, motion) in sensors.encoders.iter().zip(&motions) {
-            wanted.push(Wanted {
-                name: &encoder.name,
-                unit: motion.unit(),
-                required: true,
-            });
-            roles.push(match motion {
-                Motion::Count => encoder.role(false),
-                Motion::Angle { .. } => encoder.role(true),
-                Motion::Speed { .. } => Role::Continuous,
-            });
-        }
+        let (mut wanted, mut roles) = wanted_sensors(sensors, &encodings, &motions);
         if let (Some(index), Some(_)) = (&machine.index, &index) {
             wanted.push(Wanted {
                 name: &index.name,
@@ -457,6 +424,54 @@ pub(super) fn index_column(
 }
 
 /// A column that a recording need not have.
+/// How the file has each channel, by the quantity of its column.
+fn encodings(sensors: &Sensors, quantity: impl Fn(&str) -> Option<Quantity>) -> Vec<Encoding> {
+    sensors
+        .channels
+        .iter()
+        .map(|channel| match quantity(&channel.name) {
+            Some(Quantity::Counts) => Encoding::Word,
+            Some(Quantity::BridgeRatio) if channel.bridge.is_some() => Encoding::Ratio,
+            _ => Encoding::Reading,
+        })
+        .collect()
+}
+
+/// The columns of the channels and encoders, and how each is resampled.
+fn wanted_sensors<'a>(
+    sensors: &'a Sensors,
+    encodings: &[Encoding],
+    motions: &[Motion],
+) -> (Vec<Wanted<'a>>, Vec<Role>) {
+    let mut wanted = Vec::new();
+    for (channel, encoding) in sensors.channels.iter().zip(encodings) {
+        let unit = match encoding {
+            Encoding::Word => Unit::COUNTS,
+            Encoding::Ratio => Unit::VOLT_PER_VOLT,
+            Encoding::Reading => channel.unit.si(),
+        };
+        wanted.push(Wanted {
+            name: &channel.name,
+            unit,
+            required: true,
+        });
+    }
+    let mut roles = vec![Role::Continuous; wanted.len()];
+    for (encoder, motion) in sensors.encoders.iter().zip(motions) {
+        wanted.push(Wanted {
+            name: &encoder.name,
+            unit: motion.unit(),
+            required: true,
+        });
+        roles.push(match motion {
+            Motion::Count => encoder.role(false),
+            Motion::Angle { .. } => encoder.role(true),
+            Motion::Speed { .. } => Role::Continuous,
+        });
+    }
+    (wanted, roles)
+}
+
 fn optional(name: &str, unit: Unit) -> Wanted<'_> {
     Wanted {
         name,

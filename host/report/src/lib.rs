@@ -47,13 +47,13 @@
 )]
 
 mod decimator;
-mod page;
+mod html_page;
 mod replay_plots;
 mod scatter;
 mod sensor_plots;
 
 pub use decimator::{MinMaxDecimator, Rows};
-pub use page::{PAGE, ReportError};
+pub use html_page::{PAGE, ReportError};
 pub use replay_plots::{LoadLabel, ReplayPlots, SensorLabel};
 pub use scatter::ScatterSample;
 

@@ -1,4 +1,5 @@
-//! A periodic function of the carrier angle.
+//! Periodic function of the carrier angle for the simulated sensitivity of a gauge:
+//! interpolated table, its mean square and peak, and the same with lower or wider peaks.
 
 use std::f64::consts::TAU;
 

@@ -1,4 +1,5 @@
-//! Why a recording cannot be simulated.
+//! `SimulateError`: the reasons why a recording cannot be simulated, such as unknown effects,
+//! targets and scenarios.
 
 use thiserror::Error;
 

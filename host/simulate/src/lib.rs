@@ -34,33 +34,33 @@
 )]
 
 mod angle_function;
-mod bearing;
-mod bending;
-mod chain;
-mod drivetrain;
-mod effect;
-mod encoder;
+mod bending_load;
+mod chain_parameters;
+mod drivetrain_plant;
+mod drivetrain_scenario;
 mod error;
-mod gauge;
-mod plant;
+mod housing_temperature;
+mod injected_effect;
+mod injected_rotor_effect;
 mod recorder;
 mod rng;
-mod rotor;
-mod rotor_effect;
 mod rotor_plant;
-mod scenario;
+mod simulated_bearing;
+mod simulated_drivetrain;
+mod simulated_encoder;
+mod simulated_gauge;
+mod simulated_rotor;
 mod test_bench;
-mod thermal;
 
-pub use crate::bearing::{
+pub use crate::drivetrain_scenario::{Course, Demand, Scenario};
+pub use crate::error::SimulateError;
+pub use crate::injected_effect::{Applied, EFFECTS, Effect};
+pub use crate::injected_rotor_effect::{ROTOR_EFFECTS, RotorEffect};
+pub use crate::recorder::{Recorder, Sampled};
+pub use crate::simulated_bearing::{
     BEARING_EFFECTS, BearingCourse, BearingEffect, BearingScenario, BearingSimulation,
 };
-pub use crate::drivetrain::Simulation;
-pub use crate::effect::{Applied, EFFECTS, Effect};
-pub use crate::error::SimulateError;
-pub use crate::recorder::{Recorder, Sampled};
-pub use crate::rotor::{
+pub use crate::simulated_drivetrain::Simulation;
+pub use crate::simulated_rotor::{
     AppliedUnbalance, ROTOR_SCENARIOS, RotorCourse, RotorScenario, RotorSimulation,
 };
-pub use crate::rotor_effect::{ROTOR_EFFECTS, RotorEffect};
-pub use crate::scenario::{Course, Demand, Scenario};

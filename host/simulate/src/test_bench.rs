@@ -3,8 +3,8 @@
 
 use loadtwin_machine::{Drivetrain, Load, Machine, Senses};
 
-use crate::plant::{Drive, LAG, Plant};
-use crate::scenario::{Demand, Profile};
+use crate::drivetrain_plant::{Drive, LAG, Plant};
+use crate::drivetrain_scenario::{Demand, Profile};
 
 /// Bandwidth of the speed control [rad/s].
 const BANDWIDTH: f64 = 3.0;

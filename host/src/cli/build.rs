@@ -11,9 +11,9 @@ use loadtwin_common::image::{Image, Model};
 use loadtwin_common::io::signed_image;
 use serde_json::json;
 
-use super::layout::load;
-use super::output::{say, shown};
-use super::plan::{Plan, Replace};
+use super::file_plan::{Plan, Replace};
+use super::layout_option::load;
+use super::printing::{say, shown};
 use crate::atomic_file::AtomicFile;
 use crate::build::{self, Filter, Sensors};
 use crate::files::content::Content;

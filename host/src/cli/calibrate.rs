@@ -7,9 +7,9 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
-use super::layout::LayoutFile;
-use super::output::{say, shown, shown_all};
-use super::plan::{Plan, Replace};
+use super::file_plan::{Plan, Replace};
+use super::layout_option::LayoutFile;
+use super::printing::{say, shown, shown_all};
 use super::progress::Progress;
 use crate::atomic_file::{AtomicFile, publish};
 use crate::bearing::{CALIBRATION, Rig};
@@ -78,16 +78,7 @@ enum Maps {
 impl Calibrate {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let started = Instant::now();
-        anyhow::ensure!(
-            self.patch > 0.0 && self.patch <= 180.0,
-            "--patch {}: allowed: above 0, up to 180",
-            self.patch
-        );
-        anyhow::ensure!(
-            self.largest_mae > 0.0,
-            "--largest-mae {}: allowed: above 0",
-            self.largest_mae
-        );
+        self.check_ranges()?;
         let plan = Plan::new(self.replace)
             .description(&self.machine)
             .reads(self.layout.file())
@@ -148,6 +139,20 @@ impl Calibrate {
             }
             say!("{:.0} turns, {:.1} s", observations.turns, seconds);
         }
+        Ok(())
+    }
+
+    fn check_ranges(&self) -> anyhow::Result<()> {
+        anyhow::ensure!(
+            self.patch > 0.0 && self.patch <= 180.0,
+            "--patch {}: allowed: above 0, up to 180",
+            self.patch
+        );
+        anyhow::ensure!(
+            self.largest_mae > 0.0,
+            "--largest-mae {}: allowed: above 0",
+            self.largest_mae
+        );
         Ok(())
     }
 

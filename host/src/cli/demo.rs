@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde_json::json;
 
-use super::output::{say, shown};
-use super::plan::{Plan, Replace};
+use super::file_plan::{Plan, Replace};
+use super::printing::{say, shown};
 use super::replay;
 use crate::build::Filter;
 use crate::machine::Machine;

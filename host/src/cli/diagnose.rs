@@ -2,19 +2,19 @@
 //! rotor or bearing lacks, compares the estimator before and after, and writes the improved
 //! description.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
 use serde_json::json;
 
-use super::balance;
-use super::layout::LayoutFile;
-use super::output::{note, say};
-use super::plan::{Plan, Replace};
+use super::diagnose_drive;
+use super::file_plan::{Plan, Replace};
+use super::layout_option::LayoutFile;
+use super::printing::{note, say};
 use super::progress::Progress;
 use crate::balance::{self as drive, Request};
-use crate::diagnose::effect::Effect;
+use crate::diagnose::candidate_effect::Effect;
 use crate::diagnose::{
     self, BearingResiduals, Diagnosable, Diagnosis, DrivetrainResiduals, Evaluated, FilterCheck,
     Innovations, ResidualTests, RotorResiduals, Verdict,
@@ -106,14 +106,7 @@ impl Diagnose {
         };
         let written = match (&self.output, &filter) {
             (Some(path), Some(check)) if check.is_accepted => {
-                let absent = S::write(machine, &diagnosis, path)?;
-                if !absent.is_empty() {
-                    note(format_args!(
-                        "loadtwin: not in {}: {}: the line has no place for it yet\n",
-                        path.display(),
-                        absent.join(", ")
-                    ));
-                }
+                write_description(machine, &diagnosis, path)?;
                 Some(path.as_path())
             }
             _ => None,
@@ -179,11 +172,36 @@ impl Diagnose {
             cutoff_hz,
             machine_out: self.output.as_deref(),
         };
-        balance::run(&request, as_json)
+        diagnose_drive::run(&request, as_json)
     }
 }
 
+/// Writes the improved description; a note on the effects that it has no place for.
+fn write_description<S: Diagnosable>(
+    machine: &Machine,
+    diagnosis: &Diagnosis<S>,
+    path: &Path,
+) -> anyhow::Result<()> {
+    let absent = S::write(machine, diagnosis, path)?;
+    if !absent.is_empty() {
+        note(format_args!(
+            "loadtwin: not in {}: {}: the line has no place for it yet\n",
+            path.display(),
+            absent.join(", ")
+        ));
+    }
+    Ok(())
+}
+
 fn print<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
+    print_verdict(diagnosis);
+    print_candidates(diagnosis);
+    print_residual_tests(&diagnosis.residual_tests);
+    print_errors(diagnosis);
+}
+
+/// The verdict: effects found with their places, corrections, and what the data do not show.
+fn print_verdict<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
     say!("{}", diagnose::headline(&diagnosis.verdict));
     let recording = &diagnosis.recordings[0];
     for found in &diagnosis.selection.found {
@@ -237,6 +255,10 @@ fn print<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
     if let Some(note) = recording.remarks(&diagnosis.selection) {
         say!("{note}");
     }
+}
+
+/// Ranking of the candidates, and the residuals before and after.
+fn print_candidates<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
     say!("{:<26}{:>12}{:>12}", "candidate", "evidence", "by chance");
     for ranked in diagnosis.selection.ranking.iter().take(8) {
         say!(
@@ -264,7 +286,10 @@ fn print<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
             excess.concentration
         );
     }
-    print_residual_tests(&diagnosis.residual_tests);
+}
+
+/// Errors of load or residual, without and with the effects.
+fn print_errors<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
     let cell = |value: Option<f64>| value.map_or_else(|| "-".into(), |v| format!("{v:.3} %"));
     let errors = &diagnosis.errors;
     for (name, pair) in [
@@ -353,7 +378,7 @@ fn print_innovations(innovations: &Result<Vec<Innovations>, ReplayError>) {
 
 /// The effects, for the long help.
 fn library() -> String {
-    let shown = |effect: &&dyn drive::effect::Effect| {
+    let shown = |effect: &&dyn drive::candidate_effect::Effect| {
         format!("  {:<28}{}\n", effect.name(), effect.shown_by())
     };
     let of_balance: String = drive::EFFECTS.iter().map(shown).collect();

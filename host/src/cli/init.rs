@@ -7,8 +7,8 @@ use anyhow::Context;
 use clap::Args;
 use serde_json::json;
 
-use super::output::{note, print, say, shown};
-use super::plan::{Plan, Replace};
+use super::file_plan::{Plan, Replace};
+use super::printing::{note, print, say, shown};
 use crate::atomic_file::AtomicFile;
 use crate::init::{Draft, MARK, MachineKind, draft};
 use crate::machine::DESCRIPTION;

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use super::output::{say, shown};
-use super::plan::{Plan, Replace};
+use super::file_plan::{Plan, Replace};
+use super::printing::{say, shown};
 use crate::key::{KEY, SigningKey, read_public, save_page};
 
 /// Make a key pair that signs model images, and the key page of a board.

@@ -7,8 +7,8 @@ use anyhow::Context;
 use clap::{Args, Command, CommandFactory};
 
 use super::Cli;
-use super::output::print;
-use super::plan::{Plan, Replace};
+use super::file_plan::{Plan, Replace};
+use super::printing::print;
 use crate::atomic_file::{AtomicFile, publish};
 use crate::files::content::Content;
 

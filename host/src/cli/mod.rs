@@ -1,19 +1,19 @@
 //! The command-line interface of `loadtwin`: list of the commands with their help, parsing, and
 //! dispatch to the file that holds the command.
 
-mod balance;
 mod build;
 mod calibrate;
-mod can;
+mod can_commands;
 mod demo;
 mod diagnose;
+mod diagnose_drive;
+mod file_plan;
 mod init;
 mod key;
-mod layout;
+mod layout_option;
 mod life;
 mod manual;
-mod output;
-mod plan;
+mod printing;
 mod program;
 mod progress;
 mod reduce;
@@ -75,19 +75,19 @@ enum Command {
     /// Make a key pair that signs model images.
     Key(key::Key),
     /// Stand in for the microcontroller on a CAN bus.
-    Node(can::Node),
+    Node(can_commands::Node),
     /// Put a recording's raw samples on a CAN bus.
-    Send(can::Send),
+    Send(can_commands::Send),
     /// Recompute what a machine sends on a CAN bus and compare it bit for bit.
-    Twin(can::Twin),
+    Twin(can_commands::Twin),
     /// Watch a machine's frames on a CAN bus.
-    Monitor(can::Monitor),
+    Monitor(can_commands::Monitor),
     /// As twin, on a log taken earlier: candump, ASC, BLF, TRC.
-    Prove(can::Prove),
+    Prove(can_commands::Prove),
     /// Send a signed model image to a board.
-    Upload(can::Upload),
+    Upload(can_commands::Upload),
     /// Print the DBC file that describes the frames.
-    Dbc(can::Dbc),
+    Dbc(can_commands::Dbc),
     /// Print the JSON schema of the machine description.
     Schema,
     /// Print shell completions.
@@ -149,7 +149,7 @@ impl Cli {
             }
             Some(Command::Man(man)) => man.run(),
             Some(Command::Version) => {
-                output::say!("loadtwin {}", env!("CARGO_PKG_VERSION"));
+                printing::say!("loadtwin {}", env!("CARGO_PKG_VERSION"));
                 Ok(())
             }
         }

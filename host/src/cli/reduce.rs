@@ -8,8 +8,8 @@ use anyhow::Context;
 use clap::Args;
 use serde_json::json;
 
-use super::output::{say, shown};
-use super::plan::{Plan, Replace};
+use super::file_plan::{Plan, Replace};
+use super::printing::{say, shown};
 use crate::atomic_file::publish;
 use crate::machine::{MAP_ENTRIES, MAPS, Machine, complete_columns, resampled};
 use crate::recording::{Quantity, Unit};
@@ -90,6 +90,19 @@ impl Reduce {
             "{}: no channel has a place",
             self.machine.display()
         );
+        self.write_maps(&machine, &gauges)?;
+        let seconds = started.elapsed().as_secs_f64();
+        if as_json {
+            self.print_json(&machine, cases.len(), &gauges, seconds);
+        } else {
+            print_gauges(&machine, &gauges);
+            say!("{} load cases, {seconds:.1} s", cases.len());
+        }
+        Ok(())
+    }
+
+    /// Writes the maps of the gauges and, where asked for, those of all nodes in their patches.
+    fn write_maps(&self, machine: &Machine, gauges: &[GaugeMaps]) -> anyhow::Result<()> {
         let title = |gauge: &GaugeMaps, name: &str| {
             let channel = &machine.channels[gauge.channel];
             format!("{name} [{}/Nm]", channel.unit.symbol())
@@ -127,44 +140,45 @@ impl Reduce {
         let file = complete_columns(&self.output, &columns);
         files.push(file.with_context(|| self.output.display().to_string())?);
         publish(files)?;
-        let seconds = started.elapsed().as_secs_f64();
-        if as_json {
-            let channels: Vec<_> = gauges
-                .iter()
-                .map(|gauge| {
-                    json!({
-                        "name": machine.channels[gauge.channel].name, "node": gauge.node,
-                        "distance_m": gauge.distance_m, "candidates": gauge.candidates.len(),
-                        "peak": gauge.peak(),
-                    })
-                })
-                .collect();
-            let out = json!({
-                "machine": machine.name, "load_cases": cases.len(), "channels": channels,
-                "maps": shown(&self.output), "patches": self.patches.as_ref().map(shown), "seconds": seconds,
-            });
-            say!("{out}");
-        } else {
-            say!(
-                "{:<16}{:>10}{:>12}{:>12}{:>16}",
-                "channel",
-                "node",
-                "away [mm]",
-                "candidates",
-                "peak [um/m/kNm]"
-            );
-            for gauge in &gauges {
-                say!(
-                    "{:<16}{:>10}{:>12.1}{:>12}{:>16.4}",
-                    machine.channels[gauge.channel].name,
-                    gauge.node,
-                    1e3 * gauge.distance_m,
-                    gauge.candidates.len(),
-                    1e9 * gauge.peak()
-                );
-            }
-            say!("{} load cases, {seconds:.1} s", cases.len());
-        }
         Ok(())
+    }
+
+    fn print_json(&self, machine: &Machine, cases: usize, gauges: &[GaugeMaps], seconds: f64) {
+        let channels: Vec<_> = gauges
+            .iter()
+            .map(|gauge| {
+                json!({
+                    "name": machine.channels[gauge.channel].name, "node": gauge.node,
+                    "distance_m": gauge.distance_m, "candidates": gauge.candidates.len(),
+                    "peak": gauge.peak(),
+                })
+            })
+            .collect();
+        let out = json!({
+            "machine": machine.name, "load_cases": cases, "channels": channels,
+            "maps": shown(&self.output), "patches": self.patches.as_ref().map(shown), "seconds": seconds,
+        });
+        say!("{out}");
+    }
+}
+
+fn print_gauges(machine: &Machine, gauges: &[GaugeMaps]) {
+    say!(
+        "{:<16}{:>10}{:>12}{:>12}{:>16}",
+        "channel",
+        "node",
+        "away [mm]",
+        "candidates",
+        "peak [um/m/kNm]"
+    );
+    for gauge in gauges {
+        say!(
+            "{:<16}{:>10}{:>12.1}{:>12}{:>16.4}",
+            machine.channels[gauge.channel].name,
+            gauge.node,
+            1e3 * gauge.distance_m,
+            gauge.candidates.len(),
+            1e9 * gauge.peak()
+        );
     }
 }

@@ -1,6 +1,6 @@
 //! The command `loadtwin schema`: prints the JSON schema of the machine description.
 
-use super::output::say;
+use super::printing::say;
 use crate::machine::Machine;
 
 /// The schema that editors complete and check a machine description with.

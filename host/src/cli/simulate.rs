@@ -7,8 +7,8 @@ use std::time::Instant;
 use clap::Args;
 use serde_json::json;
 
-use super::output::{say, shown};
-use super::plan::{Plan, Replace};
+use super::file_plan::{Plan, Replace};
+use super::printing::{say, shown};
 use super::progress::Progress;
 use crate::machine::{Bearing, Kind, Machine, Rotor};
 use crate::recording::SIMULATED;

@@ -8,8 +8,8 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::demo;
-use super::output::say;
-use super::plan::{Plan, Replace};
+use super::file_plan::{Plan, Replace};
+use super::printing::say;
 use super::progress::Progress;
 use crate::machine::Machine;
 use crate::origin::with_origin;

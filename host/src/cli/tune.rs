@@ -9,9 +9,9 @@ use clap::{Args, ValueEnum};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use super::layout::LayoutFile;
-use super::output::{note, say, shown, shown_all};
-use super::plan::{Plan, Replace};
+use super::file_plan::{Plan, Replace};
+use super::layout_option::LayoutFile;
+use super::printing::{note, say, shown, shown_all};
 use super::progress::Progress;
 use super::tune_report::{
     check_lines, check_report, complete_response, load_names, noise_report, print, process_noise,

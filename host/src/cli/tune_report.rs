@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::{Map, Value, json};
 
-use super::output::say;
+use super::printing::say;
 use super::tune::Set;
 use crate::atomic_file::{AtomicFile, Complete};
 use crate::machine::{Channel, Machine};

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use serde_json::{Map, Value, json};
 
-use super::output::{say, shown, shown_all};
+use super::printing::{say, shown, shown_all};
 use super::progress::Progress;
 use super::tune::{Choice as Asked, Tune};
 use crate::atomic_file::{Complete, publish};
@@ -26,19 +26,7 @@ impl Tune {
         rotor: &Rotor,
         as_json: bool,
     ) -> anyhow::Result<()> {
-        let method = match self.method {
-            None | Some(Asked::Likelihood) => Method::Likelihood,
-            Some(Asked::Evolution) => Method::Evolution,
-            Some(_) => anyhow::bail!("--method: allowed on a rotor: likelihood, evolution"),
-        };
-        for (given, option) in [
-            (self.cutoff.is_some(), "--cutoff"),
-            (self.keep_r, "--keep-r"),
-            (self.compare, "--compare"),
-            (self.response.is_some(), "--response"),
-        ] {
-            anyhow::ensure!(!given, "{option}: for a drivetrain only; found a rotor");
-        }
+        let method = self.rotor_method()?;
         let started = Instant::now();
         let sensors = Sensors::choose(described, self.sensors.as_deref())?;
         let progress = Progress::new("tune");
@@ -105,6 +93,24 @@ impl Tune {
             }
         }
         Ok(())
+    }
+
+    /// The chosen method; options that a rotor does not have are refused.
+    fn rotor_method(&self) -> anyhow::Result<Method> {
+        let method = match self.method {
+            None | Some(Asked::Likelihood) => Method::Likelihood,
+            Some(Asked::Evolution) => Method::Evolution,
+            Some(_) => anyhow::bail!("--method: allowed on a rotor: likelihood, evolution"),
+        };
+        for (given, option) in [
+            (self.cutoff.is_some(), "--cutoff"),
+            (self.keep_r, "--keep-r"),
+            (self.compare, "--compare"),
+            (self.response.is_some(), "--response"),
+        ] {
+            anyhow::ensure!(!given, "{option}: for a drivetrain only; found a rotor");
+        }
+        Ok(method)
     }
 }
 

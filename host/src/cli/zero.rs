@@ -7,9 +7,9 @@ use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::layout::LayoutFile;
-use super::output::{say, shown};
-use super::plan::{Plan, Replace};
+use super::file_plan::{Plan, Replace};
+use super::layout_option::LayoutFile;
+use super::printing::{say, shown};
 use crate::calibrate::Description;
 use crate::machine::{Channel, DESCRIPTION, Machine};
 use crate::recording::{Quantity, Reader, Unit, Wanted, columns};
@@ -101,20 +101,7 @@ impl Zero {
             zero.len(),
             1e6 * allowed
         );
-        let shunt = match (&self.shunt, self.shunt_ohm) {
-            (Some(path), Some(shunt_ohm)) => {
-                let readings = ratios(&machine, channel, path)?;
-                Some(ShuntReading {
-                    ratio: readings.iter().sum::<f64>() / readings.len() as f64,
-                    shunt_ohm,
-                    simulates: match self.simulates {
-                        Arm::Tension => Simulates::Tension,
-                        Arm::Compression => Simulates::Compression,
-                    },
-                })
-            }
-            _ => None,
-        };
+        let shunt = self.shunt_reading(&machine, channel)?;
         let calibration = calibrate(bridge, &zero, shunt, &self.date).with_context(place)?;
         self.write(&calibration)?;
         if as_json {
@@ -136,6 +123,26 @@ impl Zero {
             }
         }
         Ok(())
+    }
+
+    /// Mean output of the bridge with the shunt resistor, where one was connected.
+    fn shunt_reading(
+        &self,
+        machine: &Machine,
+        channel: &Channel,
+    ) -> anyhow::Result<Option<ShuntReading>> {
+        let (Some(path), Some(shunt_ohm)) = (&self.shunt, self.shunt_ohm) else {
+            return Ok(None);
+        };
+        let readings = ratios(machine, channel, path)?;
+        Ok(Some(ShuntReading {
+            ratio: readings.iter().sum::<f64>() / readings.len() as f64,
+            shunt_ohm,
+            simulates: match self.simulates {
+                Arm::Tension => Simulates::Tension,
+                Arm::Compression => Simulates::Compression,
+            },
+        }))
     }
 
     fn write(&self, calibration: &Calibration) -> anyhow::Result<()> {

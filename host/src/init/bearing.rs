@@ -4,9 +4,9 @@
 use loadtwin_common::bearing::GAUGES;
 use loadtwin_machine::BEARING_LOADS;
 
-use super::column::{Look, LookedAt};
-use super::sensors::{channel, references};
-use super::text::{Text, number, quoted};
+use super::column_kind::{Look, LookedAt};
+use super::sensor_tables::{channel, references};
+use super::toml_text::{Text, number, quoted};
 use super::{InitError, Source};
 
 /// Fields of a bearing with values of a wheel hub of a passenger car.

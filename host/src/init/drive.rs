@@ -5,9 +5,9 @@ use std::f64::consts::TAU;
 
 use loadtwin_recording::{Quantity, Unit};
 
-use super::column::{Look, LookedAt};
-use super::sensors::COUNTS_PER_TURN;
-use super::text::{Text, quoted, rounded_up};
+use super::column_kind::{Look, LookedAt};
+use super::sensor_tables::COUNTS_PER_TURN;
+use super::toml_text::{Text, quoted, rounded_up};
 use super::{InitError, Source};
 
 /// What may be a drive, the surest first.

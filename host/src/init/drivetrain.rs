@@ -2,9 +2,9 @@
 //! encoders, speeds and reference torques from the columns of the recording.
 
 use super::Source;
-use super::column::{Look, LookedAt};
-use super::sensors::{channel, nominal, references as write_references};
-use super::text::{Text, number, quoted, rounded_up};
+use super::column_kind::{Look, LookedAt};
+use super::sensor_tables::{channel, nominal, references as write_references};
+use super::toml_text::{Text, number, quoted, rounded_up};
 
 /// Channels and encoders of a sensor set.
 const CHANNELS: usize = loadtwin_common::io::raw::MAX_CHANNELS;

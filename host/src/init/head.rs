@@ -3,8 +3,8 @@
 
 use loadtwin_recording::{ChannelLayout, RATES_HZ, Timing, Unit, WrittenNan};
 
-use super::column::{Look, LookedAt};
-use super::text::{Text, number, quoted};
+use super::column_kind::{Look, LookedAt};
+use super::toml_text::{Text, number, quoted};
 use super::{MARK, MachineKind, Source};
 
 /// Difference of a rate from a shorter number that jitter of stamps and quartzes explain.
@@ -33,26 +33,7 @@ impl Source<'_> {
             ));
         }
         text.line("#");
-        let width = self
-            .columns
-            .iter()
-            .map(|c| c.name.chars().count())
-            .max()
-            .unwrap_or(0)
-            .min(40);
-        for column in self.columns {
-            let name = column.name.escape_debug().to_string();
-            let unit = column
-                .written_unit
-                .as_deref()
-                .unwrap_or("no unit")
-                .escape_debug()
-                .to_string();
-            text.line(format_args!(
-                "#   {name:width$}  {unit:8}  {}",
-                seen(column)
-            ));
-        }
+        self.list_columns(text);
         text.line("format = 1");
         let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
         let name = if stem.trim().is_empty() {
@@ -77,6 +58,30 @@ impl Source<'_> {
         text.comment(format_args!(
             "The kind of machine is by the columns; `--kind` begins another: {others}."
         ));
+    }
+
+    /// Name, unit and kind of each column as comments.
+    fn list_columns(&self, text: &mut Text) {
+        let width = self
+            .columns
+            .iter()
+            .map(|c| c.name.chars().count())
+            .max()
+            .unwrap_or(0)
+            .min(40);
+        for column in self.columns {
+            let name = column.name.escape_debug().to_string();
+            let unit = column
+                .written_unit
+                .as_deref()
+                .unwrap_or("no unit")
+                .escape_debug()
+                .to_string();
+            text.line(format_args!(
+                "#   {name:width$}  {unit:8}  {}",
+                seen(column)
+            ));
+        }
     }
 
     /// The shortest number that the rows' rate may be (Hz).

@@ -5,14 +5,14 @@
 //! `# TO FILL IN: ...` with a value that is allowed. The description is valid as it is.
 
 mod bearing;
-mod column;
+mod column_kind;
+mod column_statistics;
 mod drive;
 mod drivetrain;
 mod head;
 mod rotor;
-mod sensors;
-mod statistics;
-mod text;
+mod sensor_tables;
+mod toml_text;
 
 use std::path::Path;
 
@@ -24,10 +24,10 @@ use loadtwin_recording::{RecordingError, Survey, survey};
 use loadtwin_replay::{ReplayError, Samples};
 use thiserror::Error;
 
-pub use column::{Look, LookedAt};
-pub use text::MARK;
+pub use column_kind::{Look, LookedAt};
+pub use toml_text::MARK;
 
-use text::Text;
+use toml_text::Text;
 
 /// The kind of a machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -5,9 +5,9 @@ use std::f64::consts::TAU;
 
 use loadtwin_machine::MOST_LOADS;
 
-use super::column::{Look, LookedAt};
-use super::sensors::{channel, references};
-use super::text::{Text, number, rounded_up};
+use super::column_kind::{Look, LookedAt};
+use super::sensor_tables::{channel, references};
+use super::toml_text::{Text, number, rounded_up};
 use super::{InitError, Source};
 
 /// Elements of the shaft until its own are filled in.

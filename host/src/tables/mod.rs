@@ -6,9 +6,9 @@
 //! constant torque, and evaluated on a start-stop cycle with other noise, which
 //! nothing was fitted to.
 
-mod curve;
-mod page;
+mod noise_sweep;
 mod published;
+mod report_page;
 
 use std::path::{Path, PathBuf};
 
@@ -25,9 +25,9 @@ use crate::replay::{self, Figures, ReplayError};
 use crate::simulate::{Applied, Scenario, SimulateError, Simulation};
 use crate::tune::{Training, TuneError, measure_noise, tune_loads};
 
-pub use curve::{Curve, Point, curve};
-pub use page::page;
+pub use noise_sweep::{Curve, Point, curve};
 pub use published::{OTHERS, Published, TABLE_2, TABLE_3};
+pub use report_page::page;
 
 /// How far a gauge may sit from its described angle [rad].
 const PATCH_RAD: f64 = 0.1;

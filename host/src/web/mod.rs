@@ -13,7 +13,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use loadtwin_can::page::{LoadRow, Page, SensorRow, View};
+use loadtwin_can::live_display::{LoadRow, Page, SensorRow, View};
 use serde::Serialize;
 use serde_json::json;
 

@@ -1,5 +1,5 @@
-//! The DBC, for all machines and for one, decodes our bytes to the same
-//! numbers with another decoder.
+//! The DBC files, general and of one machine, decoded by another library to the numbers that
+//! were encoded.
 
 use std::fmt::Write as _;
 use std::io::Write as _;

@@ -1,13 +1,13 @@
-//! Logs of one traffic in every format: the proof is the same.
+//! Bus logs of the same traffic in every format: `loadtwin prove` gives the same result.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use loadtwin::can::Model;
-use loadtwin::can::comparison::Verdict;
+use loadtwin::can::frame_comparison::Verdict;
+use loadtwin::can::live_display::Quiet;
 use loadtwin::can::log::LogWriter;
-use loadtwin::can::page::Quiet;
-use loadtwin::can::twin::{self, ProveArgs, TwinSummary};
+use loadtwin::can::twin_and_prove::{self, ProveArgs, TwinSummary};
 
 use crate::machine::{image, samples, traffic};
 use crate::python;
@@ -17,7 +17,7 @@ fn proved(model: &Model<'_>, log: &Path) -> TwinSummary {
         log: log.display().to_string(),
         interface: None,
     };
-    twin::prove(model, &args, &mut Quiet, &AtomicBool::new(false))
+    twin_and_prove::prove(model, &args, &mut Quiet, &AtomicBool::new(false))
         .unwrap_or_else(|error| panic!("{}: {error}", log.display()))
 }
 

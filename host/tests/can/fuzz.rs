@@ -1,10 +1,10 @@
-//! Any bytes: no panic, and nothing accepted in part.
+//! Fuzz test of frames and logs: any bytes give no panic, and nothing is accepted in part.
 
 use std::time::Duration;
 
 use loadtwin::can::Model;
 use loadtwin::can::bus::{Bus, BusError, Received};
-use loadtwin::can::comparison::Comparison;
+use loadtwin::can::frame_comparison::Comparison;
 use loadtwin::can::log::LogBus;
 use loadtwin_common::io::frame;
 use loadtwin_common::io::frame::{DEFAULT_BASE, FrameEncoder, RawAssembler};

@@ -1,4 +1,5 @@
-//! `common/src/io/frame/layout.rs` is what the DBC says, and so are its tables.
+//! Comparison of `common/src/io/frame/signal_layout.rs` and the tables of the documentation
+//! with the DBC; writes the file anew on request.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -102,7 +103,7 @@ fn generate(dbc: &Dbc) -> String {
 fn the_constants_are_those_of_the_dbc() {
     let path = concat!(
         env!("CARGO_MANIFEST_DIR"),
-        "/../common/src/io/frame/layout.rs"
+        "/../common/src/io/frame/signal_layout.rs"
     );
     let generated = generate(&dbc());
     if std::env::var_os("LOADTWIN_BLESS").is_some() {

@@ -1,4 +1,4 @@
-//! A machine, its samples, and what it puts on a bus.
+//! Test machine of the CAN tests: its model, raw samples and the frames that it sends.
 
 use std::path::Path;
 

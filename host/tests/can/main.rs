@@ -1,4 +1,4 @@
-//! Frames, their description, and the commands on a bus without a bus.
+//! Test program of CAN: frames, DBC, log formats, and the bus commands without a real bus.
 
 mod dbc;
 mod formats;

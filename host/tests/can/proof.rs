@@ -1,4 +1,5 @@
-//! Twin, proof, node and send without a bus: over logs and a simulated controller.
+//! The commands `twin`, `prove`, `node` and `send` on logs and on a simulated controller,
+//! without a real bus.
 
 use std::collections::VecDeque;
 use std::sync::atomic::AtomicBool;
@@ -6,13 +7,13 @@ use std::time::Duration;
 
 use loadtwin::can::bus::{Bus, BusError, Received};
 use loadtwin::can::bus_frame::BusFrame;
-use loadtwin::can::comparison::{Comparison, Figures, Verdict};
+use loadtwin::can::estimator_node::{self, NodeArgs};
+use loadtwin::can::frame_comparison::{Comparison, Figures, Verdict};
+use loadtwin::can::live_display::Quiet;
 use loadtwin::can::log::{LogBus, LogWriter};
-use loadtwin::can::node::{self, NodeArgs};
-use loadtwin::can::page::Quiet;
-use loadtwin::can::send::{self, SendArgs};
+use loadtwin::can::sample_sender::{self, SendArgs};
 use loadtwin::can::simulated_controller::SimulatedController;
-use loadtwin::can::twin::{self, ProveArgs};
+use loadtwin::can::twin_and_prove::{self, ProveArgs};
 use loadtwin::can::{Model, standard, to_bus};
 use loadtwin_common::io::frame::Frame;
 
@@ -288,7 +289,7 @@ fn a_log_is_proved_and_its_bad_lines_are_counted() {
         log: path.display().to_string(),
         interface: None,
     };
-    let summary = twin::prove(&model, &args, &mut Quiet, &NEVER).expect("proved");
+    let summary = twin_and_prove::prove(&model, &args, &mut Quiet, &NEVER).expect("proved");
     // The torn line may have been a frame of the machine.
     assert_eq!(summary.verdict, Verdict::Incomplete);
     assert_eq!(
@@ -310,7 +311,7 @@ fn files_that_are_no_logs_are_refused_by_their_names() {
             log: path.display().to_string(),
             interface: None,
         };
-        twin::prove(&model, &args, &mut Quiet, &NEVER)
+        twin_and_prove::prove(&model, &args, &mut Quiet, &NEVER)
     };
     for (bytes, name) in [
         (&b"t1088 2B30000000000701\r"[..], "another file"),
@@ -361,7 +362,8 @@ fn a_node_answers_with_the_bits_of_the_machine_through_bus_off() {
         };
         let mut wire = Vec::new();
         let summary =
-            node::run(&model, Tap(&mut bus, &mut wire), &args, &mut Quiet, &NEVER).expect("ran");
+            estimator_node::run(&model, Tap(&mut bus, &mut wire), &args, &mut Quiet, &NEVER)
+                .expect("ran");
         assert_eq!(
             (summary.samples, summary.bus.bus_off),
             (1000, u64::from(faulty))
@@ -390,7 +392,7 @@ fn samples_go_out_in_real_time_and_fast() {
         let mut bus = SimulatedController::new(1_000_000, vec![]);
         let mut wire = Vec::new();
         let each = taken.iter().map(|sample| Ok(*sample));
-        let summary = send::run(
+        let summary = sample_sender::run(
             &model,
             Tap(&mut bus, &mut wire),
             each,

@@ -1,4 +1,5 @@
-//! A serial adapter: what a machine sends in a minute, over a pseudo-terminal.
+//! Serial adapter (slcan) over a pseudo-terminal: frames of a machine are received, recorded
+//! and compared.
 #![cfg(unix)]
 
 use std::fmt::Write as _;
@@ -10,10 +11,10 @@ use std::time::Duration;
 use loadtwin::can::CanError;
 use loadtwin::can::bus::{Bus, BusError, Link};
 use loadtwin::can::bus_frame::{BusFrame, FrameKind};
-use loadtwin::can::comparison::Verdict;
-use loadtwin::can::page::Quiet;
-use loadtwin::can::source::Source;
-use loadtwin::can::twin::{self, TwinArgs};
+use loadtwin::can::frame_comparison::Verdict;
+use loadtwin::can::frame_source::Source;
+use loadtwin::can::live_display::Quiet;
+use loadtwin::can::twin_and_prove::{self, TwinArgs};
 use loadtwin::can::{Model, standard};
 use serialport::{SerialPort, TTYPort};
 
@@ -74,7 +75,8 @@ fn a_minute_of_a_machine_over_a_terminal_is_identical() {
                         .expect("written");
                 }
             });
-            twin::run(&model, bus, &args, &mut Quiet, &AtomicBool::new(false)).expect("ran")
+            twin_and_prove::run(&model, bus, &args, &mut Quiet, &AtomicBool::new(false))
+                .expect("ran")
         });
         assert_eq!(summary.verdict, Verdict::Identical);
         let figures = summary.figures;

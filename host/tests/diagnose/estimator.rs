@@ -1,4 +1,5 @@
-//! The estimator has the last word on what is written.
+//! Check of the improved description by the estimator in `loadtwin diagnose`: effects that make
+//! the estimates worse are not written.
 
 use std::path::{Path, PathBuf};
 

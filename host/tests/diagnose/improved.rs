@@ -1,4 +1,5 @@
-//! What is found becomes part of the description, and the line runs it.
+//! The improved description of `loadtwin diagnose`: effects found become parameters that
+//! `replay` and `build` accept.
 
 use std::path::Path;
 

@@ -1,4 +1,5 @@
-//! `loadtwin diagnose` on recordings of an effect that it does not know.
+//! Test program of `loadtwin diagnose` for drivetrains, on simulated recordings of an effect
+//! that it does not know.
 
 mod estimator;
 mod improved;

@@ -1,4 +1,4 @@
-//! Recordings of which nothing can be said get a reason.
+//! Recordings that `loadtwin diagnose` refuses, each with its reason.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Recordings that are diagnosed together.
+//! Joint diagnosis of several recordings by `loadtwin diagnose`.
 
 use super::{diagnosed, recorded};
 

@@ -1,4 +1,4 @@
-//! Machines and sensors that are unlike the example's.
+//! `loadtwin diagnose` on machines and sensor sets that differ from the example's.
 
 use std::path::{Path, PathBuf};
 

@@ -1,9 +1,9 @@
-//! Runs the commands of a page, in order, and compares what they print.
+//! Runs the `console` blocks of a documentation page in order and compares their output.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::page::{Block, Page};
+use crate::markdown_page::{Block, Page};
 
 /// A command after `$ `, continued after a backslash, and the lines below it.
 struct Step {

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::page::Page;
+use crate::markdown_page::Page;
 
 /// Destinations of links in the prose, with their lines.
 fn destinations(page: &Page) -> Vec<(usize, String)> {

@@ -1,15 +1,16 @@
-//! The documentation: its commands are run and their output compared, its links exist.
+//! Test program of the documentation: commands are run and their output compared, links and
+//! lists are checked.
 
 mod commands;
 mod links;
-mod page;
+mod markdown_page;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use page::Page;
+use markdown_page::Page;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))

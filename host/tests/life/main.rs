@@ -1,4 +1,5 @@
-//! Counting load cycles, as a user would look at it.
+//! `loadtwin life` on the real binary: counts, damage, equivalent torque and bearing life,
+//! merging of files, page, refusals.
 
 mod noise;
 

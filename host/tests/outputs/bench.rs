@@ -1,4 +1,5 @@
-//! A folder with a machine and what its commands read.
+//! Test folder for the output tests: a machine, its maps and recordings, and the files that its
+//! commands read.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

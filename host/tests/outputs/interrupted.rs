@@ -1,4 +1,5 @@
-//! Runs that are killed at a random time, or whose disk is full at a random byte.
+//! Commands that are killed at a random time, or whose disk is full at a random byte: outputs
+//! are complete or absent.
 //!
 //! A share of them in every test run; `LOADTWIN_KILLS` and `LOADTWIN_FULL_DISKS` set how many.
 

@@ -1,4 +1,4 @@
-//! What may not be written is refused before any work.
+//! Outputs that a command refuses before any work: inputs, files of others, folders, clashes.
 
 use std::os::unix::fs::{PermissionsExt, symlink};
 

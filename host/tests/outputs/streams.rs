@@ -1,4 +1,4 @@
-//! Pipes, standard input and output, devices.
+//! Outputs to pipes, standard output and devices, and input from standard input.
 
 use std::fs::File;
 use std::io::{Read, Write};

@@ -1,4 +1,5 @@
-//! Properties of the clock: no row is lost or invented within the stated limits.
+//! Property tests of the sampling grid: no row is lost or invented within the stated limits of
+//! jitter and drift.
 use std::fmt::Write;
 
 use loadtwin::recording::{CsvLayout, Problem, Reader, Wanted};

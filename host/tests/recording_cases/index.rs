@@ -1,4 +1,5 @@
-//! The index pulse as counts, a level of any width, a voltage, and as nothing.
+//! Formats of the index pulse in a recording: latched counts, a level of any width, a voltage,
+//! absent.
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;

@@ -1,4 +1,4 @@
-//! The shipped recording as a table that a test writes in another way.
+//! The shipped recording as a table in memory that a test changes and writes in another format.
 use std::fmt::Write;
 use std::path::Path;
 

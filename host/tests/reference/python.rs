@@ -1,4 +1,4 @@
-//! Python with `tests/requirements.txt`, for peers.
+//! Runs the Python of `tests/requirements.txt`, for comparisons with other libraries.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};

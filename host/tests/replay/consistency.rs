@@ -1,4 +1,5 @@
-//! The likely cause where description and recording disagree, on the real binary.
+//! Consistency check of `loadtwin replay`: the likely cause where description and recording
+//! disagree, on the real binary.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

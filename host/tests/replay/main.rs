@@ -1,7 +1,7 @@
-//! Replays of the real binary: what a person reads beside the figures.
+//! Test program of `loadtwin replay` on the real binary, one module for each subject.
 
 mod consistency;
-mod page;
-mod recorded;
+mod faulty_recordings;
 mod refused;
+mod report_page;
 mod resume;

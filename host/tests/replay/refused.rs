@@ -1,4 +1,4 @@
-//! Descriptions that a set of sensors cannot run.
+//! Descriptions with sensor sets that `loadtwin replay` refuses.
 
 use std::process::Command;
 

@@ -1,4 +1,5 @@
-//! A recording cut anywhere and continued gives the bits of a whole, for every kind of machine.
+//! Continuation of a replay from its saved state: a recording cut anywhere gives the bits of
+//! the whole one, for every machine kind.
 //!
 //! `LOADTWIN_CUTS` is the number of cuts, 40 where it is not set.
 
@@ -15,7 +16,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tempfile::TempDir;
 
-use super::recorded::{Recorded, example, loadtwin};
+use super::faulty_recordings::{Recorded, example, loadtwin};
 
 /// Time, references and estimate of each sample, as text of their bits.
 type Rows = Vec<(u64, Vec<u64>, Estimate)>;

@@ -1,5 +1,5 @@
-//! What no causal estimator betters: least squares of an unbalance that is known to stay, on a
-//! rotor that is known exactly.
+//! Lower bound of the rotor's load error: least squares of a constant unbalance on a rotor that
+//! is known exactly.
 
 use std::f64::consts::FRAC_PI_2;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Bearings that let motions not swing: soft springs with heavy dampers, squeeze films, films
+//! Rotor filter on heavily damped bearings: soft springs with dampers, squeeze films, films
 //! that couple x and y.
 
 use loadtwin::build::Sensors;

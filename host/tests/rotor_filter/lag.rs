@@ -1,4 +1,5 @@
-//! Estimates that lag: of the sample that they say, and better.
+//! Fixed-lag smoothing of the rotor filter: estimates belong to the sample that they state, and
+//! their error falls with the lag.
 
 use faer::{Mat, Side};
 use loadtwin::build::{self, Sensors};

@@ -1,5 +1,5 @@
-//! The rotor's filter: against a filter made independently, on the paper's case,
-//! and through its first critical speed.
+//! Rotor filter against an independent implementation, on the case of the paper, and in a
+//! run-up through the first critical speed.
 
 mod bound;
 mod damped;

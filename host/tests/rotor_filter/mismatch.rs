@@ -1,4 +1,5 @@
-//! Rotors that are not as described, and sensors that fail: loads that are valid lie inside their band.
+//! Rotor filter with model error and with sensor faults: valid loads lie inside their band,
+//! faulty sensors are flagged.
 
 use loadtwin::build::{self, Sensors};
 use loadtwin::machine::Machine;

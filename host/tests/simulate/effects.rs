@@ -1,4 +1,4 @@
-//! What each effect changes, and by how much.
+//! Injected effects of `loadtwin simulate`: what each changes, and by how much.
 
 use loadtwin::machine::{Friction, Machine};
 use loadtwin::simulate::EFFECTS;

@@ -1,4 +1,5 @@
-//! Simulated recordings, as a user would look at them.
+//! `loadtwin simulate`: start and stop, converter grid, index pulse, seeds, individuals,
+//! refusals, the shipped recording.
 
 mod effects;
 

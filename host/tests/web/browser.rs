@@ -1,4 +1,4 @@
-//! A browser without a window, by the `DevTools` protocol.
+//! Headless browser for tests, controlled by the `DevTools` protocol.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;

@@ -1,4 +1,4 @@
-//! `monitor --web` in a real browser.
+//! The browser view `loadtwin monitor --web` in a real browser.
 
 mod browser;
 

@@ -1,4 +1,5 @@
-//! Ten thousand runs with one fault each, on the host and on the emulated board.
+//! Fault-injection campaign of ten thousand runs with one fault each, on the host and on the
+//! emulated board: detection, recovery, finite numbers.
 
 use std::fs;
 use std::process::Command;

@@ -1,4 +1,5 @@
-//! A board that cannot go on stops, names the cause, and has written over nothing.
+//! Fatal errors of the emulated board: stack overflow and a stopped sample clock end in a fault
+//! or a watchdog reset.
 
 use std::thread;
 use std::time::Duration;

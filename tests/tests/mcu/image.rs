@@ -1,11 +1,12 @@
-//! The emulated board takes its model from two slots and from the bus.
+//! Model images on the emulated board: choice between two slots, upload over the bus, damaged
+//! images.
 
 use std::time::Duration;
 
 use loadtwin::can::Model;
 use loadtwin::key::SigningKey;
 use loadtwin::seal::seal;
-use loadtwin::upload::UploadError;
+use loadtwin::upload_protocol::UploadError;
 use loadtwin_common::io::frame::{
     DEFAULT_BASE, Frame, IDS_PER_MACHINE, Message, State, Status, StatusPage, decode,
 };

@@ -1,4 +1,4 @@
-//! The application on the emulated board says what it says on the host.
+//! Bit identity of the emulated board and the host for a gearbox and a rotor.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! No panic is reachable from a data-ready.
+//! Link test that no panic is reachable from the data-ready interrupt.
 
 use std::process::{Command, Output};
 

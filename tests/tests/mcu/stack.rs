@@ -1,4 +1,4 @@
-//! The deepest path through each board's program fits the board's stack.
+//! Worst-case stack depth of each board's program against the stack that it has.
 
 use std::process::Command;
 

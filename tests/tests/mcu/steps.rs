@@ -1,4 +1,4 @@
-//! Instructions of a step on the emulated Cortex-M4F against their bounds.
+//! Instructions of a filter step on the emulated Cortex-M4F against their bounds.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -6,8 +6,8 @@ use std::process::Command;
 use loadtwin::build::{self, Filter, Sensors};
 use loadtwin::machine::{Drift, Machine};
 use loadtwin::seal::seal;
-use loadtwin_common::counting::saved::MAX_BYTES;
-use loadtwin_firmware::counting;
+use loadtwin_common::counting::saved_counts::MAX_BYTES;
+use loadtwin_firmware::counting_test;
 use loadtwin_tests::emulator::MACHINE;
 use loadtwin_tests::firmware::{build_with, root};
 use loadtwin_tests::rotor::walk;
@@ -153,7 +153,7 @@ fn steps_stay_within_their_bounds() {
         assert!(steady >= 1000, "{text}");
     }
     let mut bytes = vec![0; MAX_BYTES];
-    let digest = counting::digest(45, 100_000, &mut bytes).unwrap();
+    let digest = counting_test::digest(45, 100_000, &mut bytes).unwrap();
     assert_eq!(number("counting_digest"), digest, "{text}");
     // Both hypotheses run, as they do in operation.
     assert!(number("bearing_line_most") > 70_000, "{text}");

@@ -1,3 +1,6 @@
+//! Unit tests of the fault isolation among redundant gauges: fault kinds, two faults at once,
+//! exchanged gauges, ambiguous cases.
+
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;

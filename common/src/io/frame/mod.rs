@@ -7,18 +7,18 @@
 #[cfg(test)]
 mod bytes;
 pub mod e2e;
-pub mod layout;
-mod load;
-mod raw;
-mod sensor;
-mod status;
+mod load_frame;
+mod raw_frame;
+mod sensor_frame;
+pub mod signal_layout;
+mod status_frame;
 
 use heapless::Vec;
 
-pub use crate::io::frame::load::LoadFrame;
-pub use crate::io::frame::raw::{RawAssembler, RawCounts};
-pub use crate::io::frame::sensor::SensorFrame;
-pub use crate::io::frame::status::{State, Status, StatusPage};
+pub use crate::io::frame::load_frame::LoadFrame;
+pub use crate::io::frame::raw_frame::{RawAssembler, RawCounts};
+pub use crate::io::frame::sensor_frame::SensorFrame;
+pub use crate::io::frame::status_frame::{State, Status, StatusPage};
 
 use crate::Error;
 use crate::image::Image;
@@ -145,22 +145,27 @@ pub enum Rejected {
 /// Why the frame was not taken.
 pub fn decode(base: u16, id: u16, data: &[u8]) -> Result<(Message, Option<u8>), Rejected> {
     let offset = id.wrapping_sub(base);
-    if !matches!(offset, layout::status::OFFSET..=layout::raw_index::OFFSET) {
+    if !matches!(
+        offset,
+        signal_layout::status::OFFSET..=signal_layout::raw_index::OFFSET
+    ) {
         return Err(Rejected::Foreign);
     }
     let data: [u8; 8] = data.try_into().map_err(|_| Rejected::Length)?;
-    if offset >= layout::raw_head::OFFSET {
+    if offset >= signal_layout::raw_head::OFFSET {
         return Ok((Message::Raw, None));
     }
     let counter = e2e::check(e2e::data_id(id), &data).ok_or(Rejected::Check)?;
     let payload = u64::from_le_bytes(data);
     let message = match offset {
-        layout::status::OFFSET => Status::decode(payload).map(|(s, page)| Message::Status(s, page)),
-        layout::sensor_health::OFFSET => {
+        signal_layout::status::OFFSET => {
+            Status::decode(payload).map(|(s, page)| Message::Status(s, page))
+        }
+        signal_layout::sensor_health::OFFSET => {
             SensorFrame::decode(payload).map(|(k, frame)| Message::Sensor(k, frame))
         }
         _ => LoadFrame::decode(payload)
-            .map(|frame| Message::Load(usize::from(offset - layout::load::OFFSET), frame)),
+            .map(|frame| Message::Load(usize::from(offset - signal_layout::load::OFFSET), frame)),
     };
     Ok((message.ok_or(Rejected::Content)?, Some(counter)))
 }
@@ -201,12 +206,12 @@ impl Decimation {
 #[derive(Clone, Debug)]
 pub struct FrameEncoder {
     base: u16,
-    scales: Vec<load::Scale, MAX_LOADS>,
+    scales: Vec<load_frame::Scale, MAX_LOADS>,
     loads_every: Decimation,
     sensors_every: Decimation,
     status_every: u32,
     since_status: u32,
-    status: status::Pages,
+    status: status_frame::Pages,
 }
 
 impl FrameEncoder {
@@ -244,7 +249,7 @@ impl FrameEncoder {
         }
         let mut scales = Vec::new();
         for full_scale in full_scales {
-            let scale = load::Scale::try_new(full_scale)?;
+            let scale = load_frame::Scale::try_new(full_scale)?;
             scales.push(scale).map_err(|_| Error::OutOfRange("loads"))?;
         }
         let loads_every = Decimation::at_most(MAX_LOAD_FRAMES_PER_S, rate_hz * scales.len() as f32);
@@ -255,7 +260,7 @@ impl FrameEncoder {
             sensors_every,
             status_every: libm::fmaxf(libm::rintf(rate_hz / STATUS_PAGES_PER_S), 1.0) as u32,
             since_status: 0,
-            status: status::Pages {
+            status: status_frame::Pages {
                 counter: 0,
                 page: 0,
                 image_hash,
@@ -277,7 +282,7 @@ impl FrameEncoder {
             sensors_every: Decimation { log2: 0 },
             status_every: 1,
             since_status: 0,
-            status: status::Pages::new(),
+            status: status_frame::Pages::new(),
         }
     }
 
@@ -295,7 +300,7 @@ impl FrameEncoder {
     /// in which they go on the bus.
     pub fn estimate(&self, estimate: &Estimate, mut send: impl FnMut(Frame)) {
         if let Some(number) = self.loads_every.number(estimate.tick) {
-            let first = self.base + layout::load::OFFSET;
+            let first = self.base + signal_layout::load::OFFSET;
             for ((id, load), scale) in (first..).zip(&estimate.loads).zip(&self.scales) {
                 let payload = LoadFrame::of(load, *scale).encode();
                 send(protected(id, number as u8, payload));
@@ -307,7 +312,7 @@ impl FrameEncoder {
                 .unwrap_or(0);
             if let Some(sensor) = estimate.sensors.get(which as usize) {
                 let payload = SensorFrame::of(sensor, estimate.homed).encode(which);
-                let id = self.base + layout::sensor_health::OFFSET;
+                let id = self.base + signal_layout::sensor_health::OFFSET;
                 send(protected(id, number as u8, payload));
             }
         }
@@ -323,16 +328,16 @@ impl FrameEncoder {
     pub fn status(&mut self, status: &Status) -> Frame {
         self.since_status = 0;
         let (counter, payload) = self.status.next(status);
-        protected(self.base + layout::status::OFFSET, counter, payload)
+        protected(self.base + signal_layout::status::OFFSET, counter, payload)
     }
 
     /// The classic frames of a raw sample, 1 to 7.
     pub fn raw(&self, sample: &RawSample, send: impl FnMut(Frame)) {
-        raw::split(self.base, sample, send);
+        raw_frame::split(self.base, sample, send);
     }
 
     /// The FD frame of a raw sample.
     pub fn raw_fd(&self, sample: &RawSample) -> FdFrame {
-        raw::to_fd(self.base, sample)
+        raw_frame::to_fd(self.base, sample)
     }
 }

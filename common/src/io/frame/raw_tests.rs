@@ -1,5 +1,8 @@
+//! Unit tests of raw-sample frames: round trip, lost, repeated and swapped frames, detection of
+//! bit errors.
+
 use crate::io::frame::DEFAULT_BASE;
-use crate::io::frame::raw::*;
+use crate::io::frame::raw_frame::*;
 
 fn sample(tick: u32) -> RawSample {
     let mut sample = RawSample {

@@ -5,9 +5,9 @@ use core::hint::black_box;
 
 use alloc::vec::Vec;
 use cortex_m_semihosting::hprintln;
-use loadtwin_common::counting::saved::MAX_BYTES;
+use loadtwin_common::counting::saved_counts::MAX_BYTES;
 use loadtwin_common::counting::{LevelScale, LoadCounts};
-use loadtwin_firmware::counting::{Load, digest, empty};
+use loadtwin_firmware::counting_test::{Load, digest, empty};
 
 use super::{STEPS, report, timer};
 
@@ -39,7 +39,7 @@ pub fn counting() {
     report("counting", |k| {
         counts.push(Some(black_box(torques[k as usize])), ADVANCE);
     });
-    let mut random = loadtwin_firmware::counting::Random::new(1);
+    let mut random = loadtwin_firmware::counting_test::Random::new(1);
     let torques: Vec<f32> = (0..STEPS).map(|_| 1000.0 * random.number()).collect();
     let mut counts = black_box(empty(1).unwrap());
     report("counting_white", |k| {

@@ -1,4 +1,5 @@
-//! Key pairs that model images are signed with (Ed25519, RFC 8032).
+//! Ed25519 key pairs (RFC 8032) that sign model images: generation, reading and writing of key
+//! files.
 //!
 //! Kept as PEM (PKCS #8 and `SubjectPublicKeyInfo`, RFC 8410), so that OpenSSL
 //! makes, reads and guards them as well.

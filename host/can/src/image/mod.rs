@@ -2,4 +2,4 @@
 
 pub mod key;
 pub mod seal;
-pub mod upload;
+pub mod upload_protocol;

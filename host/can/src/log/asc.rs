@@ -3,7 +3,7 @@
 //! Classic: `   0.000200 1  109             Rx   d 8 2C CB 01 00 0F 6A FE FF`, FD:
 //! `   0.000400 CANFD   1 Rx        10F   1 0 d 32 00 ...`; an `x` behind the identifier is 29 bits.
 
-use super::text::{Line, Parsed, bytes_of, number, time_us};
+use super::line_parsing::{Line, Parsed, bytes_of, number, time_us};
 use crate::bus_frame::{BusFrame, FrameKind};
 
 /// Bit of an FD line's flags: it is an FD frame. Lines of classic frames may be of this form, too.

@@ -7,7 +7,7 @@ use std::io::{self, Read};
 
 use flate2::read::ZlibDecoder;
 
-use super::text::Line;
+use super::line_parsing::Line;
 use crate::bus_frame::{BusFrame, FrameKind};
 
 const CONTAINER: u32 = 10;

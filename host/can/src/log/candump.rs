@@ -9,7 +9,7 @@
 //! | `-tA` | ` (2015-07-10 06:17:32.249713)  can0  501   [2]  00 11` |
 //! | `-x`, `-a` | ` (0.2)  can0  RX - -  501   [2]  00 11   '..'` |
 
-use super::text::{Line, Parsed, bytes_of, hex};
+use super::line_parsing::{Line, Parsed, bytes_of, hex};
 use crate::bus_frame::{BusFrame, ERROR_FLAG, FrameKind};
 
 /// Longest step of stamps that count from the frame before (us).

@@ -12,9 +12,9 @@
 mod asc;
 mod blf;
 mod candump;
-mod text;
+mod candump_writer;
+mod line_parsing;
 mod trc;
-mod writer;
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Chain, Cursor, Read};
@@ -29,9 +29,9 @@ use super::bus_frame::BusFrame;
 use asc::Asc;
 use blf::Blf;
 use candump::Candump;
-use text::{Line, Parsed};
+pub use candump_writer::{LOG, LogWriter};
+use line_parsing::{Line, Parsed};
 use trc::Trc;
-pub use writer::{LOG, LogWriter};
 
 /// Bytes by which a format is known.
 const HEAD: usize = 16 << 10;

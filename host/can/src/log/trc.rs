@@ -3,7 +3,7 @@
 //! `     1)       0.200  1  Rx        0109  -  8    2C CB ...` (1.3) or
 //! `      1       0.200 DT  1      0109 Rx -  8    2C CB ...` (2.1, by `;$COLUMNS=N,O,T,B,I,d,R,L,D`).
 
-use super::text::{Line, Parsed, bytes_of, hex, time_us};
+use super::line_parsing::{Line, Parsed, bytes_of, hex, time_us};
 use crate::bus_frame::{BusFrame, FrameKind};
 
 /// Reads lines.

@@ -7,7 +7,7 @@ use loadtwin_common::bearing::contact::Features;
 use loadtwin_common::bearing::{FEATURES, GAUGES, LOADS, ROWS};
 use rayon::prelude::*;
 
-use crate::bearing::calibration::{Calibration, Local};
+use crate::bearing::calibration_file::{Calibration, Local};
 use crate::bearing::design_matrix::{
     BULK_TERMS, COEFFICIENTS, DRIFT_TERMS, Normal, features, normal, rows,
 };

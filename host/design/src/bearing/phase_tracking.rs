@@ -4,8 +4,8 @@
 use loadtwin_common::bearing::harmonic_block::HarmonicBlock;
 use loadtwin_common::bearing::{BLOCK_HZ, BearingEstimator as Filter, BearingModel, LOADS, ROWS};
 
-use crate::bearing::build::model;
-use crate::bearing::calibration::Calibration;
+use crate::bearing::calibration_file::Calibration;
+use crate::bearing::model_image::model;
 use crate::bearing::rig_fit::{Rig, RigSample};
 use crate::error::BuildError;
 

@@ -7,7 +7,7 @@ use loadtwin_common::bearing::GAUGES;
 use loadtwin_common::bearing::contact::Features;
 use rayon::prelude::*;
 
-use crate::bearing::calibration::Calibration;
+use crate::bearing::calibration_file::Calibration;
 use crate::bearing::design_matrix::{COEFFICIENTS, features, normal, rows, weight};
 use crate::bearing::phase_tracking::CalibrationBlock;
 use crate::bearing::physical_parameters::{PARAMETERS, PhysicalParameters};

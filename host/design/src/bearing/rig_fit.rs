@@ -11,12 +11,12 @@ use loadtwin_common::bearing::{GAUGES, LOADS};
 use loadtwin_common::io::raw::RawSample;
 
 use crate::bearing::baseline::Baseline;
-use crate::bearing::calibration::Calibration;
+use crate::bearing::calibration_file::Calibration;
 use crate::bearing::gauge_calibration::{fit_gauges, uncertainty};
 use crate::bearing::phase_tracking::{CalibrationBlock, check_followed, track_phases};
 use crate::bearing::physical_fit::refine;
 use crate::error::BuildError;
-use crate::sensors::Sensors;
+use crate::sensor_set::Sensors;
 use loadtwin_machine::{Bearing, Machine};
 
 /// Times that phases are followed and gauges fitted in turn.

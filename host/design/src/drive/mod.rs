@@ -1,8 +1,8 @@
 //! Estimator design for a drive without strain gauges: model
 //! image, effects and filter noise from the balance of forces.
 
-mod build;
-mod effects;
-mod noise;
+mod effect_terms;
+mod filter_noise;
+mod model_image;
 
-pub use build::image;
+pub use model_image::image;

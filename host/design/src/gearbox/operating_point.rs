@@ -5,7 +5,7 @@ use faer::Mat;
 use loadtwin_common::drivetrain::{GearboxModel, LOADS, Role};
 use loadtwin_common::signal::phase::Phase;
 
-use crate::gearbox::torsion::Torsion;
+use crate::gearbox::torsional_model::Torsion;
 use loadtwin_machine::Drivetrain;
 
 /// `x+ = F x + w`, `y = H x + v` at one carrier angle under nominal loads, in the

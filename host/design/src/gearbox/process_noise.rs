@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use crate::gearbox::torsion::Torsion;
+use crate::gearbox::torsional_model::Torsion;
 use loadtwin_machine::Drivetrain;
 
 /// Standard deviation of each state's step with all parameters known, relative

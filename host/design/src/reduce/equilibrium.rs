@@ -1,4 +1,5 @@
-//! Quasi-static equilibrium: the torque of a gearbox as forces on its housing.
+//! Quasi-static equilibrium of a gearbox: forces of planets and bearings on its housing for 1 N
+//! m of carrier torque.
 
 use std::f64::consts::TAU;
 

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
-use crate::reduce::table::complete;
+use crate::reduce::csv_table::complete;
 use crate::reduce::{Node, ReduceError};
 use loadtwin_recording::Unit;
 

@@ -4,19 +4,19 @@
 //! its strains under unit loads, each times the force that the equilibrium of
 //! gears and bearings gives at that carrier angle.
 
+mod csv_table;
 mod equilibrium;
 mod error;
 mod frd;
-mod load;
-mod maps;
-mod table;
+mod load_cases;
+mod strain_maps;
 
 use std::path::Path;
 
 pub use crate::reduce::equilibrium::{Contact, Force, HousingForces, axes};
 pub use crate::reduce::error::ReduceError;
-pub use crate::reduce::load::{Axis, LoadCase, read_cases};
-pub use crate::reduce::maps::{GaugeMaps, Reduction};
+pub use crate::reduce::load_cases::{Axis, LoadCase, read_cases};
+pub use crate::reduce::strain_maps::{GaugeMaps, Reduction};
 
 use loadtwin_machine::Machine;
 use loadtwin_recording::Unit;
@@ -68,7 +68,7 @@ pub fn read_nodes(
     if is_frd {
         frd::read(strains, cases, length, wanted)
     } else {
-        table::read(strains, cases, wanted)
+        csv_table::read(strains, cases, wanted)
     }
 }
 

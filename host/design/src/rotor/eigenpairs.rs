@@ -5,8 +5,8 @@ use faer::linalg::solvers::{PartialPivLu, Solve};
 use faer::{Mat, c64};
 
 use crate::rotor::RotorError;
+use crate::rotor::fe_model::RotorModel;
 use crate::rotor::guyan_reduction::Reduced;
-use crate::rotor::model::RotorModel;
 
 /// Time after which free motion counts less: undamped motion has no end [s].
 const COUNTS_S: f64 = 10.0;

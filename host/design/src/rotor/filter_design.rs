@@ -10,11 +10,11 @@ use crate::error::BuildError;
 use crate::rotor::discretisation::{
     DiscreteModel, discrete, force_rotation, force_transition, held,
 };
+use crate::rotor::fe_model::RotorModel;
 use crate::rotor::gain_convergence::triangle;
 use crate::rotor::guyan_reduction::ReductionError;
-use crate::rotor::image::bytes;
 use crate::rotor::modal_truncation::{Coordinates, ModalModel, Ports, truncated};
-use crate::rotor::model::RotorModel;
+use crate::rotor::model_image::bytes;
 use crate::rotor::stability::Instability;
 use loadtwin_machine::{Channel, Drift, LoadKind, Machine, Rotor, Senses};
 

@@ -7,8 +7,8 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par, Scale, unzip, zip};
 
 use crate::rotor::RotorError;
+use crate::rotor::fe_model::RotorModel;
 use crate::rotor::guyan_reduction::Reduced;
-use crate::rotor::model::RotorModel;
 use loadtwin_machine::{Channel, Rotor, Senses};
 use loadtwin_math::exponential::exponential;
 

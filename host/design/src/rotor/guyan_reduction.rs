@@ -5,7 +5,7 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale, Side};
 
 use crate::rotor::RotorError;
-use crate::rotor::model::{BAND, RotorModel};
+use crate::rotor::fe_model::{BAND, RotorModel};
 use crate::rotor::modes::undamped_modes;
 
 /// Part of a vector that the others must leave over for it to count.

@@ -5,8 +5,8 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, c64};
 
 use crate::rotor::RotorError;
-use crate::rotor::element::NODE;
-use crate::rotor::model::RotorModel;
+use crate::rotor::beam_element::NODE;
+use crate::rotor::fe_model::RotorModel;
 
 /// A mass off the axis.
 #[derive(Clone, Copy, Debug, PartialEq)]

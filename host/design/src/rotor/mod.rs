@@ -1,39 +1,39 @@
 //! Rotor at design time: finite-element model, modes, responses, model reduction, design of the
 //! filter and its model image.
 
-mod deviation;
+mod beam_element;
 mod discretisation;
+mod displacement_deviation;
 mod eigenpairs;
-mod element;
+mod fe_model;
 mod filter_design;
 mod forced_simulation;
 mod gain_convergence;
 mod guyan_reduction;
 mod harmonic_response;
-mod image;
 mod modal_truncation;
-mod model;
+mod model_image;
 mod modes;
 mod phasor_inversion;
-mod response;
 mod stability;
-mod tolerance;
+mod time_response;
+mod tolerance_covariance;
 
 use thiserror::Error;
 
+pub use crate::rotor::beam_element::{ElementMatrices, ElementMatrix, NODE, ShaftElement};
 pub use crate::rotor::discretisation::{DiscreteModel, discrete, force_rotation, force_transition};
-pub use crate::rotor::element::{ElementMatrices, ElementMatrix, NODE, ShaftElement};
 pub use crate::rotor::forced_simulation::{ForcedRotor, ShaftRotation, SynchronousForce};
 
-pub use crate::rotor::deviation::{NodeDeviations, Uncertainty};
+pub use crate::rotor::displacement_deviation::{NodeDeviations, Uncertainty};
+pub use crate::rotor::fe_model::RotorModel;
 pub use crate::rotor::filter_design::RotorFilterDesign;
 pub use crate::rotor::guyan_reduction::{Reduced, ReductionError};
 pub use crate::rotor::harmonic_response::{Unbalance, unbalance_response};
-pub use crate::rotor::model::RotorModel;
 pub use crate::rotor::modes::{Mode, UndampedModes, campbell, modes, undamped_modes};
 pub use crate::rotor::phasor_inversion::PhasorInversion;
-pub use crate::rotor::response::TimeResponse;
 pub use crate::rotor::stability::Instability;
+pub use crate::rotor::time_response::TimeResponse;
 
 /// Why a rotor cannot be computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]

@@ -9,9 +9,9 @@ use rayon::prelude::*;
 
 use crate::rotor::RotorError;
 use crate::rotor::eigenpairs::Eigenpairs;
+use crate::rotor::fe_model::RotorModel;
 use crate::rotor::guyan_reduction::{Reduced, over, project};
 use crate::rotor::harmonic_response::forced_response;
-use crate::rotor::model::RotorModel;
 
 /// Undamped modes beyond four times the eigenpairs kept that these are computed in.
 const SPARE: usize = 24;

@@ -6,8 +6,8 @@ use faer::{Mat, Scale, Side, c64};
 use rayon::prelude::*;
 
 use crate::rotor::RotorError;
+use crate::rotor::fe_model::{BAND, RotorModel};
 use crate::rotor::guyan_reduction::project;
-use crate::rotor::model::{BAND, RotorModel};
 
 /// Modes beyond those asked for that the first guess is made of.
 const SPARE: usize = 14;

@@ -4,8 +4,8 @@
 use faer::linalg::solvers::SolveLstsq;
 use faer::{Mat, c64};
 
+use crate::rotor::fe_model::RotorModel;
 use crate::rotor::harmonic_response::forced_response;
-use crate::rotor::model::RotorModel;
 use loadtwin_machine::{Channel, Rotor, Senses};
 
 /// The 1x phasor inversion: `F = argmin |H(speed) F - Y|`, with `Y` the amplitudes of

@@ -4,8 +4,8 @@
 use faer::Mat;
 use faer::linalg::solvers::DenseSolveCore;
 
-use crate::effect::Scope;
-use crate::effect::fitted::FittedEffect;
+use crate::candidate_effect::Scope;
+use crate::candidate_effect::fitted::FittedEffect;
 use crate::regression::design_matrix::columns;
 use crate::regression::joint_fit::acts_on;
 use crate::regression::normal_equations::weighted_gram;

@@ -10,8 +10,8 @@ use serde::Serialize;
 use crate::assessment::binned_mean::{BinRange, Bins, binned, explained_by_bins, known};
 use crate::null_samples::NullSamples;
 use crate::residual_model::{Covariate, ResidualModel, common_covariates};
+use crate::sample_statistics::{gumbel_quantile, mean};
 use crate::selection::stepwise::Selection;
-use crate::statistics::{gumbel_quantile, mean};
 use loadtwin_math::metrics::Autocorrelation;
 
 /// Probability that any test of any residual of a fault-free machine is significant.

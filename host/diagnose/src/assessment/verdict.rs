@@ -3,16 +3,16 @@
 
 use crate::assessment::residual_excess::ResidualExcess;
 use crate::assessment::residual_tests::{ResidualTests, Test, TestResult};
-use crate::effect::Effect;
-use crate::effect::fitted::FittedEffect;
+use crate::candidate_effect::Effect;
+use crate::candidate_effect::fitted::FittedEffect;
 use crate::machine_kind::Diagnosable;
 use crate::null_samples::NullSamples;
 use crate::regression::cross_validation::RegressionData;
 use crate::regression::design_matrix::base_columns;
 use crate::residual_model::ResidualModel;
+use crate::sample_statistics::{mean_and_std, mean_square};
 use crate::selection::model_error::MEAN_SQUARE_TOLERANCE;
 use crate::selection::stepwise::Selection;
-use crate::statistics::{mean_and_std, mean_square};
 
 /// Part of the excess that the effects found must explain, or something else is missing.
 const MIN_EXPLAINED: f64 = 0.7;

@@ -7,14 +7,15 @@ use std::sync::Arc;
 use loadtwin_common::bearing::GAUGES;
 use serde_json::{Map, Value};
 
-use crate::bearing::context::BearingContext;
-use crate::bearing::recording::BearingRecording;
+use crate::bearing::recorded_blocks::BearingRecording;
+use crate::bearing::residual_computation::BearingContext;
 use crate::bearing::{
-    BearingResiduals, BearingSignal, BearingTarget, Kind, STREAMS, effect, null_distribution, write,
+    BearingResiduals, BearingSignal, BearingTarget, Kind, STREAMS, candidate_effect,
+    improved_description, null_distribution,
 };
+use crate::candidate_effect::Effect;
+use crate::candidate_effect::fitted::FittedEffect;
 use crate::diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput, SEED};
-use crate::effect::Effect;
-use crate::effect::fitted::FittedEffect;
 use crate::load_error::LoadErrors;
 use crate::machine_kind::Diagnosable;
 use crate::regression::joint_fit::residuals_after;
@@ -141,7 +142,7 @@ impl Diagnosable for BearingResiduals {
         diagnosis: &Diagnosis<Self>,
         path: &Path,
     ) -> Result<Vec<&'static str>, DiagnoseError> {
-        write::write(machine, diagnosis, path)
+        improved_description::write(machine, diagnosis, path)
     }
 
     /// Mean absolute residual, % of the mean strain that goes with the balls.
@@ -172,7 +173,7 @@ impl ResidualModel for BearingResiduals {
     type Target = BearingTarget;
 
     fn library() -> &'static [&'static dyn Effect<Self>] {
-        effect::LIBRARY
+        candidate_effect::LIBRARY
     }
 
     fn dt_s(&self) -> f64 {

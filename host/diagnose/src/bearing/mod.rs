@@ -5,18 +5,18 @@
 //! balls, along its prediction (local); of each row the lag of its cage. An
 //! offset that warms up is projected out of the bulk strain and of the regressors alike.
 
-mod context;
+mod candidate_effect;
 mod diagnosable;
-mod effect;
+mod improved_description;
 mod null_distribution;
-mod recording;
-mod write;
+mod recorded_blocks;
+mod residual_computation;
 
 use std::sync::Arc;
 
 use loadtwin_common::bearing::{GAUGES, ROWS};
 
-use crate::bearing::context::BearingContext;
+use crate::bearing::residual_computation::BearingContext;
 use loadtwin_machine::Machine;
 
 use crate::residual_model::SignalSet;

@@ -2,9 +2,9 @@
 //! of a described bending load, estimated from all strains by least squares.
 
 use crate::drivetrain::decimation::forward_filled;
-use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, ResidualSignal};
+use crate::drivetrain::residual_signals::{DrivetrainResiduals, Kind, ResidualSignal};
+use crate::sample_statistics::mean;
 use crate::smoothing::low_pass_dct;
-use crate::statistics::mean;
 use loadtwin_machine::{Drift, Machine};
 
 /// Highest frequency of the common load [Hz].

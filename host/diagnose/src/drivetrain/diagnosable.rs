@@ -5,16 +5,16 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
+use crate::candidate_effect::Effect;
+use crate::candidate_effect::fitted::FittedEffect;
 use crate::diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput, SEED};
-use crate::drivetrain::effect::{GaugeModel, LIBRARY};
+use crate::drivetrain::candidate_effect::{GaugeModel, LIBRARY};
 use crate::drivetrain::gauge_median::MIN_GAUGES;
 use crate::drivetrain::load_error::load_errors;
-use crate::drivetrain::residuals::{
+use crate::drivetrain::residual_signals::{
     DrivetrainResiduals, Kind, Regressor, ResidualSignal, TorqueSource,
 };
-use crate::drivetrain::{null_distribution, read, write};
-use crate::effect::Effect;
-use crate::effect::fitted::FittedEffect;
+use crate::drivetrain::{improved_description, null_distribution, residual_reader};
 use crate::load_error::LoadErrors;
 use crate::machine_kind::Diagnosable;
 use crate::residual_model::Columns;
@@ -59,7 +59,10 @@ impl Diagnosable for DrivetrainResiduals {
         progress(0.2);
         let null_samples = null_distribution::null_samples(machine, &mut recordings, SEED);
         for recording in &mut recordings {
-            read::remove_carrier_offset(&mut recording.residuals, recording.signals.count);
+            residual_reader::remove_carrier_offset(
+                &mut recording.residuals,
+                recording.signals.count,
+            );
         }
         for recording in recordings.iter_mut().chain(&mut holdout) {
             recording.mask_quantised_standstill();
@@ -77,7 +80,7 @@ impl Diagnosable for DrivetrainResiduals {
         diagnosis: &Diagnosis<DrivetrainResiduals>,
         path: &Path,
     ) -> Result<Vec<&'static str>, DiagnoseError> {
-        write::write(machine, diagnosis, path)
+        improved_description::write(machine, diagnosis, path)
     }
 
     fn errors(recordings: &[Self], found: &[FittedEffect<DrivetrainResiduals>]) -> LoadErrors {
@@ -341,7 +344,7 @@ fn read(machine: &Machine, paths: &[PathBuf]) -> Result<Vec<DrivetrainResiduals>
     let by = |torque_source: TorqueSource| {
         paths
             .iter()
-            .map(|path| read::read_residuals_given(machine, path, torque_source))
+            .map(|path| residual_reader::read_residuals_given(machine, path, torque_source))
             .collect::<Result<Vec<_>, _>>()
     };
     let mut recordings = by(TorqueSource::References)?;

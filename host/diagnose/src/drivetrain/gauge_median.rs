@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use crate::drivetrain::decimation::{forward_filled, interpolate_map};
 use crate::drivetrain::inverse_dynamics::ShaftTorques;
-use crate::drivetrain::recording::DrivetrainRecording;
+use crate::drivetrain::recorded_samples::DrivetrainRecording;
 use loadtwin_machine::{Channel, Drivetrain, Machine, MachineError, Senses, earlier};
 
 /// Gauges from which on one that is wrong is outvoted.

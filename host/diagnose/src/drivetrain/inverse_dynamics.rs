@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use crate::drivetrain::chain_response::{DrivenChain, ShaftResponse, shaft_rows};
-use crate::drivetrain::signals::Response;
+use crate::drivetrain::decimated_signals::Response;
 use crate::smoothing::smooth;
 use loadtwin_design::gearbox::Torsion;
 use loadtwin_machine::{CREEP, Drivetrain, Inertia, Machine};

@@ -3,9 +3,9 @@
 
 use crate::drivetrain::decimation::forward_filled;
 use crate::drivetrain::inverse_dynamics::InertiaMotion;
-use crate::drivetrain::recording::{DrivetrainRecording, derivatives};
+use crate::drivetrain::recorded_samples::{DrivetrainRecording, derivatives};
+use crate::sample_statistics::white_noise_std;
 use crate::smoothing::{smooth, wiener_denoise};
-use crate::statistics::white_noise_std;
 use loadtwin_design::gearbox::Torsion;
 use loadtwin_machine::{Drivetrain, Machine, Senses};
 use loadtwin_simulate::{Course, Demand};

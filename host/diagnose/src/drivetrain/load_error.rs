@@ -1,8 +1,8 @@
 //! Load error of a drivetrain by the strain residuals (weighted least squares over the gauges),
 //! without and with the effects found, as described and recalibrated.
 
-use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, TorqueSource};
-use crate::effect::fitted::FittedEffect;
+use crate::candidate_effect::fitted::FittedEffect;
+use crate::drivetrain::residual_signals::{DrivetrainResiduals, Kind, TorqueSource};
 use crate::load_error::means;
 use crate::load_error::{BeforeAfter, Interval, LoadErrors};
 use crate::regression::joint_fit::residuals_after;

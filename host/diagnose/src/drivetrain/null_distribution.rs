@@ -7,11 +7,11 @@ use rayon::prelude::*;
 
 use crate::diagnosis::DiagnoseError;
 use crate::drivetrain::chain_response::{DAMPING_TOLERANCE, TOLERANCE};
-use crate::drivetrain::read::{read_residuals_given, remove_carrier_offset};
-use crate::drivetrain::residuals::DrivetrainResiduals;
+use crate::drivetrain::residual_reader::{read_residuals_given, remove_carrier_offset};
+use crate::drivetrain::residual_signals::DrivetrainResiduals;
 use crate::null_samples::{NullSamples, resample_blocks};
 use crate::residual_model::ResidualModel;
-use crate::statistics::mean;
+use crate::sample_statistics::mean;
 use loadtwin_machine::Machine;
 use loadtwin_simulate::{Scenario, Simulation};
 

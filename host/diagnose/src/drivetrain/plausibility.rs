@@ -1,9 +1,9 @@
 //! Plausibility of a recording: refusal where torque and speed are negligible, too few samples are
 //! known, the torque balance fails, or gauges have the opposite sign.
 
-use crate::drivetrain::residuals::{DrivetrainResiduals, Kind, ResidualSignal};
-use crate::drivetrain::signals::Signals;
-use crate::statistics::mean_square;
+use crate::drivetrain::decimated_signals::Signals;
+use crate::drivetrain::residual_signals::{DrivetrainResiduals, Kind, ResidualSignal};
+use crate::sample_statistics::mean_square;
 
 /// Shortest recording that is tested [s].
 pub(crate) const SHORTEST_S: f64 = 10.0;

@@ -9,7 +9,7 @@ use std::borrow::Cow;
 
 use faer::Mat;
 
-use crate::effect::Effect;
+use crate::candidate_effect::Effect;
 use crate::regression::design_matrix::nuisances_of;
 use crate::regression::normal_equations::{
     CrossValidated, FOLDS, NormalEquations, cross_validate, dot, dots, symmetrise,

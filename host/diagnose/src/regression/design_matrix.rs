@@ -3,8 +3,8 @@
 
 use std::mem::take;
 
-use crate::effect::Effect;
-use crate::effect::fitted::{FittedEffect, is_free_signal};
+use crate::candidate_effect::Effect;
+use crate::candidate_effect::fitted::{FittedEffect, is_free_signal};
 use crate::regression::cross_validation::PriorColumn;
 use crate::residual_model::Columns;
 use crate::residual_model::{Nuisance, ResidualModel};

@@ -3,8 +3,8 @@
 
 use faer::Mat;
 
-use crate::effect::Scope;
-use crate::effect::fitted::{FittedEffect, is_free_signal};
+use crate::candidate_effect::Scope;
+use crate::candidate_effect::fitted::{FittedEffect, is_free_signal};
 use crate::regression::cross_validation::PriorColumn;
 use crate::regression::design_matrix::GAUSS_NEWTON_STEPS;
 use crate::regression::design_matrix::{

@@ -6,17 +6,20 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use crate::assessment::verdict::cannot_show;
+use crate::candidate_effect::fitted::FittedEffect;
+use crate::candidate_effect::{Effect, Scope};
 use crate::diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput, SEED};
-use crate::effect::fitted::FittedEffect;
-use crate::effect::{Effect, Scope};
 use crate::load_error::LoadErrors;
 use crate::machine_kind::Diagnosable;
 use crate::regression::joint_fit::residuals_after;
 use crate::residual_model::Columns;
 use crate::residual_model::SignalSet;
 use crate::residual_model::{Covariate, Nuisance, ResidualModel, Shaft};
-use crate::rotor::recording::RotorRecording;
-use crate::rotor::{RotorResiduals, RotorSignal, RotorTarget, effect, null_distribution, write};
+use crate::rotor::recorded_samples::RotorRecording;
+use crate::rotor::{
+    RotorResiduals, RotorSignal, RotorTarget, candidate_effect, improved_description,
+    null_distribution,
+};
 use crate::selection::stepwise::Selection;
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{LoadKind, Machine, RotorLoad};
@@ -64,7 +67,7 @@ impl Diagnosable for RotorResiduals {
         diagnosis: &Diagnosis<Self>,
         path: &Path,
     ) -> Result<Vec<&'static str>, DiagnoseError> {
-        write::write(machine, diagnosis, path)
+        improved_description::write(machine, diagnosis, path)
     }
 
     /// Mean absolute residual, % of the mean absolute displacement that the sensors see.
@@ -101,7 +104,7 @@ impl Diagnosable for RotorResiduals {
             format!(
                 "at one speed an unbalance does the same as {}: not to be distinguished; {} would",
                 silent.join(", "),
-                effect::RUN_UP
+                candidate_effect::RUN_UP
             )
         })
     }
@@ -113,7 +116,7 @@ impl ResidualModel for RotorResiduals {
     type Target = RotorTarget;
 
     fn library() -> &'static [&'static dyn Effect<Self>] {
-        effect::LIBRARY
+        candidate_effect::LIBRARY
     }
 
     fn dt_s(&self) -> f64 {

@@ -5,23 +5,23 @@
 //! the readings and of the regressors ([`crate::regression::projection`]). The part of an effect
 //! that an unbalance can imitate, as at one constant speed, is then not observable.
 
-mod context;
+mod candidate_effect;
 mod diagnosable;
-mod effect;
+mod improved_description;
 mod null_distribution;
-mod recording;
+mod recorded_samples;
+mod residual_computation;
 mod uncertain_parameters;
-mod write;
 
 use std::sync::Arc;
 
-use crate::rotor::context::RotorContext;
-use crate::rotor::recording::RotorRecording;
+use crate::rotor::recorded_samples::RotorRecording;
+use crate::rotor::residual_computation::RotorContext;
 use loadtwin_design::rotor::ShaftRotation;
 use loadtwin_machine::{Channel, Machine, Rotor, Senses};
 
+use crate::candidate_effect::Scope;
 use crate::diagnosis::DiagnoseError;
-use crate::effect::Scope;
 
 pub use crate::residual_model::SignalSet;
 
@@ -101,7 +101,7 @@ impl RotorResiduals {
     /// the standard deviations of these.
     fn effects(&self) -> Vec<(SignalSet, f64)> {
         let mut all = Vec::new();
-        for effect in effect::LIBRARY {
+        for effect in candidate_effect::LIBRARY {
             if effect
                 .nonlinear_parameters()
                 .iter()

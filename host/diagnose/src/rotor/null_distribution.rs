@@ -9,7 +9,7 @@ use crate::diagnosis::DiagnoseError;
 use crate::null_samples::{NullSamples, resample_blocks};
 use crate::residual_model::SignalSet;
 use crate::rotor::RotorResiduals;
-use crate::rotor::recording::RotorRecording;
+use crate::rotor::recorded_samples::RotorRecording;
 use crate::rotor::uncertain_parameters::UncertainParameter;
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::Machine;

@@ -6,15 +6,15 @@ use std::cmp::Ordering;
 
 use rayon::prelude::*;
 
-use crate::effect::Effect;
-use crate::effect::fitted::FittedEffect;
+use crate::candidate_effect::Effect;
+use crate::candidate_effect::fitted::FittedEffect;
 use crate::regression::cross_validation::{BaseModel, RegressionData};
 use crate::regression::design_matrix::{GAUSS_NEWTON_STEPS, columns};
 use crate::residual_model::Columns;
 use crate::residual_model::ResidualModel;
+use crate::sample_statistics::gumbel_quantile;
 use crate::selection::parameter_search::search_parameters;
 use crate::selection::score::{Candidate, CandidateScore};
-use crate::statistics::gumbel_quantile;
 
 /// Chance of an effect being named where there is none, over all candidates.
 const FALSE_ALARM: f64 = 0.005;

@@ -3,8 +3,8 @@
 
 use std::cmp::Ordering;
 
-use crate::effect::Effect;
-use crate::effect::fitted::{FittedEffect, is_free_signal};
+use crate::candidate_effect::Effect;
+use crate::candidate_effect::fitted::{FittedEffect, is_free_signal};
 use crate::regression::cross_validation::RegressionData;
 use crate::residual_model::ResidualModel;
 use crate::selection::candidates::{MIN_LOG_EVIDENCE, RankedCandidate, tie_tolerance};

@@ -1,7 +1,7 @@
 //! Validation of the effects found on hold-out recordings: a further effect that does not reduce
 //! the residuals there is removed.
 
-use crate::effect::fitted::FittedEffect;
+use crate::candidate_effect::fitted::FittedEffect;
 use crate::regression::joint_fit::{fit_jointly, residuals_after, subtract_effects};
 use crate::residual_model::ResidualModel;
 use crate::selection::stepwise::Selection;

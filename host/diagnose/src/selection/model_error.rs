@@ -1,8 +1,8 @@
 //! Model errors of the effects found: residuals of imperfect models, discounted from the evidence
 //! of a further candidate.
 
-use crate::effect::fitted::{FittedEffect, is_free_signal};
-use crate::effect::{Effect, Scope};
+use crate::candidate_effect::fitted::{FittedEffect, is_free_signal};
+use crate::candidate_effect::{Effect, Scope};
 use crate::regression::cross_validation::RegressionData;
 use crate::regression::design_matrix::columns;
 use crate::residual_model::ResidualModel;

@@ -1,6 +1,6 @@
 //! Search of the nonlinear parameters of an effect.
 
-use crate::effect::Effect;
+use crate::candidate_effect::Effect;
 use crate::regression::cross_validation::{BaseModel, RegressionData};
 use crate::regression::design_matrix::columns;
 use crate::residual_model::ResidualModel;

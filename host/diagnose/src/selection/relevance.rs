@@ -1,6 +1,6 @@
 //! Relevance of an effect: the part of the nominal load by which it changes what a sensor says of the load.
 
-use crate::effect::fitted::FittedEffect;
+use crate::candidate_effect::fitted::FittedEffect;
 use crate::regression::design_matrix::columns;
 use crate::residual_model::ResidualModel;
 

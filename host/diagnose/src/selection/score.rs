@@ -1,7 +1,7 @@
 //! Score of a candidate fitted beside the terms already in the model: cross-validated log-evidence,
 //! excess and linear parameters.
 
-use crate::effect::{Effect, Scope};
+use crate::candidate_effect::{Effect, Scope};
 use crate::regression::cross_validation::{BaseModel, RegressionData};
 use crate::regression::normal_equations::{
     CrossValidated, NormalEquations, cross_validate, solve_ridge, sum_folds,

@@ -1,7 +1,7 @@
 //! Stepwise selection: the best significant effect is added, superfluous ones are eliminated.
 
-use crate::effect::Effect;
-use crate::effect::fitted::{FittedEffect, is_free_signal};
+use crate::candidate_effect::Effect;
+use crate::candidate_effect::fitted::{FittedEffect, is_free_signal};
 use crate::null_samples::NullSamples;
 use crate::regression::cross_validation::{BaseModel, RegressionData};
 use crate::regression::design_matrix::{base_columns, columns_of, nuisances, with_effects};

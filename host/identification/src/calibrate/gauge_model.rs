@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::calibrate::description::{Description, DescriptionError, complete_map, map_file};
+use crate::calibrate::description_edits::{Description, DescriptionError, complete_map, map_file};
 use crate::calibrate::measurement_noise::{MeasurementNoise, NOISE_BINS, rms, step_function};
 use crate::calibrate::{CalibrateError, Gauge, MapSource};
 use loadtwin_files::atomic_file::{Complete, publish};

@@ -2,9 +2,9 @@
 //! cross-validation over turns of the carrier.
 
 use crate::calibrate::Patch;
-use crate::calibrate::moments::Moments;
-use crate::calibrate::placement::{Placement, fine};
-use crate::calibrate::surface::Surface;
+use crate::calibrate::channel_moments::Moments;
+use crate::calibrate::map_placement::{Placement, fine};
+use crate::calibrate::surface_fit::Surface;
 
 /// Which sensitivity the calibrated description gets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,34 +4,34 @@
 //! Reads recordings in two passes, the motion first and then the readings,
 //! and keeps sums over the carrier angle instead of samples.
 
-mod description;
-mod fault;
+mod channel_moments;
+mod description_edits;
 mod fit_inputs;
+mod gauge_fault;
 mod gauge_model;
+mod gauge_selection;
+mod map_placement;
 mod map_selection;
 mod measurement_noise;
-mod moments;
-mod motion;
-mod page;
-mod placement;
-mod selection;
-mod surface;
+mod recorded_motion;
+mod report_page;
+mod surface_fit;
 
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 use thiserror::Error;
 
-pub use crate::calibrate::description::{Description, DescriptionError, map_file};
-pub use crate::calibrate::fault::GaugeFault;
+pub use crate::calibrate::channel_moments::{BINS, Moments, Sums};
+pub use crate::calibrate::description_edits::{Description, DescriptionError, map_file};
+pub use crate::calibrate::gauge_fault::GaugeFault;
 pub use crate::calibrate::gauge_model::{calibrated, maps_beside, with_noise};
+pub use crate::calibrate::gauge_selection::{Candidate, fronts, select};
+pub use crate::calibrate::map_placement::{Placement, fine};
 pub use crate::calibrate::map_selection::MapSource;
-pub use crate::calibrate::moments::{BINS, Moments, Sums};
-pub use crate::calibrate::motion::Motion;
-pub use crate::calibrate::page::{Proposal, page};
-pub use crate::calibrate::placement::{Placement, fine};
-pub use crate::calibrate::selection::{Candidate, fronts, select};
-pub use crate::calibrate::surface::Surface;
+pub use crate::calibrate::recorded_motion::Motion;
+pub use crate::calibrate::report_page::{Proposal, page};
+pub use crate::calibrate::surface_fit::Surface;
 pub use measurement_noise::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
 
 use self::fit_inputs::Answered;
@@ -198,7 +198,7 @@ impl Observations {
                     let Some(column) = column else { return };
                     let (channel, answered) = (job.channel, &job.answered);
                     let stuck_after = match channel.stuck_after() {
-                        0 => (fault::STUCK_AFTER_S * machine.rate_hz) as u32,
+                        0 => (gauge_fault::STUCK_AFTER_S * machine.rate_hz) as u32,
                         words => u32::from(words),
                     };
                     for (i, value) in column.iter().enumerate() {
@@ -395,7 +395,7 @@ pub fn calibrate(
             let described = channel.to_si(channel.offset);
             let surface = Surface::fit(moments, map.len() > 1);
             let placement = Placement::fit(moments, map, patch, described, patch_rad);
-            let fault = fault::of_gauge(
+            let fault = gauge_fault::of_gauge(
                 moments,
                 observations.samples,
                 placement.as_ref().map(|p| p.gain),
@@ -467,7 +467,7 @@ fn name_swapped(machine: &Machine, jobs: &[Job<'_>], gauges: &mut [Gauge]) {
             .iter()
             .map(|&j| (jobs[j].2, jobs[j].3.as_slice()))
             .collect();
-        for (a, b) in fault::swapped(&readings) {
+        for (a, b) in gauge_fault::swapped(&readings) {
             for (one, other) in [(group[a], group[b]), (group[b], group[a])] {
                 let name = machine.channels[jobs[other].0].name.clone();
                 gauges[one].fault = Some(GaugeFault::SwappedWith(name));

@@ -2,12 +2,12 @@
 //! al. 2023, and maximum likelihood of the innovations.
 
 mod evaluation;
-mod page;
-mod trial;
+mod filter_trial;
+mod report_page;
 
 pub use crate::rotor_tune::evaluation::{Evaluation, evaluate};
-pub use crate::rotor_tune::page::page;
-pub use crate::rotor_tune::trial::{Outcome, Trial};
+pub use crate::rotor_tune::filter_trial::{Outcome, Trial};
+pub use crate::rotor_tune::report_page::page;
 
 use crate::tune::{Evolution, Training, TuneError, pattern_search};
 use loadtwin_design::build::Sensors;

@@ -2,26 +2,26 @@
 //! measurement noise, hold-out comparison; the minimisers.
 
 mod differential_evolution;
+mod filter_trial;
 mod frequency_response;
-mod holdout;
+mod holdout_comparison;
 mod load_noise;
-mod page;
 mod parameter_noise;
 mod pattern_search;
-mod trial;
+mod report_page;
 
 use thiserror::Error;
 
 pub use crate::calibrate::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
 pub use crate::tune::differential_evolution::Evolution;
+pub(crate) use crate::tune::filter_trial::starts;
+pub use crate::tune::filter_trial::{Outcome, Training, Trial};
 pub use crate::tune::frequency_response::{FrequencyResponse, Weighting};
-pub use crate::tune::holdout::{Check, Descriptions, HOLDOUT_PART, Holdout};
+pub use crate::tune::holdout_comparison::{Check, Descriptions, HOLDOUT_PART, Holdout};
 pub use crate::tune::load_noise::{LoadNoise, Method, Tuned, common_walk, tune_loads};
-pub use crate::tune::page::{page, reached_hz};
 pub use crate::tune::parameter_noise::sampled_process_noise;
 pub use crate::tune::pattern_search::pattern_search;
-pub(crate) use crate::tune::trial::starts;
-pub use crate::tune::trial::{Outcome, Training, Trial};
+pub use crate::tune::report_page::{page, reached_hz};
 
 use crate::calibrate::CalibrateError;
 use loadtwin_design::build::BuildError;

@@ -4,12 +4,12 @@
 //! µm/m and mV/V: multiply by [`MICROSTRAIN`] and [`MV_PER_V`] on the way in, divide on the way out.
 
 mod bridge;
-mod calibration;
 mod rosette;
+mod zero_and_shunt;
 
 pub use bridge::{BridgeKind, Calibration, StrainBridge, TensionReads};
-pub use calibration::{CalibrationError, ShuntReading, Simulates, calibrate};
 pub use rosette::{PlaneStrain, PrincipalStrains, Rosette};
+pub use zero_and_shunt::{CalibrationError, ShuntReading, Simulates, calibrate};
 
 /// One µm/m in m/m.
 pub const MICROSTRAIN: f64 = 1e-6;

@@ -1,4 +1,5 @@
-//! Autocorrelation of an innovation sequence.
+//! Autocorrelation of an innovation sequence at its first lags, sample by sample, with the 99 %
+//! bound of whiteness.
 
 /// Lags that are looked at, as in the usual whiteness plot.
 pub const LAGS: usize = 25;

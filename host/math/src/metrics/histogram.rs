@@ -1,4 +1,4 @@
-//! Histogram over a fixed range.
+//! Histogram of normalised innovations over a fixed range, sample by sample.
 
 /// Counts in bins of equal width over `low <= x < high`, and how many lie outside.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,15 +2,15 @@
 //! memory; intervals of mean differences and of errors on other recordings.
 
 mod autocorrelation;
-mod error;
 mod histogram;
+mod load_error;
 mod nis;
-mod paired;
-mod prediction;
+mod paired_difference;
+mod prediction_interval;
 
 pub use autocorrelation::{Autocorrelation, LAGS};
-pub use error::{ErrorFigures, LoadError, Segment};
 pub use histogram::Histogram;
+pub use load_error::{ErrorFigures, LoadError, Segment};
 pub use nis::{NisConsistency, chi_squared_bounds, chi_squared_quantile};
-pub use paired::PairedDifference;
-pub use prediction::{Stretch, prediction_interval, relative_variance};
+pub use paired_difference::PairedDifference;
+pub use prediction_interval::{Stretch, prediction_interval, relative_variance};

@@ -1,4 +1,5 @@
-//! A recording as record batches of Arrow, from memory or from a stream.
+//! A recording as record batches of Arrow, from memory or from a stream: reading as rows, and
+//! writing as Parquet.
 
 use std::fmt;
 use std::fs::File;
@@ -11,8 +12,8 @@ use parquet::arrow::ArrowWriter;
 
 use super::ArrowTable;
 use crate::error::{Problem, RecordingError};
-use crate::layout::{Column, CsvLayout};
-use crate::source::Output;
+use crate::recording_layout::{Column, CsvLayout};
+use crate::row_source::Output;
 use crate::{BLOCK_ROWS, clipped};
 
 type Stream = Box<dyn Iterator<Item = Result<RecordBatch, ArrowError>> + Send>;

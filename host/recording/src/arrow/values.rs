@@ -1,4 +1,4 @@
-//! Values of an Arrow column as f64.
+//! Conversion of Arrow columns of any numeric, time or dictionary type to f64.
 use arrow_array::cast::AsArray;
 use arrow_array::types::{
     ArrowPrimitiveType, Decimal32Type, Decimal64Type, Decimal128Type, Float16Type, Float32Type,

@@ -5,7 +5,7 @@ use std::cell::Cell as Remembered;
 use chrono::{DateTime, FixedOffset, NaiveDateTime};
 
 use super::number;
-use crate::layout::{ChannelLayout, ColumnType};
+use crate::recording_layout::{ChannelLayout, ColumnType};
 
 /// How the cells of a column are read.
 #[derive(Debug)]

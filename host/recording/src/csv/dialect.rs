@@ -1,7 +1,7 @@
 //! Delimiter and decimal sign of a text file: as the layout states, else recognised from the first
 //! rows.
 use crate::error::Problem;
-use crate::layout::CsvLayout;
+use crate::recording_layout::CsvLayout;
 
 use super::cells::Cells;
 use super::number;

@@ -2,7 +2,7 @@
 //! kind of each column, by the first rows.
 use crate::channel_names::name_time;
 use crate::error::Problem;
-use crate::layout::{Column, CsvLayout};
+use crate::recording_layout::{Column, CsvLayout};
 use crate::{Unit, shown};
 
 use super::cell::{Kind, recognise};

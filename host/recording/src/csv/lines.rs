@@ -1,4 +1,5 @@
-//! Lines of a text file in UTF-8, whatever its encoding.
+//! Reader of the lines of a text file of any encoding (UTF-8, UTF-16, Windows-1252), converted
+//! to UTF-8.
 use std::fs::File;
 use std::io::{Cursor, Read};
 use std::ops::Range;
@@ -8,7 +9,7 @@ use encoding_rs::{Encoding, UTF_8, UTF_16BE, UTF_16LE, WINDOWS_1252};
 use encoding_rs_io::DecodeReaderBytesBuilder;
 
 use crate::error::Problem;
-use crate::layout::CsvLayout;
+use crate::recording_layout::CsvLayout;
 
 /// Size of the read buffer and so the longest line: what is longer is no CSV.
 const BUFFER: usize = 1 << 20;

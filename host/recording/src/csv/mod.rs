@@ -13,8 +13,8 @@ mod outline;
 use std::path::Path;
 
 use super::error::{FINITE, FINITE_TIME, NO_NAN, Problem, Row};
-use super::layout::{Column, CsvLayout, WrittenNan};
-use super::source::{Output, Rows};
+use super::recording_layout::{Column, CsvLayout, WrittenNan};
+use super::row_source::{Output, Rows};
 use super::{BLOCK_ROWS, shown};
 pub(super) use cell::Kind;
 use cells::Cells;

@@ -11,7 +11,7 @@ use super::lines::Lines;
 use super::number;
 use crate::Unit;
 use crate::error::Problem;
-use crate::layout::{ColumnType, CsvLayout};
+use crate::recording_layout::{ColumnType, CsvLayout};
 
 /// Begins of comment lines that headers are found behind.
 const COMMENTS: &[char] = &['%', '#', '/', '!', '*'];

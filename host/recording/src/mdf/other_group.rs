@@ -2,7 +2,7 @@
 //! the same rate, linear interpolation of a slower group, mean over a period of a faster one.
 use std::collections::VecDeque;
 
-use super::track::Stream;
+use super::channel_track::Stream;
 use crate::error::{Problem, Row};
 
 /// How the samples of another group become samples of the recording.

@@ -1,4 +1,5 @@
-//! Unsorted data groups, cut into data blocks of whole records.
+//! `WholeRecords`, the bytes of an MDF4 file in which records that are split between data
+//! blocks are presented as blocks of whole records, for the decoder of unsorted data groups.
 //!
 //! ASAM MDF 4.1 lets a record of an unsorted group begin in one data block and end
 //! in the next. `falcon_mdf` 0.7 looks for records in each block on its own and

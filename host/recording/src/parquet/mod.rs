@@ -13,8 +13,8 @@ use parquet::arrow::arrow_reader::{
 
 use super::arrow::{ArrowTable, is_number};
 use super::error::Problem;
-use super::layout::{Column, CsvLayout};
-use super::source::Output;
+use super::recording_layout::{Column, CsvLayout};
+use super::row_source::Output;
 use super::{BLOCK_ROWS, clipped};
 use page_size::Bounded;
 

@@ -4,7 +4,7 @@
 use std::f64::consts::TAU;
 
 use super::SensorConsistency;
-use crate::correction::Correction;
+use crate::reading_correction::Correction;
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{Channel, Machine, Senses};
 

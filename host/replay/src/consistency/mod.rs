@@ -1,27 +1,28 @@
-//! Whether description and recording agree, and the likely cause where they do not.
+//! Consistency check of description and recording in a replay: sensors, references and index
+//! pulses, and the likely cause of a disagreement.
 //!
 //! Summed up from the innovations of each sensor: the part of its readings beyond three standard
 //! deviations. Where that is more than noise makes, causes are tested as hypotheses: the recording is
 //! read as each of them says, and the one with the highest likelihood is named if it restores
 //! consistency.
 
-mod counter;
+mod cause_search;
+mod counter_wrap;
 mod hypothesis;
-mod index;
-mod references;
-mod search;
-mod sensor;
+mod index_pulses;
+mod reference_loads;
+mod sensor_consistency;
 
 use std::path::Path;
 
 use loadtwin_common::io::estimate::Estimate;
 use serde::Serialize;
 
-use self::counter::Counter;
-use self::index::IndexPulses;
-use self::references::ReferenceConsistency;
-pub use self::sensor::SensorConsistency;
-use self::sensor::contradicts;
+use self::counter_wrap::Counter;
+use self::index_pulses::IndexPulses;
+use self::reference_loads::ReferenceConsistency;
+pub use self::sensor_consistency::SensorConsistency;
+use self::sensor_consistency::contradicts;
 use super::Sample;
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::Machine;
@@ -150,7 +151,7 @@ impl Consistency {
         let outside = self.references.iter().any(ReferenceConsistency::is_outside);
         if contradicted || outside || mostly_faulty.is_some() {
             let from = self.contradicted_at;
-            let found = search::cause((machine, sensors), path, &self.sensors, from);
+            let found = cause_search::cause((machine, sensors), path, &self.sensors, from);
             if found.is_some() {
                 return found;
             }

@@ -4,8 +4,8 @@
 mod count;
 mod figures;
 mod json;
-mod page;
-mod text;
+mod report_page;
+mod text_output;
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -16,8 +16,8 @@ use serde_json::{Map, Value, json};
 
 use self::count::Counted;
 use self::figures::Figures;
-use super::output::{say, shown_all};
-use super::plan::{Plan, Replace};
+use super::file_plan::{Plan, Replace};
+use super::printing::{say, shown_all};
 use crate::atomic_file::publish;
 use crate::life::{Beyond, COUNTS, CountsTable, EXPONENTS, Loads, SnCurve};
 use crate::origin::with_origin;
@@ -151,7 +151,7 @@ impl Life {
             );
         } else {
             for (counted, figures) in counted.iter().zip(&figures) {
-                text::print(counted, figures, period_s);
+                text_output::print(counted, figures, period_s);
             }
         }
         Ok(())
@@ -161,7 +161,7 @@ impl Life {
     fn write(&self, counted: &[Counted], figures: &[Figures], period_s: f64) -> anyhow::Result<()> {
         let mut complete = Vec::new();
         if let Some(path) = &self.report {
-            let page = page::report(&self.files, counted, figures, period_s);
+            let page = report_page::report(&self.files, counted, figures, period_s);
             complete.push(with_origin(page, None).complete(path)?);
         }
         if let Some(path) = &self.output {

@@ -1,7 +1,7 @@
 //! The command `loadtwin replay`: runs the estimator on a recording with one set of sensors or all,
 //! and reports the error; writes estimates, filter state and a page with plots.
 
-mod text;
+mod text_output;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -15,9 +15,9 @@ use serde_json::{Value, json};
 
 use crate::atomic_file::{AtomicFile, publish};
 use crate::build::{self, Filter, Sensors};
-use crate::cli::layout::LayoutFile;
-use crate::cli::output::{say, shown};
-use crate::cli::plan::{Plan, Replace};
+use crate::cli::file_plan::{Plan, Replace};
+use crate::cli::layout_option::LayoutFile;
+use crate::cli::printing::{say, shown};
 use crate::cli::progress::Progress;
 use crate::cli::spool::spooled;
 use crate::files::bounded::read;
@@ -30,8 +30,8 @@ use crate::replay::{
 };
 use crate::report::{PAGE, Report};
 
-pub(super) use text::print_table;
-use text::{print_baselines, print_displacements, print_flags, print_phasor, print_sizes};
+pub(super) use text_output::print_table;
+use text_output::{print_baselines, print_displacements, print_flags, print_phasor, print_sizes};
 
 /// Run the estimator on a recording and report its error.
 #[derive(Debug, Args)]

@@ -1,8 +1,8 @@
 //! The two algorithms of Kerst et al. 2019, to compare the joint filter with: the cascade of
 //! strain-model and load-model filters, and the regression of the bulk strain.
 
+mod baseline_comparison;
 mod cascade;
-mod comparison;
 mod load_model;
 mod regression;
 mod strain_model;
@@ -10,7 +10,7 @@ mod strain_model;
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 
-pub use crate::bearing::baseline::comparison::{Comparison, METHODS, PUBLISHED, Rmse};
+pub use crate::bearing::baseline::baseline_comparison::{Comparison, METHODS, PUBLISHED, Rmse};
 pub use crate::bearing::baseline::regression::Regression;
 pub use crate::bearing::baseline::strain_model::StrainModel;
 

@@ -1,0 +1,409 @@
+//! Report page of a diagnosis: verdict, effects found, check of the filter, ranking of candidates,
+//! tests of residuals and innovations, and plots of residuals before and after.
+
+use crate::assessment::parameter_std::parameter_stds;
+use crate::assessment::verdict::cannot_show;
+use crate::candidate_effect::Scope;
+use crate::diagnosis::Diagnosis;
+use crate::filter_check::FilterCheck;
+use crate::machine_kind::Diagnosable;
+use crate::{Innovations, Interval, Verdict};
+use loadtwin_machine::Machine;
+use loadtwin_replay::Comparison;
+use loadtwin_report::{
+    Axis, Data, KeyFigure, Mark, Plot, PlotSize, Report, Role, ScatterSample, Section, Series,
+    Table,
+};
+
+/// Points of a plot.
+const POINTS: usize = 3000;
+
+/// Verdict, ranking, errors, and the residuals before and after over all that the recording
+/// shows.
+pub fn page<S: Diagnosable>(
+    machine: &Machine,
+    recording: &str,
+    diagnosis: &Diagnosis<S>,
+    innovations: &[Innovations],
+    filter: Option<&FilterCheck>,
+) -> Report {
+    let errors = &diagnosis.errors;
+    Report {
+        title: format!("{}: diagnosis", machine.name),
+        facts: facts(recording, diagnosis),
+        key_figures: [
+            ("as described", errors.nominal.before),
+            ("as described, with what was found", errors.nominal.after),
+            ("recalibrated", errors.recalibrated.before),
+            (
+                "recalibrated, with what was found",
+                errors.recalibrated.after,
+            ),
+        ]
+        .into_iter()
+        .map(|(label, figure)| KeyFigure {
+            label: label.into(),
+            value: figure
+                .value_percent
+                .map_or_else(|| "–".into(), |v| format!("{v:.3} %")),
+            note: note(figure),
+        })
+        .collect(),
+        tables: (effects_table(diagnosis).into_iter())
+            .chain(filter.map(filter_table))
+            .chain([
+                ranking(diagnosis),
+                residual_table(diagnosis),
+                residual_test_table(diagnosis),
+                nis_table(innovations),
+            ])
+            .collect(),
+        time: None,
+        sections: top_residuals(diagnosis)
+            .into_iter()
+            .map(|k| section(diagnosis, k))
+            .collect(),
+    }
+}
+
+/// Recording and verdict; what else it may be, what to record next, what the recording does not show.
+fn facts<S: Diagnosable>(recording: &str, diagnosis: &Diagnosis<S>) -> Vec<[String; 2]> {
+    let selection = &diagnosis.selection;
+    let mut facts = vec![
+        ["Recording".into(), recording.into()],
+        ["Verdict".into(), headline(&diagnosis.verdict)],
+    ];
+    let mut add = |label: &str, value: String| {
+        if !value.is_empty() {
+            facts.push([label.into(), value]);
+        }
+    };
+    let named = diagnosis.verdict.named(selection);
+    for found in named {
+        let effect = found.effect.name();
+        add(
+            &format!("Instead of {effect}"),
+            found.indistinguishable_from.join(", "),
+        );
+    }
+    if let Some(ambiguous) = named.iter().find(|found| found.is_ambiguous()) {
+        add(
+            "Record next",
+            ambiguous.effect.recommended_experiment().into(),
+        );
+    }
+    let negligible: Vec<&str> = (selection.negligible.iter())
+        .map(|f| f.effect.name())
+        .collect();
+    add(
+        "Significant, but negligible for the load",
+        negligible.join(", "),
+    );
+    add(
+        "Not shown by this recording",
+        cannot_show(selection).join(", "),
+    );
+    add(
+        "Note",
+        diagnosis.recordings[0]
+            .remarks(selection)
+            .unwrap_or_default(),
+    );
+    facts
+}
+
+/// Each effect found with its parameters, and their standard deviations where they are linear.
+fn effects_table<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Option<Table> {
+    let recordings = &diagnosis.recordings;
+    let mut rows = Vec::new();
+    for found in diagnosis.verdict.named(&diagnosis.selection) {
+        let effect = found.effect;
+        let place = effect
+            .location(&recordings[0], &found.shape)
+            .unwrap_or_default();
+        let mut row = |place: &str, parameter: String, value: String, std: String| {
+            let what = [effect.name(), effect.description(), place].map(str::to_owned);
+            rows.push([&what[..], &[parameter, value, std]].concat());
+        };
+        for (parameter, value) in effect.nonlinear_parameters().iter().zip(&found.shape) {
+            let name = format!("{} [{}]", parameter.name, parameter.unit);
+            row(
+                &place,
+                name.replace(" []", ""),
+                significant(*value),
+                String::new(),
+            );
+        }
+        let stds = parameter_stds(recordings, found, &diagnosis.selection.residuals_after);
+        let acting = (0..stds.len()).filter(|k| !found.parameters[*k].is_empty());
+        let shown = match effect.scope() {
+            Scope::Machine => 1,
+            Scope::PerSignal => stds.len(),
+        };
+        for k in acting.take(shown) {
+            let place = match effect.scope() {
+                Scope::Machine => &place,
+                Scope::PerSignal => recordings[0].name(k),
+            };
+            let values = found.parameters[k].iter().zip(&stds[k]);
+            for (parameter, (value, std)) in effect.linear_parameters().iter().zip(values) {
+                row(
+                    place,
+                    parameter.name.into(),
+                    significant(*value),
+                    significant(*std),
+                );
+            }
+        }
+    }
+    (!rows.is_empty()).then(|| Table {
+        caption: "Effects found".into(),
+        head: [
+            "Effect",
+            "what it is",
+            "where",
+            "parameter",
+            "value",
+            "standard deviation",
+        ]
+        .map(String::from)
+        .to_vec(),
+        rows,
+    })
+}
+
+/// Three significant digits.
+fn significant(value: f64) -> String {
+    if value == 0.0 || (1e-2..1e4).contains(&value.abs()) {
+        let digits = 2 - value.abs().max(1e-2).log10().floor() as i32;
+        format!("{value:.*}", digits.max(0) as usize)
+    } else {
+        format!("{value:.2e}")
+    }
+}
+
+/// The estimator before and after.
+fn filter_table(check: &FilterCheck) -> Table {
+    let of = |sets: &[Comparison], effects: &str| -> Vec<Vec<String>> {
+        let mut rows = Vec::new();
+        for set in sets {
+            let worse = if set.is_worse() { "worse" } else { "" };
+            for [figure, change] in set.rows() {
+                let cells = [&set.sensors, effects, &figure, &change, worse];
+                rows.push(cells.map(str::to_owned).to_vec());
+            }
+        }
+        rows
+    };
+    let mut rows = of(&check.sets, "all");
+    rows.extend(of(
+        &check.sets_without,
+        &format!("without {}", check.left_out.join(", ")),
+    ));
+    Table {
+        caption: format!(
+            "Estimator as described and with what was found (95 % interval of the difference), on {}",
+            check.data()
+        ),
+        head: ["Sensors", "Effects", "Figure", "Before → after", ""]
+            .map(String::from)
+            .to_vec(),
+        rows,
+    }
+}
+
+/// The verdict in words.
+pub fn headline(verdict: &Verdict) -> String {
+    match verdict {
+        Verdict::None => "nothing is missing that this recording shows".into(),
+        Verdict::Effects(names) => format!("missing: {}", names.join(", ")),
+        Verdict::Inseparable(names) if names.len() == 1 => {
+            format!(
+                "missing: {}, and this recording cannot tell where",
+                names[0]
+            )
+        }
+        Verdict::Inseparable(names) => format!(
+            "one of these, which this recording cannot tell apart: {}",
+            names.join(", ")
+        ),
+        Verdict::Unknown => "something is missing that no candidate explains".into(),
+    }
+}
+
+fn note(figure: Interval) -> String {
+    figure
+        .interval_percent
+        .map_or_else(String::new, |[low, high]| {
+            format!("{low:.3} to {high:.3} %, mean absolute error over nominal")
+        })
+}
+
+fn ranking<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Table {
+    Table {
+        caption: "Candidates: logarithm of the evidence on blocks left out; the largest margin over chance first".into(),
+        head: ["Candidate", "what it is", "evidence", "by chance"]
+            .map(String::from)
+            .to_vec(),
+        rows: diagnosis
+            .selection
+            .ranking
+            .iter()
+            .map(|r| {
+                vec![
+                    r.effect.name().into(),
+                    r.effect.description().into(),
+                    format!("{:.1}", r.score.log_evidence),
+                    r.threshold
+                        .map_or_else(|| "–".into(), |t| format!("{t:.1}")),
+                ]
+            })
+            .collect(),
+    }
+}
+
+fn residual_table<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Table {
+    Table {
+        caption: "Residuals: mean square over that of the machine without effect".into(),
+        head: ["Residual", "before", "after", "Hz", "per turn"]
+            .map(String::from)
+            .to_vec(),
+        rows: diagnosis
+            .residual_excesses
+            .iter()
+            .map(|o| {
+                vec![
+                    o.channel.clone(),
+                    format!("{:.2}", o.before),
+                    format!("{:.2}", o.after),
+                    format!("{:.1}", o.frequency_hz),
+                    format!("{:.1}", o.order),
+                ]
+            })
+            .collect(),
+    }
+}
+
+fn residual_test_table<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Table {
+    let rows = diagnosis.residual_tests.iter().flat_map(|tests| {
+        tests.significant().into_iter().map(|tested| {
+            vec![
+                tests.channel.clone(),
+                tested.to_string(),
+                format!("{:.2}", tested.before),
+                format!("{:.2}", tested.after),
+                tested
+                    .by_chance
+                    .map_or_else(|| "–".into(), |c| format!("{c:.2}")),
+            ]
+        })
+    });
+    Table {
+        caption: "What residuals go with, where that is more than chance".into(),
+        head: ["Residual", "goes with", "before", "after", "by chance"]
+            .map(String::from)
+            .to_vec(),
+        rows: rows.collect(),
+    }
+}
+
+fn nis_table(innovations: &[Innovations]) -> Table {
+    let figure = |value: Option<f64>| value.map_or_else(|| "–".into(), |v| format!("{v:.2}"));
+    let rows = innovations.iter().flat_map(|of| {
+        of.of.iter().map(move |sensor| {
+            vec![
+                of.recording.display().to_string(),
+                of.sensors.clone(),
+                sensor.sensor.clone(),
+                figure(sensor.bias),
+                figure(sensor.nis),
+                figure(sensor.next),
+                format!("{}", sensor.coloured_lags),
+            ]
+        })
+    });
+    Table {
+        caption:
+            "Innovations of the filter as described; the load takes up part of what is missing"
+                .into(),
+        head: [
+            "Recording",
+            "sensors",
+            "sensor",
+            "mean [σ]",
+            "NIS",
+            "from one to the next",
+            "coloured lags of 25",
+        ]
+        .map(String::from)
+        .to_vec(),
+        rows: rows.collect(),
+    }
+}
+
+/// The three residuals of which the effects explain most, or that have the largest excess.
+fn top_residuals<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..diagnosis.residual_excesses.len()).collect();
+    let excess = |k: &usize| {
+        let o = &diagnosis.residual_excesses[*k];
+        o.before - o.after.min(o.before) + 0.1 * o.after
+    };
+    order.sort_by(|a, b| excess(b).total_cmp(&excess(a)));
+    order.truncate(3);
+    order
+}
+
+fn section<S: Diagnosable>(diagnosis: &Diagnosis<S>, k: usize) -> Section {
+    let recording = &diagnosis.recordings[0];
+    let (before, after) = (
+        recording.residual(k),
+        &diagnosis.selection.residuals_after[0][k],
+    );
+    let unit = recording.unit(k);
+    let plots = recording
+        .covariates()
+        .into_iter()
+        .map(|over| {
+            let mut sample = ScatterSample::new(POINTS);
+            for (i, x) in over.values.iter().enumerate() {
+                if before[i].is_finite() {
+                    sample.push(&[*x, before[i], after[i]]);
+                }
+            }
+            let mut columns = sample.columns().into_iter();
+            let mut next = || columns.next().unwrap_or_default();
+            Plot {
+                title: format!("over {}", over.quantity.to_lowercase()),
+                size: PlotSize::Half,
+                x: Axis::new(over.quantity, over.unit),
+                y: Axis::new("Residual", unit),
+                data: Data::Own {
+                    x: next(),
+                    series: vec![
+                        (
+                            Series::new("before", Role::Innovation, Mark::Points),
+                            next(),
+                        ),
+                        (Series::new("after", Role::Estimate, Mark::Points), next()),
+                    ],
+                },
+                ..Plot::default()
+            }
+        })
+        .collect();
+    let shared = diagnosis
+        .selection
+        .found
+        .iter()
+        .any(|f| f.effect.scope() == Scope::Machine);
+    Section {
+        title: format!("Residual {}", recording.name(k)),
+        note: if shared {
+            "One set of parameters explains all residuals together.".into()
+        } else {
+            String::new()
+        },
+        open: true,
+        plots,
+    }
+}

@@ -1,0 +1,4 @@
+//! The report of a diagnosis: JSON and page.
+
+pub mod html_page;
+pub mod json;

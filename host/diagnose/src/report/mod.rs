@@ -1,4 +1,0 @@
-//! The report of a diagnosis: JSON and page.
-
-pub mod json;
-pub mod page;

@@ -1,0 +1,36 @@
+//! Candidate effect: viscous friction that is not the same in both directions.
+
+use crate::candidate_effect::{Effect, Motion, Scale, each};
+
+/// `c |v|`: half the difference of the drags forward and backward.
+pub(crate) struct Directional;
+
+impl Effect for Directional {
+    fn name(&self) -> &'static str {
+        "directional-friction"
+    }
+
+    fn shapes(&self, scale: &Scale) -> Vec<Vec<f64>> {
+        if scale.slides() {
+            vec![vec![]]
+        } else {
+            Vec::new()
+        }
+    }
+
+    fn shape_length(&self) -> usize {
+        0
+    }
+
+    fn columns(&self, motion: &Motion, _: &[f64]) -> Vec<Vec<f64>> {
+        vec![each(&motion.speed, f64::abs)]
+    }
+
+    fn shown_by(&self) -> &'static str {
+        "the same constant speeds forward and backward"
+    }
+
+    fn terms(&self, _: &[f64], _: usize) -> Vec<String> {
+        vec!["half the difference of drag, per speed".into()]
+    }
+}

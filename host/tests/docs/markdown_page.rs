@@ -1,0 +1,129 @@
+//! Parser of a Markdown page into its fenced blocks with their attributes.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Languages of blocks that are no commands. `text` is for drawings and equations.
+const DATA: [&str; 5] = ["toml", "python", "text", "csv", "json"];
+
+pub struct Page {
+    pub path: PathBuf,
+    pub text: String,
+    pub blocks: Vec<Block>,
+}
+
+/// A block between fences: language and attributes follow the opening one.
+///
+/// | attribute | the test |
+/// |---|---|
+/// | `file=NAME` | writes the block to this file |
+/// | `exit=N` | expects this exit code, not 0 |
+/// | `not-run="REASON"` | leaves it out |
+pub struct Block {
+    /// Of the opening fence, from 1.
+    pub line: usize,
+    pub language: String,
+    pub attributes: BTreeMap<String, String>,
+    pub text: String,
+}
+
+impl Page {
+    pub fn read(path: &Path) -> Self {
+        let text = std::fs::read_to_string(path)
+            .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        let mut blocks = Vec::new();
+        let mut lines = text.lines().enumerate();
+        while let Some((number, line)) = lines.next() {
+            let Some(info) = line.trim_start().strip_prefix("```") else {
+                continue;
+            };
+            let indent = line.len() - line.trim_start().len();
+            let mut body = String::new();
+            for (_, line) in lines.by_ref() {
+                if line.trim_start().starts_with("```") {
+                    break;
+                }
+                body.push_str(line.get(indent..).unwrap_or(""));
+                body.push('\n');
+            }
+            let (language, attributes) = info.split_once(' ').unwrap_or((info, ""));
+            blocks.push(Block {
+                line: number + 1,
+                language: language.to_owned(),
+                attributes: attributes_of(attributes),
+                text: body,
+            });
+        }
+        Self {
+            path: path.to_owned(),
+            text,
+            blocks,
+        }
+    }
+
+    /// What of the page is no fenced block, with line numbers from 1.
+    pub fn prose(&self) -> impl Iterator<Item = (usize, &str)> {
+        let mut fenced = false;
+        (1..).zip(self.text.lines()).filter(move |(_, line)| {
+            let fence = line.trim_start().starts_with("```");
+            fenced ^= fence;
+            !fenced && !fence
+        })
+    }
+
+    /// Blocks that are neither run nor data, and code by indentation alone.
+    pub fn unclear(&self) -> Vec<String> {
+        let at = |line: usize, what: &str| format!("{}:{line}: {what}", self.path.display());
+        let mut found = Vec::new();
+        for block in &self.blocks {
+            let reason = block.attributes.get("not-run");
+            if block.language != "console" && !DATA.contains(&block.language.as_str()) {
+                found.push(at(
+                    block.line,
+                    "allowed languages: console, toml, python, text, csv, json",
+                ));
+            }
+            if reason.is_some_and(|reason| reason.split_whitespace().count() < 2) {
+                found.push(at(block.line, "not-run needs its reason"));
+            }
+            let unknown = |key: &&String| !["file", "exit", "not-run"].contains(&key.as_str());
+            if let Some(key) = block.attributes.keys().find(unknown) {
+                found.push(at(block.line, &format!("unknown attribute {key}")));
+            }
+            if block.language == "console" && !block.text.starts_with("$ ") {
+                found.push(at(block.line, "console begins with `$ `"));
+            }
+            if block.language == "toml"
+                && let Err(error) = block.text.parse::<toml::Table>()
+            {
+                found.push(at(block.line, &error.to_string()));
+            }
+        }
+        let (mut blank, mut list) = (true, false);
+        for (number, line) in self.prose() {
+            let indented = line.starts_with("    ");
+            let item = line.trim_start().starts_with(['-', '*'])
+                || line.trim_start().starts_with(|c: char| c.is_ascii_digit());
+            if indented && blank && !list {
+                found.push(at(number, "code by indentation; use a fenced block"));
+            }
+            list = item || list && (indented || line.starts_with("  ") || line.is_empty());
+            blank = line.is_empty();
+        }
+        found
+    }
+}
+
+/// `file=a.toml not-run="needs a board"`.
+fn attributes_of(mut text: &str) -> BTreeMap<String, String> {
+    let mut found = BTreeMap::new();
+    while let Some((key, value)) = text.split_once('=') {
+        let (value, further) = match value.strip_prefix('"') {
+            Some(quoted) => quoted.split_once('"').unwrap_or((quoted, "")),
+            None => value.split_once(' ').unwrap_or((value, "")),
+        };
+        found.insert(key.trim().to_owned(), value.to_owned());
+        text = further;
+    }
+    found
+}
