@@ -11,7 +11,7 @@ use super::ReplayError;
 use super::correction::Correction;
 use super::displacements::displacement_columns;
 use super::index::{Pulse, Pulses};
-use super::motion::{Motion, counter, motions};
+use super::motion::{Motion, motions};
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{Channel, Encoder, Machine, Reference, Regime, Segment};
 use loadtwin_recording::{
@@ -383,7 +383,7 @@ impl Samples {
             let pulse = index.pulses.next(at(column), absent);
             raw.index = match (pulse, self.encoders.get(index.encoder)) {
                 (Some(Pulse::Count(count)), Some(encoder)) => {
-                    Some(counter(encoder, count * factor))
+                    Some(encoder.counter().at_count(count * factor))
                 }
                 (Some(_), _) => here,
                 (None, _) => None,
