@@ -70,7 +70,7 @@ pub struct Build {
         requires = "fmu"
     )]
     fmi: Fmi,
-    /// The shared library of the FMU; libloadtwin_fmu.so beside the command where absent.
+    /// The shared library of the FMU; `libloadtwin_fmu.so` beside the command where absent.
     #[arg(long, value_name = "FILE", requires = "fmu")]
     library: Option<PathBuf>,
     #[command(flatten)]
@@ -80,11 +80,11 @@ pub struct Build {
 /// Versions of FMI.
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
 enum Fmi {
-    /// 3.0
+    /// Of 2022
     #[default]
     #[value(name = "3.0")]
     V3,
-    /// 2.0
+    /// Of 2014, for older simulators
     #[value(name = "2.0")]
     V2,
 }
