@@ -55,7 +55,7 @@ pub(crate) struct Progress {
     estimate: Estimate,
     /// Number of the next sample.
     tick: u32,
-    /// Where the next step begins [s].
+    /// Where the next step begins (s).
     next_s: f64,
 }
 
@@ -126,7 +126,7 @@ impl Instance {
         self.progress.phase = Phase::Terminated;
     }
 
-    /// States the time of the first step [s].
+    /// States the time of the first step (s).
     ///
     /// # Errors
     /// When it is no time.
