@@ -1,4 +1,4 @@
-//! The estimator as an FMU in FMPy, another implementation of the standard: its validation, the bits of
+//! The estimator as an FMU in `FMPy`, another implementation of the standard: its validation, the bits of
 //! `replay` on recordings of every kind of machine, states, what is refused; what the command refuses.
 
 use std::path::{Path, PathBuf};
