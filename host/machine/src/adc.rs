@@ -1,5 +1,5 @@
 //! Analogue-to-digital converter of a channel: scale, zero, word length, and the number of equal
-//! words in a row that counts as stuck.
+//! words in a row that counts as stuck; the word for a reading.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -44,6 +44,27 @@ impl Adc {
         } else {
             0
         }
+    }
+}
+
+/// Quantisation of a reading in SI units: `word = round(value / lsb) + zero`, within the word length.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Quantiser {
+    /// Reading of one count [SI], not 0.
+    pub lsb: f64,
+    /// Word at reading 0.
+    pub zero: i32,
+    /// Word length (bit), 8 to 32.
+    pub bits: u32,
+}
+
+impl Quantiser {
+    /// The word for a reading [SI].
+    pub fn word(self, value: f64) -> i32 {
+        let full = (1_i64 << (self.bits - 1)) as f64;
+        let word = (value / self.lsb).round() + f64::from(self.zero);
+        word.clamp(-full, full - 1.0) as i32
     }
 }
 

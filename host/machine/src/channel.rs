@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::adc::Adc;
+use crate::adc::{Adc, Quantiser};
 use crate::strain::{MV_PER_V, StrainBridge};
 use loadtwin_recording::{Quantity, Unit};
 
@@ -162,12 +162,26 @@ impl Channel {
 
     /// The converter's word for a reading in SI units.
     pub fn word(&self, value: f64) -> i32 {
-        self.clamped((value / self.lsb_si()).round() + f64::from(self.zero_word()))
+        self.quantiser().word(value)
+    }
+
+    /// Conversion of readings in SI units to words.
+    pub fn quantiser(&self) -> Quantiser {
+        Quantiser {
+            lsb: self.lsb_si(),
+            zero: self.zero_word(),
+            bits: self.adc.bits,
+        }
     }
 
     /// The converter's word for a bridge's output [V/V].
     pub fn word_of_ratio(&self, ratio: f64) -> i32 {
-        self.clamped((ratio / self.ratio_of_count()).round() + f64::from(self.adc.zero))
+        let quantiser = Quantiser {
+            lsb: self.ratio_of_count(),
+            zero: self.adc.zero,
+            bits: self.adc.bits,
+        };
+        quantiser.word(ratio)
     }
 
     /// Bridge output of one count [V/V]; `adc.lsb` is in mV/V there.
@@ -180,11 +194,6 @@ impl Channel {
         let noise = self.to_si(self.noise_std) - self.to_si(0.0);
         let derived = || Adc::words_until_stuck((noise / self.lsb_si()).abs());
         self.adc.stuck_after.unwrap_or_else(derived)
-    }
-
-    fn clamped(&self, word: f64) -> i32 {
-        let full = (1_i64 << (self.adc.bits - 1)) as f64;
-        word.clamp(-full, full - 1.0) as i32
     }
 }
 

@@ -1,5 +1,7 @@
 //! Description of counting encoders and of the index pulse (latched count or level), with their checks;
-//! the error of an eccentric encoder disc over the angle.
+//! the hardware counter at an angle; the error of an eccentric encoder disc over the angle.
+
+use std::f64::consts::TAU;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -43,7 +45,37 @@ pub struct Eccentricity {
     pub ahead_at_rad: f64,
 }
 
+/// Hardware counter of an encoder, which wraps.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Counter {
+    /// Counts per turn, not 0.
+    pub counts_per_turn: f64,
+    /// Its width (bit), 8 to 32.
+    pub bits: u32,
+}
+
+impl Counter {
+    /// Its value for a count.
+    pub fn at_count(self, count: f64) -> u32 {
+        (count.round() as i64).rem_euclid(1_i64 << self.bits) as u32
+    }
+
+    /// Its value at an angle (rad) or travel (m), one turn of which is 2 pi.
+    pub fn at_angle(self, angle: f64) -> u32 {
+        self.at_count(angle / TAU * self.counts_per_turn)
+    }
+}
+
 impl Encoder {
+    /// The hardware counter.
+    pub fn counter(&self) -> Counter {
+        Counter {
+            counts_per_turn: self.counts_per_turn,
+            bits: self.bits,
+        }
+    }
+
     /// Standard deviation of the measured angle (counts).
     pub fn noise_std_counts(&self) -> f64 {
         self.noise_std_counts.unwrap_or(QUANTISATION)

@@ -43,7 +43,7 @@ use std::path::{Path, PathBuf};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use adc::Adc;
+pub use adc::{Adc, Quantiser};
 pub use angle_map::{
     MAP_ENTRIES, MAPS, complete_columns, read_column, read_columns, resampled, six_digits,
     write_columns,
@@ -57,7 +57,7 @@ pub use channel::{
     SLOWEST_S, Senses, Thermal, earlier, followed, lag,
 };
 pub use drivetrain::{Direction, Drivetrain, Inertia, Load, MOST_INERTIAS, Shaft};
-pub use encoder::{Eccentricity, Encoder, Index, IndexSignal, QUANTISATION};
+pub use encoder::{Counter, Eccentricity, Encoder, Index, IndexSignal, QUANTISATION};
 pub use error::{MachineError, Violation};
 pub use friction::{CREEP, Friction};
 pub use gears::{Gears, Helical, Planetary, ShaftBearing};

@@ -30,15 +30,15 @@ impl Motion {
 
     /// Count of `encoder` after a row with `value`, `period_s` after the row before.
     pub(super) fn count(&mut self, value: f64, period_s: f64, encoder: &Encoder) -> u32 {
-        let count = match self {
-            Self::Count => value,
-            Self::Angle { .. } => value / TAU * encoder.counts_per_turn,
+        let counter = encoder.counter();
+        match self {
+            Self::Count => counter.at_count(value),
+            Self::Angle { .. } => counter.at_angle(value),
             Self::Speed { turns } => {
                 *turns += value * period_s / TAU;
-                *turns * encoder.counts_per_turn
+                counter.at_count(*turns * encoder.counts_per_turn)
             }
-        };
-        counter(encoder, count)
+        }
     }
 }
 
@@ -63,11 +63,6 @@ pub(super) fn motions(
     encoders
         .map(|encoder| motion(travel.or_else(|| quantity(&encoder.name))))
         .collect()
-}
-
-/// The hardware counter's value for a count.
-pub(super) fn counter(encoder: &Encoder, count: f64) -> u32 {
-    (count.round() as i64).rem_euclid(1_i64 << encoder.bits) as u32
 }
 
 #[cfg(test)]

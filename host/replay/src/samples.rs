@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ReplayError;
 use super::displacements::displacement_columns;
-use super::encoder_counts::{Motion, counter, motions};
+use super::encoder_counts::{Motion, motions};
 use super::index_pulse::{Pulse, Pulses};
 use super::reading_correction::Correction;
 use loadtwin_design::build::Sensors;
@@ -350,7 +350,7 @@ impl Samples {
             let pulse = index.pulses.next(at(column), absent);
             raw.index = match (pulse, self.encoders.get(index.encoder)) {
                 (Some(Pulse::Count(count)), Some(encoder)) => {
-                    Some(counter(encoder, count * factor))
+                    Some(encoder.counter().at_count(count * factor))
                 }
                 (Some(_), _) => here,
                 (None, _) => None,
