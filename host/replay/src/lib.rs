@@ -32,6 +32,7 @@ mod phasor;
 mod run;
 mod samples;
 mod speeds;
+mod sums;
 
 use std::path::Path;
 
@@ -42,7 +43,9 @@ use thiserror::Error;
 pub use band::{Band, BandFigures};
 pub use baselines::Baselines;
 pub use comparison::{Change, Comparison, Course};
-pub use consistency::{Cause, Consistency, SensorConsistency};
+pub use consistency::{
+    BIASED, CONTRADICTING, Cause, Consistency, SETTLED, SensorConsistency, SensorSums,
+};
 pub use displacements::{Displacements, NodeFigures, displacement_columns};
 pub use estimates::{ESTIMATES, EstimateRows, EstimateWriter};
 pub use figures::{Figures, LoadFigures, Whiteness};
@@ -52,8 +55,9 @@ pub use nodes::{NodeChoice, NodeColumns};
 pub use page::ReportPage;
 pub use phasor::{Phasor, PhasorFigures};
 pub use run::{LARGEST_STATE, Run, STATE_MARK};
-pub use samples::{Sample, Samples};
+pub use samples::{Sample, Samples, has_state};
 pub use speeds::Speeds;
+pub use sums::{LoadSums, Sums, SumsReport};
 
 use loadtwin_design::build::{self, BuildError, Sensors};
 use loadtwin_machine::Machine;

@@ -20,8 +20,8 @@ use serde::Serialize;
 use self::counter::Counter;
 use self::index::IndexPulses;
 use self::references::ReferenceConsistency;
-pub use self::sensor::SensorConsistency;
 use self::sensor::contradicts;
+pub use self::sensor::{BIASED, SensorConsistency, SensorSums};
 use super::Sample;
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::Machine;
@@ -31,7 +31,7 @@ const BEYOND: f32 = 9.0;
 
 /// Part of the readings beyond it from which description and recording disagree: that of
 /// innovations 1.53 times as wide as the filter expects, `2 Q(3 / 1.53)`.
-const CONTRADICTING: f64 = 0.05;
+pub const CONTRADICTING: f64 = 0.05;
 
 /// Part of the samples in which some load is valid, below which that is reported.
 const VALID: f64 = 0.05;
@@ -40,7 +40,7 @@ const VALID: f64 = 0.05;
 const TURNS: f64 = 1.5;
 
 /// Readings beyond three standard deviations before the causes are tested: not a start that settles.
-const SETTLED: u64 = 100;
+pub const SETTLED: u64 = 100;
 
 /// What is likely wrong.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -85,9 +85,7 @@ impl Consistency {
     /// Nothing gathered yet.
     pub fn new(machine: &Machine, sensors: &Sensors) -> Self {
         Self {
-            sensors: (sensors.names().into_iter())
-                .map(SensorConsistency::named)
-                .collect(),
+            sensors: SensorConsistency::all(sensors),
             valid_percent: None,
             cause: None,
             samples: 0,
