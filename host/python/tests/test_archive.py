@@ -171,6 +171,22 @@ class TestArchive(unittest.TestCase):
         self.run_all()
         self.assertTrue(self.written().equals(self.estimates))
 
+    def test_a_replaced_recording_is_replayed_with_the_days_after_it(self):
+        self.one_machine()
+        self.run_all()
+        whole = made(self.results)
+        path = day_folder(self.archive, "g", 2) / "rec.parquet"
+        good = path.read_bytes()
+        table = pq.read_table(path)
+        channel = table.schema.get_field_index("ta1")
+        changed = pc.add(table["ta1"], 1e-7)
+        pq.write_table(table.set_column(channel, table.schema.field(channel), changed), path)
+        self.assertEqual(self.run_all()["replayed_days"], 2)
+        self.assertEqual([name for name, digest in made(self.results).items() if digest == whole[name] and day_name(2) in name], [])
+        path.write_bytes(good)
+        self.run_all()
+        self.assertTrue(self.written().equals(self.estimates))
+
     def test_removed_recordings_leave_their_results(self):
         self.one_machine()
         self.run_all()

@@ -17,9 +17,10 @@ from simulated_archive import day_folder, day_name, made, make
 
 from loadtwin import archive, spark
 
-# As many as the figures of docs/scale.md have, or few.
+# As many as the figures of docs/scale.md have, or few. An archive that is there already may be given.
 MACHINES = int(os.environ.get("LOADTWIN_MACHINES", "6"))
-DAYS, SECONDS = (20, 60) if MACHINES >= 50 else (5, 10)
+DAYS, SECONDS = (20, 30) if MACHINES >= 50 else (5, 10)
+ARCHIVE = os.environ.get("LOADTWIN_ARCHIVE")
 
 
 def processes_of(parent):
@@ -52,10 +53,11 @@ def commands(processes):
 class TestSpark(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory(dir=os.environ.get("LOADTWIN_SCRATCH"))
+        folder = tempfile.TemporaryDirectory()
         cls.addClassCleanup(folder.cleanup)
-        cls.archive = Path(folder.name) / "archive"
-        make(cls.archive, MACHINES, DAYS, SECONDS)
+        cls.archive = Path(ARCHIVE or folder.name + "/archive")
+        if not ARCHIVE:
+            make(cls.archive, MACHINES, DAYS, SECONDS)
         cls.alone = archive.run(cls.archive, Path(folder.name) / "alone")
         cls.made = made(cls.alone["results"])
         cls.folder = Path(folder.name)

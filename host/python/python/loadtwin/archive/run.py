@@ -91,7 +91,8 @@ def run(
     results : path-like, optional
         Folder of the results; ``results`` in the archive where absent.
     processes : int, optional
-        Processes; one for each core where absent.
+        Processes; one for each core where absent. A script that has several calls this under
+        ``if __name__ == "__main__":``, as for every pool of processes.
     options : Options, optional
         How it is replayed.
 
@@ -126,7 +127,8 @@ def run(
     processes = processes or len(os.sched_getaffinity(0))
     if processes < 1:
         raise Error(f"processes: found {processes}, allowed: 1 and more")
-    rows = map(replay_machine, works) if processes == 1 else _in_processes(works, processes)
+    alone = processes == 1 or len(works) == 1
+    rows = map(replay_machine, works) if alone else _in_processes(works, processes)
     rows = list(_shown(rows, len(works)))
     return outcome.write(Results(target).folder, pa.Table.from_pylist(rows, overview.SCHEMA), options)
 
