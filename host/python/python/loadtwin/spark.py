@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import time
 import warnings
 from collections.abc import Iterator
 from typing import Any
@@ -61,7 +62,7 @@ def run(
     Error
         When the archive or the folder of the results is refused.
     """
-    options = options or Options()
+    began, options = time.monotonic(), options or Options()
     target = Results(results if results is not None else os.path.join(archive, "results"))
     works = prepared(archive, target.folder, options)
     if partitions is None:
@@ -69,7 +70,7 @@ def run(
     partitions = max(1, min(partitions, len(works)))
     machines = pa.table({"machine": [work[2] for work in works], "work": [cloudpickle.dumps(work) for work in works]})
     done = spark.createDataFrame(machines).repartition(partitions).mapInArrow(_replayed, _schema())
-    return outcome.write(target.folder, done.toArrow(), options)
+    return outcome.write(target.folder, done.toArrow(), options, began)
 
 
 def _schema() -> Any:

@@ -6,6 +6,7 @@ import collections
 import csv
 import io
 import json
+import time
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,7 @@ _PAGE = (
 )  # fmt: skip
 
 
-def write(results: Path, machines: pa.Table, options: Options) -> dict[str, Any]:
+def write(results: Path, machines: pa.Table, options: Options, began: float) -> dict[str, Any]:
     """Write the tables and the page of all machines.
 
     Parameters
@@ -42,6 +43,8 @@ def write(results: Path, machines: pa.Table, options: Options) -> dict[str, Any]
     machines : pyarrow.Table
         A row of :data:`overview.SCHEMA` for each machine, in any order.
     options : Options
+    began : float
+        Begin of the run, of ``time.monotonic``.
 
     Returns
     -------
@@ -66,6 +69,7 @@ def write(results: Path, machines: pa.Table, options: Options) -> dict[str, Any]
         "samples": pc.sum(machines["samples"]).as_py() or 0,
         "verdicts": {name: counted.get(name, 0) for name in verdict.VERDICTS},
         "faults": faults.num_rows,
+        "seconds": round(time.monotonic() - began, 3),
         "results": str(results),
     }
 

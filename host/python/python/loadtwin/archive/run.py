@@ -7,6 +7,7 @@ import errno
 import multiprocessing
 import os
 import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
@@ -99,7 +100,7 @@ def run(
     Returns
     -------
     dict
-        ``machines``, ``days``, ``replayed_days``, ``samples``, ``verdicts``, ``faults``, ``results``.
+        ``machines``, ``days``, ``replayed_days``, ``samples``, ``verdicts``, ``faults``, ``seconds``, ``results``.
 
     Raises
     ------
@@ -121,7 +122,7 @@ def run(
     >>> done["machines"], done["samples"], done["faults"]
     (1, 2000, 0)
     """
-    options = options or Options()
+    began, options = time.monotonic(), options or Options()
     target = results if results is not None else os.path.join(archive, "results")
     works = prepared(archive, target, options)
     processes = processes or len(os.sched_getaffinity(0))
@@ -130,7 +131,7 @@ def run(
     alone = processes == 1 or len(works) == 1
     rows = map(replay_machine, works) if alone else _in_processes(works, processes)
     rows = list(_shown(rows, len(works)))
-    return outcome.write(Results(target).folder, pa.Table.from_pylist(rows, overview.SCHEMA), options)
+    return outcome.write(Results(target).folder, pa.Table.from_pylist(rows, overview.SCHEMA), options, began)
 
 
 def _shown(rows: Iterator[overview.Overview], machines: int) -> Iterator[overview.Overview]:
