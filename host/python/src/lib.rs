@@ -9,6 +9,7 @@
 )]
 
 mod capsule;
+mod counting;
 mod replay_threads;
 mod worker;
 
@@ -26,6 +27,7 @@ use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyCapsule};
 
+use counting::Counting;
 use replay_threads::Stop;
 use worker::{Pause, SharedEnd, Source, Task, Worker};
 
@@ -90,7 +92,35 @@ impl Description {
             .collect()
     }
 
+    /// The files that the description names, and those that these name.
+    #[getter]
+    fn named_files(&self) -> Vec<PathBuf> {
+        loadtwin::machine::named_files(&self.0.path)
+    }
+
+    /// Whether a replay has a state with which another one goes on.
+    #[getter]
+    fn has_state(&self) -> bool {
+        loadtwin::replay::has_state(&self.0)
+    }
+
+    /// Samples in a row that may be absent.
+    #[getter]
+    fn largest_gap(&self) -> u32 {
+        self.0.recording.largest_gap
+    }
+
+    /// Nominal value of each load; of a bearing the width of its range.
+    #[getter]
+    fn nominal(&self) -> Vec<(String, f64)> {
+        let loads = self.0.loads().into_iter();
+        loads
+            .map(|load| (load.name.to_owned(), load.nominal))
+            .collect()
+    }
+
     /// Starts a replay.
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn stream(
         &self,
         py: Python<'_>,
@@ -99,6 +129,7 @@ impl Description {
         sensors: Option<&str>,
         filter: &str,
         more: bool,
+        counts: counting::Saved,
     ) -> PyResult<Stream> {
         let filter = match filter {
             "aekf" => Filter::Aekf,
@@ -110,6 +141,7 @@ impl Description {
             }
         };
         let sensors = Sensors::choose(&self.0, sensors).map_err(error)?;
+        let counting = Counting::continued(&self.0, counts, state.is_none())?;
         let stop = Stop::default();
         let source = match recording.extract::<PathBuf>() {
             Ok(path) => Source::File(path),
@@ -121,6 +153,7 @@ impl Description {
             source,
             state,
             more,
+            counting,
         };
         let worker = py.detach(|| Worker::start(task, stop))?;
         Ok(Stream {
@@ -191,6 +224,24 @@ impl Stream {
     fn notes(&self) -> Vec<String> {
         let end = self.end.lock().unwrap_or_else(PoisonError::into_inner);
         end.as_ref().map_or(Vec::new(), |end| end.notes.clone())
+    }
+
+    /// Sums of loads and sensors as JSON, at the end.
+    #[getter]
+    fn sums(&self) -> PyResult<Option<String>> {
+        let end = self.end.lock().unwrap_or_else(PoisonError::into_inner);
+        let sums = end.as_ref().map(|end| serde_json::to_string(&end.sums));
+        sums.transpose().map_err(error)
+    }
+
+    /// Counts of load cycles at the end.
+    #[getter]
+    fn counts<'py>(&self, py: Python<'py>) -> Vec<(String, Bound<'py, PyBytes>)> {
+        let end = self.end.lock().unwrap_or_else(PoisonError::into_inner);
+        let counts = end.iter().flat_map(|end| &end.counts);
+        counts
+            .map(|(name, bytes)| (name.clone(), PyBytes::new(py, bytes)))
+            .collect()
     }
 }
 
@@ -265,6 +316,9 @@ fn forget_all() {
 #[pymodule]
 mod _loadtwin {
     #[pymodule_export]
+    use super::counting::{damage_of, empty_counts};
+
+    #[pymodule_export]
     use super::{
         Description, Error, Estimates, Stream, end_all, forget_all, program, write_parquet,
     };
@@ -272,4 +326,11 @@ mod _loadtwin {
     #[pymodule_export]
     #[expect(non_upper_case_globals, reason = "its name in Python")]
     const __version__: &str = env!("CARGO_PKG_VERSION");
+
+    #[pymodule_export]
+    const BIASED: f64 = loadtwin::replay::BIASED;
+    #[pymodule_export]
+    const CONTRADICTING: f64 = loadtwin::replay::CONTRADICTING;
+    #[pymodule_export]
+    const SETTLED: u64 = loadtwin::replay::SETTLED;
 }

@@ -11,8 +11,11 @@ use arrow_schema::{ArrowError, SchemaRef};
 use loadtwin::build::{self, Sensors};
 use loadtwin::machine::Machine;
 use loadtwin::recording::{self, Batches, Input};
-use loadtwin::replay::{EstimateRows, ReplayError, Run};
+use loadtwin::replay::{EstimateRows, ReplayError, Run, Sample, Sums, SumsReport};
+use loadtwin_common::estimator::Estimator;
+use loadtwin_common::io::estimate::Estimate;
 
+use crate::counting::{Counting, Saved};
 use crate::message;
 use crate::replay_threads::{self, Stop};
 
@@ -37,6 +40,8 @@ pub(crate) struct Task {
     pub(crate) state: Option<Vec<u8>>,
     /// Whether another part follows.
     pub(crate) more: bool,
+    /// Counts of load cycles that go on.
+    pub(crate) counting: Counting,
 }
 
 /// What is there at the end.
@@ -46,6 +51,8 @@ pub(crate) struct End {
     pub(crate) state: Option<Vec<u8>>,
     /// How the recording was read, where it is not as usual.
     pub(crate) notes: Vec<String>,
+    pub(crate) sums: SumsReport,
+    pub(crate) counts: Saved,
 }
 
 /// The end of a replay, once it is there.
@@ -86,10 +93,10 @@ impl Worker {
         };
         let thread = thread::Builder::new()
             .name("replay".into())
-            .spawn(move || match work(&task, rows, &queue) {
+            .spawn(move || match work(task, rows, &queue) {
                 Ok(found) => *at_end.lock().unwrap_or_else(PoisonError::into_inner) = found,
-                Err(error) => {
-                    queue.send(Err(message(&error)));
+                Err(reason) => {
+                    queue.send(Err(reason));
                 }
             })?;
         replay_threads::add(stop.clone(), thread);
@@ -192,42 +199,74 @@ impl Queue {
     }
 }
 
+/// Gathers what a replay gives, row by row.
+struct Gathered {
+    rows: EstimateRows,
+    sums: Sums,
+    counting: Counting,
+}
+
+impl Gathered {
+    fn push(&mut self, sample: &Sample<'_>, estimate: &Estimate, line: &Estimator<'_>) {
+        self.rows.push(sample.t, estimate, line);
+        self.sums.push(sample.t, estimate);
+        self.counting.push(estimate);
+    }
+
+    fn deliver(&mut self, queue: &Queue) -> bool {
+        let batch = self.rows.take(recording::record_batch);
+        queue.send(batch.map_err(|error| error.to_string()))
+    }
+}
+
 /// Replays `task`; none where nobody wants its estimates.
-fn work(task: &Task, mut rows: EstimateRows, queue: &Queue) -> Result<Option<End>, ReplayError> {
-    let Task {
-        machine, sensors, ..
-    } = task;
-    let image = build::image(machine, sensors)?;
+///
+/// # Errors
+/// In words.
+fn work(task: Task, rows: EstimateRows, queue: &Queue) -> Result<Option<End>, String> {
+    let said = |error: ReplayError| message(&error);
+    let (machine, sensors) = (&task.machine, &task.sensors);
+    let image = build::image(machine, sensors).map_err(|error| message(&error))?;
+    let mut gathered = Gathered {
+        rows,
+        sums: Sums::new(machine, sensors),
+        counting: task.counting,
+    };
     let input = match &task.source {
         Source::File(path) => Input::from(path),
         Source::Batches(batches) => Input::Batches(batches),
     };
-    let mut run = match &task.state {
-        Some(state) => Run::continued(machine, sensors, &image, input, state)?,
-        None => Run::open(machine, sensors, &image, input)?,
+    let run = match &task.state {
+        Some(state) => Run::continued(machine, sensors, &image, input, state),
+        None => Run::open(machine, sensors, &image, input),
     };
-    let deliver = |rows: &mut EstimateRows| {
-        let batch = rows.take(recording::record_batch);
-        queue.send(batch.map_err(|error| error.to_string()))
-    };
-    while run.next_block(|sample, estimate, line| rows.push(sample.t, estimate, line))? {
-        if !deliver(&mut rows) {
+    let mut run = run.map_err(said)?;
+    while run
+        .next_block(|sample, estimate, line| gathered.push(sample, estimate, line))
+        .map_err(said)?
+    {
+        if !gathered.deliver(queue) {
             return Ok(None);
         }
     }
     let notes = run.notes();
     // A state that was asked for has to be there.
     let state = if task.more {
-        Some(run.save()?)
+        Some(run.save().map_err(said)?)
     } else {
         // Given below, the estimates that lag would be given once more by the part after.
         run.save().ok().filter(|_| !run.lags())
     };
     if !task.more {
-        run.finish(|sample, estimate, line| rows.push(sample.t, estimate, line));
+        run.finish(|sample, estimate, line| gathered.push(sample, estimate, line));
     }
-    if !rows.is_empty() && !deliver(&mut rows) {
+    if !gathered.rows.is_empty() && !gathered.deliver(queue) {
         return Ok(None);
     }
-    Ok(Some(End { state, notes }))
+    Ok(Some(End {
+        state,
+        notes,
+        sums: gathered.sums.report(),
+        counts: gathered.counting.save()?,
+    }))
 }

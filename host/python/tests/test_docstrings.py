@@ -9,7 +9,7 @@ import loadtwin
 
 
 def load_tests(loader, tests, pattern):
-    for module in pkgutil.iter_modules(loadtwin.__path__, "loadtwin."):
+    for module in pkgutil.walk_packages(loadtwin.__path__, "loadtwin."):
         if not module.name.endswith(("__main__", "_loadtwin")):
             tests.addTests(doctest.DocTestSuite(importlib.import_module(module.name)))
     tests.addTests(doctest.DocTestSuite(loadtwin))

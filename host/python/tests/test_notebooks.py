@@ -9,7 +9,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 NOTEBOOKS = Path("examples/notebooks")
-GUIDE = Path("docs/how-to/python.md")
+GUIDES = {Path("docs/how-to/python.md"): 5, Path("docs/how-to/archive.md"): 2}
 
 
 class TestNotebooks(unittest.TestCase):
@@ -26,9 +26,14 @@ class TestNotebooks(unittest.TestCase):
                 exec(compile(text, notebook, "exec"), {"__name__": "__main__"})
                 plt.close("all")
 
-    def test_guide(self):
-        blocks = re.findall(r"^```python\n(.*?)^```", GUIDE.read_text(), re.M | re.S)
-        self.assertGreater(len(blocks), 4)
+    def test_guides(self):
+        for guide, least in GUIDES.items():
+            with self.subTest(guide.name):
+                self.run_blocks(guide, least)
+
+    def run_blocks(self, guide, least):
+        blocks = re.findall(r"^```python\n(.*?)^```", guide.read_text(), re.M | re.S)
+        self.assertGreaterEqual(len(blocks), least)
         namespace = {}
         with tempfile.TemporaryDirectory() as folder:
             # Files that the guide writes go to a folder beside the clone's own.
@@ -38,7 +43,7 @@ class TestNotebooks(unittest.TestCase):
             os.chdir(folder)
             try:
                 for block in blocks:
-                    exec(compile(block, GUIDE, "exec"), namespace)
+                    exec(compile(block, guide, "exec"), namespace)
             finally:
                 os.chdir(here)
 

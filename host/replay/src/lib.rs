@@ -32,6 +32,7 @@ mod rotor_columns;
 mod run;
 mod samples;
 mod speed_range;
+mod sums;
 
 use std::path::Path;
 
@@ -41,7 +42,9 @@ use thiserror::Error;
 
 pub use band_coverage::{Band, BandFigures};
 pub use baselines::Baselines;
-pub use consistency::{Cause, Consistency, SensorConsistency};
+pub use consistency::{
+    BIASED, CONTRADICTING, Cause, Consistency, SETTLED, SensorConsistency, SensorSums,
+};
 pub use description_comparison::{Change, Comparison, Course, Tendency};
 pub use displacements::{Displacements, NodeFigures, displacement_columns};
 pub use error_figures::{Figures, LoadFigures, Whiteness};
@@ -52,8 +55,9 @@ pub use phasor_baseline::{Phasor, PhasorFigures};
 pub use report_page::ReportPage;
 pub use rotor_columns::{NodeChoice, NodeColumns};
 pub use run::{LARGEST_STATE, Run, STATE_MARK};
-pub use samples::{Sample, Samples};
+pub use samples::{Sample, Samples, has_state};
 pub use speed_range::Speeds;
+pub use sums::{LoadSums, Sums, SumsReport};
 
 use loadtwin_design::build::{self, BuildError, Sensors};
 use loadtwin_machine::Machine;

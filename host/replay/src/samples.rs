@@ -361,6 +361,12 @@ impl Samples {
     }
 }
 
+/// Whether a replay of the recordings of `machine` has a state with which another one goes on: rows that are
+/// brought onto ticks have none.
+pub fn has_state(machine: &Machine) -> bool {
+    recorded(machine).timing != Timing::Resample
+}
+
 /// How the recordings of `machine` are laid out. Rows without a common clock, and recordings whose
 /// means alone count, are brought onto the ticks of the estimator.
 fn recorded(machine: &Machine) -> Cow<'_, CsvLayout> {

@@ -21,8 +21,8 @@ use serde::Serialize;
 use self::counter_wrap::Counter;
 use self::index_pulses::IndexPulses;
 use self::reference_loads::ReferenceConsistency;
-pub use self::sensor_consistency::SensorConsistency;
 use self::sensor_consistency::contradicts;
+pub use self::sensor_consistency::{BIASED, SensorConsistency, SensorSums};
 use super::Sample;
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::Machine;
@@ -32,7 +32,7 @@ const BEYOND: f32 = 9.0;
 
 /// Part of the readings beyond it from which description and recording disagree: that of
 /// innovations 1.53 times as wide as the filter expects, `2 Q(3 / 1.53)`.
-const CONTRADICTING: f64 = 0.05;
+pub const CONTRADICTING: f64 = 0.05;
 
 /// Part of the samples in which some load is valid, below which that is reported.
 const VALID: f64 = 0.05;
@@ -41,7 +41,7 @@ const VALID: f64 = 0.05;
 const TURNS: f64 = 1.5;
 
 /// Readings beyond three standard deviations before the causes are tested: not a start that settles.
-const SETTLED: u64 = 100;
+pub const SETTLED: u64 = 100;
 
 /// What is likely wrong.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -86,9 +86,7 @@ impl Consistency {
     /// Nothing gathered yet.
     pub fn new(machine: &Machine, sensors: &Sensors) -> Self {
         Self {
-            sensors: (sensors.names().into_iter())
-                .map(SensorConsistency::named)
-                .collect(),
+            sensors: SensorConsistency::all(sensors),
             valid_percent: None,
             cause: None,
             samples: 0,

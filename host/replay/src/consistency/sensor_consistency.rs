@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use loadtwin_common::io::estimate::SensorEstimate;
 use loadtwin_common::io::fault::Fault;
+use loadtwin_design::build::Sensors;
 use serde::Serialize;
 
 use super::{BEYOND, CONTRADICTING, Cause, SETTLED, percent};
@@ -12,7 +13,7 @@ use super::{BEYOND, CONTRADICTING, Cause, SETTLED, percent};
 /// Mean innovation from which a zero or a sensitivity is off [standard deviations]: where it is
 /// half of what the filter expects of noise and model error together, an error of the
 /// description is a fifth of their mean square.
-const BIASED: f64 = 0.5;
+pub const BIASED: f64 = 0.5;
 
 /// Part of the readings that are missing, saturated or stuck from which that is the cause.
 const MOSTLY: f64 = 0.5;
@@ -45,6 +46,25 @@ pub struct SensorConsistency {
     sums: [f64; 2],
     #[serde(skip)]
     regression: Regression,
+}
+
+/// Sums of one sensor, which add up over recordings.
+#[derive(Clone, Debug, Serialize)]
+pub struct SensorSums {
+    /// Its name.
+    pub name: String,
+    /// Readings that were compared with a prediction.
+    pub compared: u64,
+    /// Those of them that contradict the model or the other sensors.
+    pub contradicting: u64,
+    /// Readings that were used.
+    pub used: u64,
+    /// Innovations over their standard deviation, of those used.
+    pub bias: f64,
+    /// Normalised innovations squared, of those used.
+    pub nis: f64,
+    /// How often each fault was flagged.
+    pub flags: BTreeMap<&'static str, u64>,
 }
 
 /// Running means and second moments of predicted and read values.
@@ -101,7 +121,25 @@ impl SensorConsistency {
         }
     }
 
-    pub(super) fn push(&mut self, read: &SensorEstimate) {
+    /// Those of all sensors in the order of the estimates, nothing gathered yet.
+    pub(crate) fn all(sensors: &Sensors) -> Vec<Self> {
+        sensors.names().into_iter().map(Self::named).collect()
+    }
+
+    /// What adds up over recordings.
+    pub(crate) fn sums(&self) -> SensorSums {
+        SensorSums {
+            name: self.name.clone(),
+            compared: self.compared,
+            contradicting: self.contradicting,
+            used: self.used,
+            bias: self.sums[0],
+            nis: self.sums[1],
+            flags: self.flags.clone(),
+        }
+    }
+
+    pub(crate) fn push(&mut self, read: &SensorEstimate) {
         if !read.fault.is_none() {
             *self.flags.entry(read.fault.name()).or_default() += 1;
         }

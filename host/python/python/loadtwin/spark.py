@@ -1,0 +1,140 @@
+"""Replay of an archive on Apache Spark: ``python -m loadtwin.spark ARCHIVE``.
+
+Spark hands out machines. A task reads the days of its machine by itself, in their order and batch
+by batch, as the state goes from day to day: recordings and estimates are never shuffled. Archive
+and results lie on a file system that all executors see.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import pyarrow as pa
+from py4j.protocol import Py4JError
+from pyspark import cloudpickle
+from pyspark.errors import PySparkException
+from pyspark.sql import SparkSession
+from pyspark.sql.pandas.types import from_arrow_schema
+
+from . import Error
+from .archive import outcome, overview
+from .archive.layout import Results
+from .archive.options import Options, given, parser, results_folder
+from .archive.run import prepared, replay_machine
+from .archive.text import program
+
+#: Partitions for each task that runs at once, so that cores with short machines take more of them.
+_PARTITIONS = 8
+
+
+def run(
+    spark: SparkSession,
+    archive: str | os.PathLike[str],
+    results: str | os.PathLike[str] | None = None,
+    *,
+    partitions: int | None = None,
+    options: Options | None = None,
+) -> dict[str, Any]:
+    """Replay all machines of an archive, those days that are not up to date.
+
+    Parameters
+    ----------
+    spark : pyspark.sql.SparkSession
+        Its executors have this package.
+    archive, results, options
+        As for :func:`loadtwin.archive.run`.
+    partitions : int, optional
+        Partitions of the machines; 8 for each task that runs at once where absent.
+
+    Returns
+    -------
+    dict
+        As of :func:`loadtwin.archive.run`.
+
+    Raises
+    ------
+    Error
+        When the archive or the folder of the results is refused.
+    """
+    began, options = time.monotonic(), options or Options()
+    target = Results(results if results is not None else os.path.join(archive, "results"))
+    works = prepared(archive, target.folder, options)
+    if partitions is None:
+        partitions = _PARTITIONS * spark.sparkContext.defaultParallelism
+    partitions = max(1, min(partitions, len(works)))
+    machines = pa.table({"machine": [work[2] for work in works], "work": [cloudpickle.dumps(work) for work in works]})
+    done = spark.createDataFrame(machines).repartition(partitions).mapInArrow(_replayed, _schema())
+    return outcome.write(target.folder, done.toArrow(), options, began)
+
+
+def _schema() -> Any:
+    return from_arrow_schema(overview.SCHEMA)
+
+
+def _replayed(batches: Iterator[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
+    """Replay machines, one after the other."""
+    for batch in batches:
+        for work in batch.column("work"):
+            row = replay_machine(cloudpickle.loads(work.as_py()))
+            yield pa.RecordBatch.from_pylist([row], overview.SCHEMA)
+
+
+def _session(arguments: argparse.Namespace) -> SparkSession:
+    # Of the versions of pandas, which is not used here.
+    warnings.filterwarnings("ignore", category=FutureWarning, module="pyspark")
+    # Workers of this computer run the Python that has this package.
+    os.environ.setdefault("PYSPARK_PYTHON", sys.executable)
+    builder = SparkSession.builder.appName("loadtwin")
+    if arguments.master:
+        builder = builder.master(arguments.master)
+    builder = builder.config("spark.ui.showConsoleProgress", "false")
+    for setting in arguments.conf:
+        key, _, value = setting.partition("=")
+        builder = builder.config(key, value)
+    session = builder.getOrCreate()
+    session.sparkContext.setLogLevel("ERROR")
+    return session
+
+
+def _run_in_session(arguments: argparse.Namespace) -> dict[str, Any]:
+    session = _session(arguments)
+    try:
+        return run(
+            session,
+            arguments.archive,
+            results_folder(arguments),
+            partitions=arguments.partitions,
+            options=given(arguments),
+        )
+    finally:
+        session.stop()
+
+
+def main() -> int:
+    """Run the command line."""
+    options = parser("python -m loadtwin.spark", "Replay the days of an archive that are not up to date, on Spark.")
+    options.add_argument("--master", help="master of Spark, as local[2]; absent: by the configuration of Spark")
+    options.add_argument("--partitions", type=int, metavar="N", help="partitions of the machines")
+    options.add_argument("--conf", action="append", default=[], metavar="KEY=VALUE", help="setting of Spark")
+    arguments = options.parse_args()
+
+    def start() -> dict[str, Any]:
+        # What is wrong with the archive is said before Spark starts.
+        prepared(arguments.archive, results_folder(arguments), given(arguments))
+        try:
+            return _run_in_session(arguments)
+        except (PySparkException, Py4JError, ConnectionError) as error:
+            reason = next(iter(str(error).splitlines()), type(error).__name__)
+            raise Error(f"Spark ended: {reason}; run it again: days that are done stay") from None
+
+    return program(arguments, "loadtwin.spark", start)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,88 @@
+"""Time and processor time of an archive on one core and on two: python archive_speed.py ARCHIVE [REPEATS].
+
+Each run has new results, which are removed. One core: all processes are bound to it.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from simulated_archive import made
+
+TICK = os.sysconf("SC_CLK_TCK")
+RUNS = {
+    ("processes", 1): ["loadtwin.archive", "--processes", "1"],
+    ("processes", 2): ["loadtwin.archive", "--processes", "2"],
+    ("Spark", 1): ["loadtwin.spark", "--master", "local[1]"],
+    ("Spark", 2): ["loadtwin.spark", "--master", "local[2]"],
+}
+
+
+class ProcessorTime:
+    """Processor time of a process and all that descend from it [s]; ends of short ones are missed."""
+
+    def __init__(self, root):
+        self.family = {root}
+        self.ticks = {}
+
+    def sample(self):
+        for status in sorted(Path("/proc").glob("[0-9]*/stat"), key=lambda path: int(path.parent.name)):
+            try:
+                fields = status.read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            process = int(status.parent.name)
+            if process in self.family or int(fields[1]) in self.family:
+                self.family.add(process)
+                self.ticks[process] = int(fields[11]) + int(fields[12])
+
+    @property
+    def seconds(self):
+        return sum(self.ticks.values()) / TICK
+
+
+def measure(archive, results, module, options, cores):
+    began = time.monotonic()
+    process = subprocess.Popen(
+        ["taskset", "-c", ",".join(map(str, range(cores))), sys.executable, "-m", module, archive]
+        + ["-o", str(results), "--json", *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    used = ProcessorTime(process.pid)
+    while process.poll() is None:
+        used.sample()
+        time.sleep(0.2)
+    done = json.loads(process.stdout.read())
+    return time.monotonic() - began, used.seconds, done
+
+
+def main():
+    archive, repeats = sys.argv[1], int((sys.argv[2:] or ["1"])[0])
+    least, first = {}, None
+    for _ in range(repeats):
+        for (engine, cores), (module, *options) in RUNS.items():
+            with tempfile.TemporaryDirectory() as folder:
+                results = Path(folder) / "results"
+                total, used, done = measure(archive, results, module, options, cores)
+                first = first or made(results)
+                assert made(results) == first, "other bits"
+                shutil.rmtree(results)
+            print(
+                f"{engine} on {cores}: {total:.1f} s, job {done['seconds']:.1f} s, processor {used:.1f} s, "
+                f"{done['samples'] / done['seconds']:.0f} samples/s",
+                flush=True,
+            )
+            least[engine, cores] = min(done["seconds"], least.get((engine, cores), 1e9))
+    for engine in ("processes", "Spark"):
+        print(f"{engine}: 2 cores take {least[engine, 2] / least[engine, 1]:.2f} of the time of 1")
+
+
+if __name__ == "__main__":
+    main()
