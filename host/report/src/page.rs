@@ -290,7 +290,15 @@ fn check(plot: &Plot, time: Option<&MinMaxDecimator>) -> Result<(), ReportError>
         .zip(after)
         .any(|(before, mark)| (before == Mark::Upper) != (mark == Mark::Lower));
     let shaded = (plot.shaded.iter().map(|shaded| shaded.column)).find(|column| *column >= columns);
+    let points = match &plot.data {
+        Data::Time(_) => 0,
+        Data::Own { x, .. } => x.len(),
+    };
+    let names = plot.names.len();
     let problem = problem
+        .or_else(|| {
+            (names != 0 && names != points).then(|| format!("{names} names for {points} points"))
+        })
         .or_else(|| {
             shaded.map(|column| format!("found column {column}, allowed is below {columns}"))
         })
@@ -306,7 +314,7 @@ fn check(plot: &Plot, time: Option<&MinMaxDecimator>) -> Result<(), ReportError>
 fn plot_json(plot: &Plot, halvings: u32) -> Value {
     let mut json = json!({
         "title": plot.title, "size": plot.size, "x": plot.x, "y": plot.y, "limits": plot.limits,
-        "shaded": plot.shaded,
+        "shaded": plot.shaded, "names": plot.names,
     });
     match &plot.data {
         Data::Time(series) => {
@@ -314,7 +322,11 @@ fn plot_json(plot: &Plot, halvings: u32) -> Value {
             json["columns"] = json!(series.iter().map(|(_, c)| c).collect::<Vec<_>>());
         }
         Data::Own { x, series } => {
-            let stride = stride(x.len(), halvings);
+            let stride = if plot.names.is_empty() {
+                stride(x.len(), halvings)
+            } else {
+                1
+            };
             json["series"] = json!(series.iter().map(|(s, _)| s).collect::<Vec<_>>());
             json["own"] = json!({
                 "x": encode_f64(&x.iter().copied().step_by(stride).collect::<Vec<_>>()),
