@@ -2,3 +2,4 @@
 
 pub mod json;
 pub mod page;
+mod shape_std;
