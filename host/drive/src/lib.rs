@@ -28,6 +28,7 @@ mod motion;
 mod noise;
 mod outcome;
 mod outliers;
+mod page;
 mod savitzky_golay;
 mod significance;
 mod stepwise;
@@ -39,9 +40,10 @@ use thiserror::Error;
 
 pub use crate::diagnosis::{
     Alternative, BeforeAfter, Beyond, Diagnosis, Errors, Figure, FoundEffect, FoundEvidence,
-    Linear, Parameters, Validated,
+    Linear, Parameters, Residuals, Validated,
 };
 pub use crate::effect::EFFECTS;
+pub use crate::page::page;
 pub use crate::unexplained::Remainder;
 
 use crate::design_matrix::{Dataset, OFFSET_PRIOR};
