@@ -4,6 +4,7 @@
 mod balance;
 mod build;
 mod calibrate;
+mod calibrate_bearing;
 mod can;
 mod demo;
 mod diagnose;
