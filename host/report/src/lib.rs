@@ -47,6 +47,7 @@
 )]
 
 mod decimator;
+mod markup;
 mod page;
 mod replay_plots;
 mod scatter;

@@ -122,8 +122,11 @@ fn effects_table<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Option<Table> {
         let place = effect
             .location(&recordings[0], &found.shape)
             .unwrap_or_default();
+        // Said once; the rows of one effect follow each other.
+        let mut description = effect.description();
         let mut row = |place: &str, parameter: String, value: String, std: String| {
-            let what = [effect.name(), effect.description(), place].map(str::to_owned);
+            let said = std::mem::take(&mut description);
+            let what = [effect.name(), said, place].map(str::to_owned);
             rows.push([&what[..], &[parameter, value, std]].concat());
         };
         let stds = shape_stds(recordings, found, &diagnosis.selection.residuals_after);

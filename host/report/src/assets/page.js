@@ -486,7 +486,7 @@ function inked({ u }) {
 // uPlot draws after the caller is done.
 const drawn = () => new Promise(done => setTimeout(done, 50));
 async function selftest() {
-  const result = { plots: page.plots.length, drawn: charts.length, blank: charts.filter(c => !inked(c)).map(c => c.plot.title) };
+  const result = { plots: page.plots.length, drawn: charts.length, empty: document.querySelectorAll(".problem").length, blank: charts.filter(c => !inked(c)).map(c => c.plot.title) };
   setCursors(true);
   const time = charts.find(c => c.group.key === "time");
   if (time) {
