@@ -398,11 +398,7 @@ fn odd_signals_do_no_harm() {
         // The others say that they have no data; the normal distribution is there without a sample.
         let [plots, drawn, empty] =
             ["plots", "drawn", "empty"].map(|key| result[key].as_u64().unwrap());
-        assert_eq!(
-            (plots, plots - empty),
-            (8, drawn),
-            "{samples} samples: {result}"
-        );
+        assert_eq!(plots - empty, drawn, "{samples} samples: {result}");
         assert!(drawn > 0 && empty > 0, "{samples} samples: {result}");
     }
 }
