@@ -1,6 +1,11 @@
 //! Wheel bearing of the example, from simulated words to loads: start, dead gauge, comparison
 //! with baselines, calibration.
 
+#[path = "web/appearance.rs"]
+mod appearance;
+#[path = "web/browser.rs"]
+mod browser;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -211,7 +216,11 @@ fn a_bearing_is_calibrated_from_a_part_of_the_usual_recording() {
         "-o",
         rig,
     ]);
-    run(&["calibrate", machine, rig, "-o", out]);
+    let page = folder.path().join("page.html");
+    let report = page.to_str().unwrap();
+    run(&["calibrate", machine, rig, "-o", out, "--report", report]);
+    let mut browser = browser::Browser::open("about:blank");
+    appearance::check_report(&mut browser, &page, "calibrate-bearing");
     let found = Calibration::read(Path::new(out), 4).unwrap();
     // Of a part whose stiffness is within some percent of the described one.
     assert!(found.physical.stiffness.abs() < 0.2, "{:?}", found.physical);

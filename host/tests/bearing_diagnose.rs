@@ -1,5 +1,10 @@
 //! `loadtwin diagnose` of bearings on recordings of an effect that it does not know.
 
+#[path = "web/appearance.rs"]
+mod appearance;
+#[path = "web/browser.rs"]
+mod browser;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -102,5 +107,6 @@ fn a_loose_gauge_is_named() {
     let replayed = [&out, &path].map(|file| file.display().to_string());
     let replayed = loadtwin(&["replay", "--json", &replayed[0], &replayed[1]]);
     assert!(replayed.status.success());
-    assert!(std::fs::metadata(&page).unwrap().len() > 10_000);
+    let mut browser = browser::Browser::open("about:blank");
+    appearance::check_report(&mut browser, &page, "diagnose-bearing");
 }

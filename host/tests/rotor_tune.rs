@@ -1,6 +1,11 @@
 //! `loadtwin tune` of a rotor: the methods side by side, evaluated on a hold-out recording;
 //! and what `replay` says of orbits and of speeds outside of the schedule.
 
+#[path = "web/appearance.rs"]
+mod appearance;
+#[path = "web/browser.rs"]
+mod browser;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -124,6 +129,8 @@ fn likelihood_finds_the_noise_and_evolution_follows_it() {
             .unwrap()
             .contains("Walk disc1_x, disc1_y")
     );
+    let mut browser = browser::Browser::open("about:blank");
+    appearance::check_report(&mut browser, &page, "tune-rotor");
 }
 
 #[test]

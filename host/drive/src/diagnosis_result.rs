@@ -37,6 +37,28 @@ pub struct Diagnosis {
     pub validated_on: Vec<Validated>,
     /// The improved description.
     pub machine_out: Option<String>,
+    /// What the model leaves of the validation recordings, for plots.
+    #[serde(skip)]
+    pub residuals: Residuals,
+}
+
+/// Rows of the validation recordings, one after the other, below the cut-off.
+#[derive(Debug, Default)]
+pub struct Residuals {
+    /// Time in its recording, s.
+    pub t: Vec<f64>,
+    /// Which recording.
+    pub recording: Vec<usize>,
+    /// [rad or m].
+    pub position: Vec<f64>,
+    /// [rad/s or m/s].
+    pub speed: Vec<f64>,
+    /// [the drive's unit].
+    pub drive: Vec<f64>,
+    /// What the linear part, fitted anew, leaves of the drive [its unit].
+    pub before: Vec<f64>,
+    /// The same with the effects.
+    pub after: Vec<f64>,
 }
 
 /// An effect that was missing.

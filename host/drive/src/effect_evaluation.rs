@@ -8,7 +8,7 @@ use crate::design_matrix;
 use crate::design_matrix::Dataset;
 use crate::diagnosis_result::{
     Alternative, BeforeAfter, Beyond, Diagnosis, Errors, Figure, FoundEffect, FoundEvidence,
-    Linear, Parameters, Validated,
+    Linear, Parameters, Residuals, Validated,
 };
 use crate::least_squares::{Columns, fit};
 use crate::remaining_residual::Remainder;
@@ -39,6 +39,7 @@ pub(crate) struct Outcome {
     beyond: Vec<Beyond>,
     notes: Vec<String>,
     spikes: usize,
+    residuals: Residuals,
 }
 
 impl Outcome {
@@ -117,6 +118,7 @@ impl Outcome {
             model_std: (selection.fitted().left_out_squares() / table.len() as f64).sqrt(),
             error,
             validated: validated(validation, held_out, &before, &after),
+            residuals: residuals(validation, held_out, before, after),
             remainder: Remainder::new(fitted, table, &left),
             beyond,
             spikes,
@@ -158,6 +160,7 @@ impl Outcome {
                 .map(|path| path.display().to_string())
                 .collect(),
             validated_on: self.validated,
+            residuals: self.residuals,
             machine_out: machine_out.map(|path| path.display().to_string()),
         }
     }
@@ -363,6 +366,28 @@ fn validated(
             after_percent: percent(after, k),
         })
         .collect()
+}
+
+/// What the model leaves of the recordings, row by row.
+fn residuals(
+    motions: &[Motion],
+    held_out: &Dataset,
+    before: Vec<f64>,
+    after: Vec<f64>,
+) -> Residuals {
+    let joined = |of: fn(&Motion) -> &Vec<f64>| {
+        let each = motions.iter().flat_map(|m| m.decimated(of(m)));
+        each.collect::<Vec<f64>>()
+    };
+    Residuals {
+        t: held_out.t.clone(),
+        recording: held_out.recording.clone(),
+        position: joined(|m| &m.position),
+        speed: joined(|m| &m.speed),
+        drive: held_out.drive.clone(),
+        before,
+        after,
+    }
 }
 
 /// Where the validation goes far beyond what was fitted.

@@ -27,6 +27,7 @@ mod improved_description;
 mod least_squares;
 mod noise_levels;
 mod outliers;
+mod page;
 mod remaining_residual;
 mod savitzky_golay;
 mod significance;
@@ -40,8 +41,9 @@ use thiserror::Error;
 pub use crate::candidate_effect::EFFECTS;
 pub use crate::diagnosis_result::{
     Alternative, BeforeAfter, Beyond, Diagnosis, Errors, Figure, FoundEffect, FoundEvidence,
-    Linear, Parameters, Validated,
+    Linear, Parameters, Residuals, Validated,
 };
+pub use crate::page::page;
 pub use crate::remaining_residual::Remainder;
 
 use crate::candidate_effect::{Effect, Scale};

@@ -12,7 +12,7 @@ use loadtwin_design::build::{BuildError, Sensors};
 use loadtwin_design::rotor::RotorFilterDesign;
 use loadtwin_machine::{Kind, Machine};
 use loadtwin_math::metrics::Segment;
-use loadtwin_report::Section;
+use loadtwin_report::{Axis, Data, Plot, PlotSize, Role, Section, Series};
 
 /// The columns of the true displacements: `node0_x`, `node0_y`, `node1_x`, ... (m).
 pub fn displacement_columns(machine: &Machine) -> Vec<String> {
@@ -112,9 +112,53 @@ impl Displacements {
         }
     }
 
-    /// Orbits as plots, for each part of the recording; none for other machines.
-    pub fn orbits(&self) -> Vec<Section> {
-        self.orbits.iter().flat_map(Orbits::sections).collect()
+    /// Errors of the displacements over the nodes, and orbits, for each part of the recording; none for
+    /// other machines.
+    pub fn sections(&self) -> Vec<Section> {
+        let orbits = self.orbits.iter().flat_map(Orbits::sections);
+        self.error_section().into_iter().chain(orbits).collect()
+    }
+
+    /// Error at every node; none without true displacements.
+    fn error_section(&self) -> Option<Section> {
+        let nodes: Vec<usize> = (0..self.errors.first().map_or(0, Vec::len))
+            .filter(|node| self.errors[0][*node].count > 0)
+            .collect();
+        // The whole recording last: its errors are the largest.
+        let roles = [
+            Role::Estimate,
+            Role::Measured,
+            Role::Innovation,
+            Role::Other,
+        ];
+        let plot = |title: &str, of: fn(&Error) -> f64| Plot {
+            title: title.into(),
+            size: PlotSize::Half,
+            x: Axis::new("Node", ""),
+            y: Axis::new("Error of the displacement", "µm"),
+            data: Data::Own {
+                x: nodes.iter().map(|node| *node as f64).collect(),
+                series: (self.segments.iter().zip(&self.errors).enumerate())
+                    .map(|(k, (segment, errors))| {
+                        let values = nodes.iter().map(|node| 1e6 * of(&errors[*node]));
+                        let role = roles[k.min(roles.len() - 1)];
+                        (Series::line(&segment.name, role), values.collect())
+                    })
+                    .collect(),
+            },
+            ..Plot::default()
+        };
+        (!nodes.is_empty()).then(|| Section {
+            title: "Displacements".into(),
+            note: "Estimated against true displacement, both directions, at every node of the shaft; a node \
+                   without a sensor is estimated from the others."
+                .into(),
+            open: true,
+            plots: vec![
+                plot("Largest error", |e| e.largest),
+                plot("RMS error", Error::rms),
+            ],
+        })
     }
 
     /// One line where the rotor as described is unstable.
@@ -158,7 +202,7 @@ impl Displacements {
                 };
                 let figures = NodeFigures {
                     max_um: by_segment(|e| e.largest),
-                    rms_um: by_segment(|e| (e.squares / e.count as f64).sqrt()),
+                    rms_um: by_segment(Error::rms),
                 };
                 (format!("node{node}"), figures)
             })
@@ -178,6 +222,10 @@ impl Displacements {
 }
 
 impl Error {
+    fn rms(&self) -> f64 {
+        (self.squares / self.count as f64).sqrt()
+    }
+
     fn push(&mut self, error: f64) {
         // An estimate that is no number must not look like none.
         self.largest = if error.is_nan() {

@@ -86,7 +86,7 @@ impl ReportPage {
         phasor: &Phasor,
     ) -> Report {
         let (time, mut sections) = self.plots.finish();
-        sections.extend(displacements.orbits());
+        sections.extend(displacements.sections());
         let mut tables = vec![error_table(machine, figures)];
         tables.extend(baseline_table(machine, phasor));
         tables.push(sensor_table(consistency));
@@ -211,6 +211,7 @@ fn baseline_table(machine: &Machine, phasor: &Phasor) -> Option<Table> {
             let of = |part: &&str| cell(load.nmae_percent.get(*part).copied().flatten());
             std::iter::once(name).chain(parts.iter().map(of)).collect()
         })
+        .filter(|row: &Vec<String>| row[1..].iter().any(|cell| cell != "–"))
         .collect();
     (!rows.is_empty()).then(|| Table {
         caption: "Error of the 1x phasor inversion [% of the nominal load]".into(),

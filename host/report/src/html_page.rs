@@ -1,7 +1,8 @@
 //! Writing of a report as one HTML page of at most 8 MB: checks its plots, thins the signals until
 //! the page fits, and encodes the data.
 
-use super::{Data, Mark, MinMaxDecimator, Plot, Report, Section, Table, UPLOT_CSS, UPLOT_JS};
+use super::markup::{cells, columns_of_words, escape};
+use super::{Data, Mark, MinMaxDecimator, Plot, Report, Section, UPLOT_CSS, UPLOT_JS};
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
 use loadtwin_files::content::Content;
@@ -150,7 +151,8 @@ impl Report {
         );
         self.head(&mut html, &title);
         let mut next_plot = 0;
-        for section in &self.sections {
+        let sections = self.sections.iter();
+        for section in sections.filter(|section| !section.plots.is_empty()) {
             section_html(&mut html, section, &mut next_plot);
         }
         footer(&mut html, time);
@@ -197,26 +199,6 @@ impl Report {
         }
         *html += "</div>";
     }
-}
-
-/// Cells of a row; columns of words stand left.
-fn cells(cells: &[String], tag: &str, is_words: &[bool]) -> String {
-    let mut html = String::new();
-    for (cell, is_words) in cells.iter().zip(is_words) {
-        let class = if *is_words { " class=\"words\"" } else { "" };
-        // Writing to a String cannot fail.
-        let _ = write!(html, "<{tag}{class}>{}</{tag}>", escape(cell));
-    }
-    html
-}
-
-/// Of each column whether some cell begins with a letter.
-fn columns_of_words(table: &Table) -> Vec<bool> {
-    let is_words = |column: usize| {
-        let mut cells = table.rows.iter().filter_map(|row| row.get(column));
-        cells.any(|cell| cell.starts_with(char::is_alphabetic))
-    };
-    (0..table.head.len()).map(is_words).collect()
 }
 
 fn section_html(html: &mut String, section: &Section, next_plot: &mut usize) {
@@ -290,7 +272,15 @@ fn check(plot: &Plot, time: Option<&MinMaxDecimator>) -> Result<(), ReportError>
         .zip(after)
         .any(|(before, mark)| (before == Mark::Upper) != (mark == Mark::Lower));
     let shaded = (plot.shaded.iter().map(|shaded| shaded.column)).find(|column| *column >= columns);
+    let points = match &plot.data {
+        Data::Time(_) => 0,
+        Data::Own { x, .. } => x.len(),
+    };
+    let names = plot.names.len();
     let problem = problem
+        .or_else(|| {
+            (names != 0 && names != points).then(|| format!("{names} names for {points} points"))
+        })
         .or_else(|| {
             shaded.map(|column| format!("found column {column}, allowed is below {columns}"))
         })
@@ -306,7 +296,7 @@ fn check(plot: &Plot, time: Option<&MinMaxDecimator>) -> Result<(), ReportError>
 fn plot_json(plot: &Plot, halvings: u32) -> Value {
     let mut json = json!({
         "title": plot.title, "size": plot.size, "x": plot.x, "y": plot.y, "limits": plot.limits,
-        "shaded": plot.shaded,
+        "shaded": plot.shaded, "names": plot.names,
     });
     match &plot.data {
         Data::Time(series) => {
@@ -314,7 +304,11 @@ fn plot_json(plot: &Plot, halvings: u32) -> Value {
             json["columns"] = json!(series.iter().map(|(_, c)| c).collect::<Vec<_>>());
         }
         Data::Own { x, series } => {
-            let stride = stride(x.len(), halvings);
+            let stride = if plot.names.is_empty() {
+                stride(x.len(), halvings)
+            } else {
+                1
+            };
             json["series"] = json!(series.iter().map(|(s, _)| s).collect::<Vec<_>>());
             json["own"] = json!({
                 "x": encode_f64(&x.iter().copied().step_by(stride).collect::<Vec<_>>()),
@@ -352,22 +346,6 @@ fn encode_f64(values: &[f64]) -> String {
             .flat_map(|v| v.to_le_bytes())
             .collect::<Vec<_>>(),
     )
-}
-
-/// Text as it may stand in an element or a quoted attribute.
-fn escape(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => escaped += "&amp;",
-            '<' => escaped += "&lt;",
-            '>' => escaped += "&gt;",
-            '"' => escaped += "&quot;",
-            '\'' => escaped += "&#39;",
-            c => escaped.push(c),
-        }
-    }
-    escaped
 }
 
 #[cfg(test)]

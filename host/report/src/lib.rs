@@ -48,6 +48,7 @@
 
 mod decimator;
 mod html_page;
+mod markup;
 mod replay_plots;
 mod scatter;
 mod sensor_plots;
@@ -105,6 +106,63 @@ pub struct Table {
     pub rows: Vec<Vec<String>>,
 }
 
+impl Table {
+    /// Rows of figures by their name, `[name, text]`, as one row with a column for each name; before them the
+    /// cells that say of what the figures are, after them remarks.
+    pub fn of_figures(
+        caption: String,
+        [before, after]: [&[&str]; 2],
+        rows: Vec<(Vec<String>, Vec<[String; 2]>, Vec<String>)>,
+    ) -> Self {
+        let mut names: Vec<String> = Vec::new();
+        for [name, _] in rows.iter().flat_map(|(_, figures, _)| figures) {
+            if !names.contains(name) {
+                names.push(name.clone());
+            }
+        }
+        let cells = |figures: &[[String; 2]]| -> Vec<String> {
+            let of = |name: &String| figures.iter().find(|[other, _]| other == name);
+            (names.iter())
+                .map(|name| {
+                    of(name).map_or_else(|| "–".into(), |[_, text]| text.replace("->", "→"))
+                })
+                .collect()
+        };
+        Self {
+            rows: (rows.iter())
+                .map(|(first, figures, last)| [&first[..], &cells(figures), last].concat())
+                .collect(),
+            head: (before.iter().map(ToString::to_string))
+                .chain(names.iter().cloned())
+                .chain(after.iter().map(ToString::to_string))
+                .collect(),
+            caption,
+        }
+    }
+}
+
+/// The prefix of a unit in which a size near `value` is read best, and its factor: `k` and 1000 for 3e5.
+pub fn prefix_of(value: f64) -> (&'static str, f64) {
+    const PREFIXES: [(&str, f64); 7] = [
+        ("G", 1e9),
+        ("M", 1e6),
+        ("k", 1e3),
+        ("", 1.0),
+        ("m", 1e-3),
+        ("µ", 1e-6),
+        ("n", 1e-9),
+    ];
+    let size = value.abs();
+    // Up to 2000 and down to 0.2 without one, as the plots.
+    let is_read =
+        |(_, factor): &&(&str, f64)| size >= if *factor > 1.0 { 2.0 } else { 0.2 } * factor;
+    let is_plain = size == 0.0 || !size.is_finite();
+    match PREFIXES.iter().find(is_read) {
+        Some(found) if !is_plain => *found,
+        _ => ("", 1.0),
+    }
+}
+
 /// Plots under one heading.
 #[derive(Clone, Debug, Default)]
 pub struct Section {
@@ -135,6 +193,8 @@ pub struct Plot {
     pub limits: Vec<Limit>,
     /// Times that are shaded; only over time.
     pub shaded: Option<Shaded>,
+    /// Names of the points, one for each `x` of [`Data::Own`], drawn beside them; or empty.
+    pub names: Vec<String>,
 }
 
 impl Default for Plot {
@@ -147,6 +207,7 @@ impl Default for Plot {
             data: Data::Time(Vec::new()),
             limits: Vec::new(),
             shaded: None,
+            names: Vec::new(),
         }
     }
 }
@@ -195,11 +256,11 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Linear axis.
+    /// Linear axis; newton metres are written `Nm`, as in descriptions.
     pub fn new(quantity: &str, unit: &str) -> Self {
         Self {
             quantity: quantity.to_owned(),
-            unit: unit.to_owned(),
+            unit: unit.replace("N m", "Nm"),
             logarithmic: false,
         }
     }

@@ -75,8 +75,8 @@ impl SensorPlots {
             size: PlotSize::Half,
             y: Axis::new(&label.quantity, &label.unit),
             data: Data::Time(vec![
-                (Series::line("measured", Role::Measured), column),
                 (Series::line("predicted", Role::Predicted), column + 1),
+                (Series::line("measured", Role::Measured), column),
             ]),
             shaded: Some(Shaded::new("flagged", column + 3)),
             ..Plot::default()
@@ -94,8 +94,8 @@ impl SensorPlots {
             data: Data::Own {
                 x,
                 series: vec![
-                    (points("measured", Role::Measured), measured),
                     (points("predicted", Role::Predicted), predicted),
+                    (points("measured", Role::Measured), measured),
                 ],
             },
             shaded: None,

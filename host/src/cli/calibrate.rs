@@ -7,20 +7,20 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
+use super::calibrate_bearing;
 use super::file_plan::{Plan, Replace};
 use super::layout_option::LayoutFile;
 use super::printing::{say, shown, shown_all};
 use super::progress::Progress;
-use crate::atomic_file::{AtomicFile, publish};
+use crate::atomic_file::publish;
 use crate::bearing::{CALIBRATION, Rig};
 use crate::build::Sensors;
 use crate::calibrate::{
     self, Candidate, Description, Gauge, MapSource, Observations, Proposal, calibrated, fronts,
     page, select,
 };
-use crate::machine::{Bearing, Kind, Machine, resampled};
+use crate::machine::{Kind, Machine, resampled};
 use crate::origin::with_origin;
-use crate::replay::recorded;
 use crate::report::PAGE;
 use crate::tune::{NOISE_BINS, rms};
 
@@ -40,13 +40,13 @@ pub struct Calibrate {
     machine: PathBuf,
     /// Recordings (CSV, Parquet or MDF4) of the same machine.
     #[arg(required = true)]
-    recordings: Vec<PathBuf>,
+    pub(super) recordings: Vec<PathBuf>,
     /// Write the calibrated description to FILE.toml, with its maps beside it.
     #[arg(short, long, value_name = "FILE")]
-    output: Option<PathBuf>,
+    pub(super) output: Option<PathBuf>,
     /// Write a page with surfaces, ranking, simulated against measured, and Pareto fronts.
     #[arg(long, value_name = "FILE.html")]
-    report: Option<PathBuf>,
+    pub(super) report: Option<PathBuf>,
     /// How far a gauge without `patch_map` may sit from its described angle [degrees of
     /// the carrier].
     #[arg(long, value_name = "DEGREES", default_value_t = 6.0)]
@@ -88,7 +88,12 @@ impl Calibrate {
         if let Some(Kind::Bearing(bearing)) = machine.kind() {
             plan.writes("--output", self.output.as_deref(), CALIBRATION)
                 .check(as_json)?;
-            return self.bearing(&machine, bearing, as_json);
+            let rig = Rig {
+                machine: &machine,
+                bearing,
+                sensors: &Sensors::choose(&machine, None)?,
+            };
+            return calibrate_bearing::run(&rig, self, as_json);
         }
         plan.writes_description("--output", self.output.as_deref())
             .check(as_json)?;
@@ -153,69 +158,6 @@ impl Calibrate {
             "--largest-mae {}: allowed: above 0",
             self.largest_mae
         );
-        Ok(())
-    }
-
-    /// Fits a bearing to a recording on a rig; `--output` gets the answers of its gauges.
-    fn bearing(&self, machine: &Machine, bearing: &Bearing, as_json: bool) -> anyhow::Result<()> {
-        let started = Instant::now();
-        let [recording] = self.recordings.as_slice() else {
-            anyhow::bail!(
-                "a bearing is calibrated from one recording; found {}",
-                self.recordings.len()
-            );
-        };
-        let sensors = Sensors::choose(machine, None)?;
-        let samples = recorded(machine, &sensors, recording)?;
-        let rig = Rig {
-            machine,
-            bearing,
-            sensors: &sensors,
-        };
-        let calibration = crate::bearing::calibrate(&rig, &samples)?;
-        if let Some(output) = &self.output {
-            let text = toml::to_string(&calibration)?;
-            AtomicFile::marked(output, &CALIBRATION, &text)?.finish()?;
-        }
-        let seconds = started.elapsed().as_secs_f64();
-        if as_json {
-            let gauges: Vec<Value> = (calibration.gauge.iter())
-                .map(|g| json!({ "name": g.name, "resting_error": g.resting_error, "model_error": g.model_error, "bulk_error": g.bulk_error }))
-                .collect();
-            say!(
-                "{}",
-                json!({
-                    "machine": machine.name, "recordings": shown_all(&self.recordings), "samples": samples.len(),
-                    "physical": calibration.physical, "physical_std": calibration.physical_std,
-                    "gauges": gauges,
-                    "calibration_out": self.output.as_ref().map(shown), "seconds": seconds,
-                })
-            );
-        } else {
-            let (found, std) = (calibration.physical, calibration.physical_std);
-            for (name, value, std) in [
-                ("contact stiffness", found.stiffness, std.stiffness),
-                ("preload", found.preload, std.preload),
-                (
-                    "contact angle [deg]",
-                    found.contact_angle_deg,
-                    std.contact_angle_deg,
-                ),
-                ("row coupling", found.row_coupling, std.row_coupling),
-            ] {
-                say!("{name:<20} {value:+.3} +- {std:.3} against the description");
-            }
-            for gauge in &calibration.gauge {
-                say!(
-                    "{:<20} error: local {:.2} um/m and {:.0} %, bulk {:.2} um/m",
-                    gauge.name,
-                    gauge.resting_error,
-                    100.0 * gauge.model_error,
-                    gauge.bulk_error
-                );
-            }
-            say!("{} samples, {seconds:.1} s", samples.len());
-        }
         Ok(())
     }
 

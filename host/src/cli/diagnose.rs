@@ -161,10 +161,6 @@ impl Diagnose {
             cutoff_hz > 0.0 && cutoff_hz.is_finite(),
             "--cutoff-hz {cutoff_hz}: allowed: above 0"
         );
-        anyhow::ensure!(
-            self.report.is_none(),
-            "--report: there is no page for a torque balance; allowed: a machine with gauges"
-        );
         let request = Request {
             machine,
             fit: &self.recordings,
@@ -172,7 +168,7 @@ impl Diagnose {
             cutoff_hz,
             machine_out: self.output.as_deref(),
         };
-        diagnose_drive::run(&request, as_json)
+        diagnose_drive::run(&request, self.report.as_deref(), as_json)
     }
 }
 

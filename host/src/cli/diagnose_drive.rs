@@ -1,6 +1,7 @@
 //! Part of `loadtwin diagnose` for drives with a table `[balance]`: runs the diagnosis of the
 //! torque balance, and prints verdict, effects and errors as text or JSON.
 
+use std::path::Path;
 use std::time::Instant;
 
 use serde_json::{Value, json};
@@ -8,13 +9,22 @@ use serde_json::{Value, json};
 use super::printing::say;
 use super::progress::Progress;
 use crate::balance::{self, Diagnosis, Figure, Request};
+use crate::origin::with_origin;
 
-/// Diagnoses, writes the improved description and prints what was found.
-pub(super) fn run(request: &Request<'_>, as_json: bool) -> anyhow::Result<()> {
+/// Diagnoses, writes the improved description and the page at `report`, and prints what was found.
+pub(super) fn run(
+    request: &Request<'_>,
+    report: Option<&Path>,
+    as_json: bool,
+) -> anyhow::Result<()> {
     let started = Instant::now();
     let progress = Progress::new("diagnose");
     let diagnosis = balance::diagnose(request, |part| progress.show(part))?;
     drop(progress);
+    if let (Some(path), Some(balance)) = (report, &request.machine.balance) {
+        let page = balance::page(request.machine, balance, &diagnosis);
+        with_origin(page, Some(&request.machine.path)).write(path)?;
+    }
     let seconds = started.elapsed().as_secs_f64();
     if as_json {
         let mut out = serde_json::to_value(&diagnosis)?;

@@ -3,6 +3,7 @@
 
 mod build;
 mod calibrate;
+mod calibrate_bearing;
 mod can_commands;
 mod demo;
 mod diagnose;

@@ -2,6 +2,7 @@
 //! lists are checked.
 
 mod commands;
+mod fragment;
 mod links;
 mod markdown_page;
 
@@ -37,6 +38,12 @@ fn documentation() -> Vec<Page> {
     pages
 }
 
+/// Of descriptions.
+fn schema() -> serde_json::Value {
+    let text = std::fs::read_to_string(root().join("docs/machine.schema.json")).unwrap();
+    serde_json::from_str(&text).unwrap()
+}
+
 /// Two pages at a time, each in a folder of its own.
 #[test]
 fn every_command_prints_what_the_page_shows() {
@@ -58,10 +65,14 @@ fn every_command_prints_what_the_page_shows() {
     assert!(failures.is_empty(), "\n{}", failures.join("\n\n"));
 }
 
-/// A block of code is run, is written to a file, is data, or states why it is not run.
+/// A block of code is run, is written to a file, is a part of a description with keys that exist, or states why it is
+/// not run.
 #[test]
 fn every_block_of_code_is_run_or_states_why_not() {
-    let failures: Vec<String> = documentation().iter().flat_map(Page::unclear).collect();
+    let schema = schema();
+    let failures: Vec<String> = (documentation().iter())
+        .flat_map(|page| page.unclear(&schema))
+        .collect();
     assert!(failures.is_empty(), "\n{}", failures.join("\n"));
 }
 

@@ -3,6 +3,11 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use crate::fragment::unknown_keys;
+
+/// The page whose Python the tests of the Python package run.
+const PYTHON: &str = "docs/how-to/python.md";
+
 /// Languages of blocks that are no commands. `text` is for drawings and equations.
 const DATA: [&str; 5] = ["toml", "python", "text", "csv", "json"];
 
@@ -71,8 +76,31 @@ impl Page {
         })
     }
 
+    /// Whether what is no command is run elsewhere or can be used as it is shown.
+    fn checked(&self, block: &Block, schema: &serde_json::Value) -> Result<(), String> {
+        let is_written = block.attributes.contains_key("file");
+        match block.language.as_str() {
+            "toml" => {
+                let part: toml::Table = block.text.parse().map_err(|e| format!("{e}"))?;
+                let unknown = unknown_keys(&part, schema);
+                match unknown.as_slice() {
+                    [] => Ok(()),
+                    keys => Err(format!("no keys of a description: {}", keys.join(", "))),
+                }
+            }
+            "json" => (serde_json::from_str::<serde_json::Value>(&block.text))
+                .map(drop)
+                .map_err(|error| error.to_string()),
+            "python" if !is_written && !self.path.ends_with(PYTHON) => Err(format!(
+                "Python is run in {PYTHON} only; write it to a file and run this"
+            )),
+            "csv" if !is_written => Err("no file that a command reads".into()),
+            _ => Ok(()),
+        }
+    }
+
     /// Blocks that are neither run nor data, and code by indentation alone.
-    pub fn unclear(&self) -> Vec<String> {
+    pub fn unclear(&self, schema: &serde_json::Value) -> Vec<String> {
         let at = |line: usize, what: &str| format!("{}:{line}: {what}", self.path.display());
         let mut found = Vec::new();
         for block in &self.blocks {
@@ -93,10 +121,10 @@ impl Page {
             if block.language == "console" && !block.text.starts_with("$ ") {
                 found.push(at(block.line, "console begins with `$ `"));
             }
-            if block.language == "toml"
-                && let Err(error) = block.text.parse::<toml::Table>()
+            if reason.is_none()
+                && let Err(what) = self.checked(block, schema)
             {
-                found.push(at(block.line, &error.to_string()));
+                found.push(at(block.line, &what));
             }
         }
         let (mut blank, mut list) = (true, false);

@@ -18,6 +18,7 @@ pub struct Browser {
     process: Child,
     socket: WebSocket<TcpStream>,
     last: u64,
+    complaints: Vec<String>,
     _profile: tempfile::TempDir,
 }
 
@@ -67,11 +68,43 @@ impl Browser {
         let stream = TcpStream::connect(&port).expect("connected");
         stream.set_read_timeout(Some(PATIENCE)).expect("a time");
         let (socket, _) = tungstenite::client(page.as_str(), stream).expect("a page");
-        Self {
+        let mut browser = Self {
             process,
             socket,
             last: 0,
+            complaints: Vec::new(),
             _profile: profile,
+        };
+        for domain in ["Runtime.enable", "Log.enable", "Page.enable"] {
+            browser.call(domain, &json!({}));
+        }
+        browser
+    }
+
+    /// Opens another page.
+    pub fn go(&mut self, url: &str) {
+        self.call("Page.navigate", &json!({ "url": url }));
+        self.wait(&format!(
+            "location.href === {} && document.readyState === 'complete'",
+            json!(url)
+        ));
+    }
+
+    /// Errors that the console got since the last call.
+    pub fn complaints(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.complaints)
+    }
+
+    fn hear(&mut self, event: &Value) {
+        let parameters = &event["params"];
+        let is_error = match event["method"].as_str() {
+            Some("Runtime.exceptionThrown") => true,
+            Some("Runtime.consoleAPICalled") => parameters["type"] == "error",
+            Some("Log.entryAdded") => parameters["entry"]["level"] == "error",
+            _ => false,
+        };
+        if is_error {
+            self.complaints.push(parameters.to_string());
         }
     }
 
@@ -89,19 +122,26 @@ impl Browser {
             if answer["id"] == self.last {
                 return answer["result"].clone();
             }
+            self.hear(&answer);
         }
     }
 
-    /// The value of an expression.
+    /// The value of an expression, or what a promise leads to.
     pub fn value(&mut self, expression: &str) -> Value {
-        let parameters = json!({ "expression": expression, "returnByValue": true });
-        self.call("Runtime.evaluate", &parameters)["result"]["value"].clone()
+        let parameters =
+            json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
+        let answer = self.call("Runtime.evaluate", &parameters);
+        let failure = &answer["exceptionDetails"];
+        assert!(failure.is_null(), "{failure}");
+        answer["result"]["value"].clone()
     }
 
     /// Waits until an expression is true.
     pub fn wait(&mut self, expression: &str) {
         let deadline = Instant::now() + PATIENCE;
-        while self.value(expression) != true {
+        let guarded =
+            format!("(() => {{ try {{ return {expression} }} catch {{ return false }} }})()");
+        while self.value(&guarded) != true {
             let page = || "document.body.innerText";
             assert!(
                 Instant::now() < deadline,
@@ -118,19 +158,33 @@ impl Browser {
         self.call("Emulation.setDeviceMetricsOverride", &size);
         let theme = json!({ "features": [{ "name": "prefers-color-scheme", "value": theme }] });
         self.call("Emulation.setEmulatedMedia", &theme);
-        std::thread::sleep(Duration::from_millis(600));
+        // Observers of sizes and themes, and what they draw.
+        self.value(
+            "new Promise(done => setTimeout(() => requestAnimationFrame(() => setTimeout(done, 50)), 150))",
+        );
     }
 
-    /// A picture of the page, PNG.
-    pub fn picture(&mut self) -> Vec<u8> {
-        let answer = self.call(
-            "Page.captureScreenshot",
-            &json!({ "captureBeyondViewport": true }),
-        );
-        STANDARD
-            .decode(answer["data"].as_str().expect("a picture"))
-            .expect("base64")
+    /// A picture of the page from its top, PNG, at most `highest` pixels high.
+    pub fn picture(&mut self, highest: f64) -> Vec<u8> {
+        let size = self.call("Page.getLayoutMetrics", &json!({}))["cssContentSize"].clone();
+        let height = size["height"].as_f64().expect("a height").min(highest);
+        let clip = json!({ "x": 0, "y": 0, "width": size["width"], "height": height, "scale": 1 });
+        let parameters =
+            json!({ "captureBeyondViewport": true, "optimizeForSpeed": true, "clip": clip });
+        decoded(&self.call("Page.captureScreenshot", &parameters))
     }
+
+    /// The page as it is printed.
+    pub fn pdf(&mut self) -> Vec<u8> {
+        let parameters = json!({ "printBackground": true, "preferCSSPageSize": true });
+        decoded(&self.call("Page.printToPDF", &parameters))
+    }
+}
+
+fn decoded(answer: &Value) -> Vec<u8> {
+    STANDARD
+        .decode(answer["data"].as_str().expect("data"))
+        .expect("base64")
 }
 
 impl Drop for Browser {

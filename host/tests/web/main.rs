@@ -1,6 +1,8 @@
-//! The browser view `loadtwin monitor --web` in a real browser.
+//! What people look at, in a real browser: `monitor --web` here, the pages of reports in `pages`.
 
+mod appearance;
 mod browser;
+mod pages;
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -20,8 +22,12 @@ impl Drop for Server {
     }
 }
 
+fn examples() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples")
+}
+
 fn bench() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/bench/machine.toml")
+    examples().join("bench/machine.toml")
 }
 
 fn loadtwin(folder: &Path, arguments: &[&str]) -> Command {
@@ -130,22 +136,7 @@ fn loads_sensors_and_bits_are_on_the_page_which_connects_again() {
          .getImageData(0, 0, c.width, c.height).data; let n = 0; for (let i = 3; i < d.length; i += 4) n += d[i] > 0; return n > 500; })";
     browser.wait(drawn);
 
-    for (width, height, theme) in [
-        (1400, 900, "light"),
-        (1400, 900, "dark"),
-        (360, 740, "light"),
-    ] {
-        browser.show_as(width, height, theme);
-        let wide = browser.value("document.documentElement.scrollWidth");
-        assert!(
-            wide.as_u64().expect("a width") <= u64::from(width),
-            "{wide} of {width}"
-        );
-        // Stays after the test, to be looked at.
-        let name = format!("monitor-{width}-{theme}.png");
-        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-        std::fs::write(path, browser.picture()).expect("written");
-    }
+    appearance::check(&mut browser, "monitor");
 
     let address = server.host.clone();
     drop(server);

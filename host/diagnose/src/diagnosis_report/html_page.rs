@@ -5,6 +5,7 @@ use crate::assessment::parameter_std::parameter_stds;
 use crate::assessment::verdict::cannot_show;
 use crate::candidate_effect::Scope;
 use crate::diagnosis::Diagnosis;
+use crate::diagnosis_report::shape_std::shape_stds;
 use crate::filter_check::FilterCheck;
 use crate::machine_kind::Diagnosable;
 use crate::{Innovations, Interval, Verdict};
@@ -41,12 +42,12 @@ pub fn page<S: Diagnosable>(
             ),
         ]
         .into_iter()
-        .map(|(label, figure)| KeyFigure {
-            label: label.into(),
-            value: figure
-                .value_percent
-                .map_or_else(|| "–".into(), |v| format!("{v:.3} %")),
-            note: note(figure),
+        .filter_map(|(label, figure)| {
+            Some(KeyFigure {
+                label: format!("error, {label}"),
+                value: format!("{:.3} %", figure.value_percent?),
+                note: note(figure),
+            })
         })
         .collect(),
         tables: (effects_table(diagnosis).into_iter())
@@ -112,26 +113,39 @@ fn facts<S: Diagnosable>(recording: &str, diagnosis: &Diagnosis<S>) -> Vec<[Stri
     facts
 }
 
-/// Each effect found with its parameters, and their standard deviations where they are linear.
+/// Each effect found with its parameters and their standard deviations. Where something is missing that no candidate
+/// explains, those that explain a part of it.
 fn effects_table<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Option<Table> {
     let recordings = &diagnosis.recordings;
     let mut rows = Vec::new();
-    for found in diagnosis.verdict.named(&diagnosis.selection) {
+    let is_part = diagnosis.verdict == Verdict::Unknown;
+    let named = if is_part {
+        diagnosis.selection.found.as_slice()
+    } else {
+        diagnosis.verdict.named(&diagnosis.selection)
+    };
+    for found in named {
         let effect = found.effect;
         let place = effect
             .location(&recordings[0], &found.shape)
             .unwrap_or_default();
+        // Said once; the rows of one effect follow each other.
+        let mut description = effect.description();
         let mut row = |place: &str, parameter: String, value: String, std: String| {
-            let what = [effect.name(), effect.description(), place].map(str::to_owned);
+            let said = std::mem::take(&mut description);
+            let what = [effect.name(), said, place].map(str::to_owned);
             rows.push([&what[..], &[parameter, value, std]].concat());
         };
-        for (parameter, value) in effect.nonlinear_parameters().iter().zip(&found.shape) {
+        let stds = shape_stds(recordings, found, &diagnosis.selection.residuals_after);
+        for ((parameter, value), std) in
+            (effect.nonlinear_parameters().iter().zip(&found.shape)).zip(stds)
+        {
             let name = format!("{} [{}]", parameter.name, parameter.unit);
             row(
                 &place,
-                name.replace(" []", ""),
+                name.replace(" []", "").replace(" [number]", ""),
                 significant(*value),
-                String::new(),
+                std.map_or_else(|| "–".into(), significant),
             );
         }
         let stds = parameter_stds(recordings, found, &diagnosis.selection.residuals_after);
@@ -157,7 +171,12 @@ fn effects_table<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Option<Table> {
         }
     }
     (!rows.is_empty()).then(|| Table {
-        caption: "Effects found".into(),
+        caption: if is_part {
+            "Effects that explain a part of what is missing"
+        } else {
+            "Effects found"
+        }
+        .into(),
         head: [
             "Effect",
             "what it is",
@@ -174,7 +193,9 @@ fn effects_table<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Option<Table> {
 
 /// Three significant digits.
 fn significant(value: f64) -> String {
-    if value == 0.0 || (1e-2..1e4).contains(&value.abs()) {
+    if value.fract() == 0.0 && value.abs() < 1e4 {
+        format!("{value}")
+    } else if (1e-2..1e4).contains(&value.abs()) {
         let digits = 2 - value.abs().max(1e-2).log10().floor() as i32;
         format!("{value:.*}", digits.max(0) as usize)
     } else {
@@ -184,32 +205,27 @@ fn significant(value: f64) -> String {
 
 /// The estimator before and after.
 fn filter_table(check: &FilterCheck) -> Table {
-    let of = |sets: &[Comparison], effects: &str| -> Vec<Vec<String>> {
-        let mut rows = Vec::new();
-        for set in sets {
-            let worse = if set.is_worse() { "worse" } else { "" };
-            for [figure, change] in set.rows() {
-                let cells = [&set.sensors, effects, &figure, &change, worse];
-                rows.push(cells.map(str::to_owned).to_vec());
-            }
-        }
-        rows
+    let of = |sets: &[Comparison], effects: &str| -> Vec<_> {
+        let row = |set: &Comparison| {
+            let verdict = if set.is_worse() { "worse" } else { "" };
+            let first = vec![set.sensors.clone(), effects.to_owned()];
+            (first, set.rows(), vec![verdict.to_owned()])
+        };
+        sets.iter().map(row).collect()
     };
     let mut rows = of(&check.sets, "all");
     rows.extend(of(
         &check.sets_without,
         &format!("without {}", check.left_out.join(", ")),
     ));
-    Table {
-        caption: format!(
-            "Estimator as described and with what was found (95 % interval of the difference), on {}",
+    Table::of_figures(
+        format!(
+            "Estimator as described → with what was found (95 % interval of the difference), on {}",
             check.data()
         ),
-        head: ["Sensors", "Effects", "Figure", "Before → after", ""]
-            .map(String::from)
-            .to_vec(),
+        [&["Sensors", "Effects"], &[""]],
         rows,
-    }
+    )
 }
 
 /// The verdict in words.
@@ -265,7 +281,7 @@ fn ranking<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Table {
 fn residual_table<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Table {
     Table {
         caption: "Residuals: mean square over that of the machine without effect".into(),
-        head: ["Residual", "before", "after", "Hz", "per turn"]
+        head: ["Residual", "before", "after", "mostly at [Hz]", "per turn"]
             .map(String::from)
             .to_vec(),
         rows: diagnosis
@@ -353,6 +369,16 @@ fn top_residuals<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Vec<usize> {
     order
 }
 
+/// Whether a plot over these values shows more than one of them.
+fn varies(values: &[f64]) -> bool {
+    let known = || values.iter().copied().filter(|x| x.is_finite());
+    let (low, high) = (
+        known().fold(f64::INFINITY, f64::min),
+        known().fold(f64::NEG_INFINITY, f64::max),
+    );
+    high - low > 1e-3 * low.abs().max(high.abs())
+}
+
 fn section<S: Diagnosable>(diagnosis: &Diagnosis<S>, k: usize) -> Section {
     let recording = &diagnosis.recordings[0];
     let (before, after) = (
@@ -363,6 +389,7 @@ fn section<S: Diagnosable>(diagnosis: &Diagnosis<S>, k: usize) -> Section {
     let plots = recording
         .covariates()
         .into_iter()
+        .filter(|over| varies(&over.values))
         .map(|over| {
             let mut sample = ScatterSample::new(POINTS);
             for (i, x) in over.values.iter().enumerate() {

@@ -2,3 +2,4 @@
 
 pub mod html_page;
 pub mod json;
+mod shape_std;

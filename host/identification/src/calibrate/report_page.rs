@@ -3,8 +3,16 @@
 use crate::calibrate::{BINS, Candidate, Gauge, MapSource, Observations, fine, fronts};
 use loadtwin_machine::{Channel, Machine};
 use loadtwin_report::{
-    Axis, Data, KeyFigure, Mark, Plot, PlotSize, Report, Role, Section, Series, Table,
+    Axis, Data, KeyFigure, Mark, Plot, PlotSize, Report, Role, Section, Series, Table, prefix_of,
 };
+
+/// Four significant digits.
+fn significant(value: f64) -> String {
+    // Of 9.9999 as well, which is written 10.00.
+    let size = value.abs().max(1e-3) * (1.0 + 5e-5);
+    let digits = 3 - size.log10().floor() as i32;
+    format!("{value:.*}", digits.max(0) as usize)
+}
 
 /// Points over the carrier angle: bins of the moments put together.
 const POINTS: usize = 256;
@@ -97,12 +105,21 @@ fn shown(channel: &Channel) -> (String, f64) {
     }
 }
 
+/// Unit of torque in which the machine's loads are read best, and its value in Nm.
+fn torque_unit(machine: &Machine) -> (String, f64) {
+    let nominal = machine.loads().into_iter().map(|load| load.nominal);
+    let (prefix, factor) = prefix_of(nominal.fold(0.0, f64::max));
+    (format!("{prefix}Nm"), factor)
+}
+
 fn ranking(machine: &Machine, ranked: &[&Gauge]) -> Table {
+    let (torque, per_torque) = torque_unit(machine);
+    let response = format!("f_T per {torque}");
     let head = [
         "Channel",
         "Group",
         "Unit",
-        "f_T per kN m",
+        &response,
         "RMSE",
         "Adjusted R²",
         "Offset",
@@ -116,7 +133,13 @@ fn ranking(machine: &Machine, ranked: &[&Gauge]) -> Table {
         let channel = &machine.channels[gauge.channel];
         let (unit, si) = shown(channel);
         let number = |value: Option<f64>, digits: usize| {
-            value.map_or("–".to_owned(), |value| format!("{value:.digits$}"))
+            // Without the sign of what is rounded to 0.
+            let shown = |value: f64| format!("{value:.digits$}");
+            let is_zero = |text: &str| text.chars().all(|c| "-0.".contains(c));
+            value.map_or("–".to_owned(), |value| match shown(value) {
+                text if is_zero(&text) => shown(0.0),
+                text => text,
+            })
         };
         let (surface, placement) = (gauge.surface.as_ref(), gauge.placement.as_ref());
         let place = placement.map_or("–".to_owned(), |p| {
@@ -128,7 +151,9 @@ fn ranking(machine: &Machine, ranked: &[&Gauge]) -> Table {
             channel.name.clone(),
             channel.group.clone().unwrap_or_default(),
             unit,
-            number(surface.map(|s| 1e3 * s.sensitivity() / si), 4),
+            surface.map_or("–".into(), |s| {
+                significant(per_torque * s.sensitivity() / si)
+            }),
             number(surface.map(|s| s.rmse / si), 3),
             number(surface.map(|s| s.adjusted_r2), 4),
             number(placement.map(|p| p.offset / si), 2),
@@ -198,17 +223,19 @@ fn front_plot(machine: &Machine, proposal: &Proposal) -> Plot {
             })
             .collect()
     };
+    let (torque, per_torque) = torque_unit(machine);
+    let name = |i: usize| &machine.channels[proposal.candidates[i].channel].name;
     let rank = |i: usize| proposal.order.iter().position(|chosen| *chosen == i);
     let points = |label: &str, role| Series::new(label, role, Mark::Points);
     Plot {
         title: proposal.group.clone(),
         size: PlotSize::Half,
-        x: Axis::new("Response |f_T|", &format!("{unit} per kN m")),
+        x: Axis::new("Response |f_T|", &format!("{unit} per {torque}")),
         y: Axis::new("MAE", &unit),
         data: Data::Own {
             x: order
                 .iter()
-                .map(|&i| 1e3 * proposal.candidates[i].response / si)
+                .map(|&i| per_torque * proposal.candidates[i].response / si)
                 .collect(),
             series: vec![
                 (points("gauges", Role::Measured), errors(&|_| true)),
@@ -230,6 +257,7 @@ fn front_plot(machine: &Machine, proposal: &Proposal) -> Plot {
                 ),
             ],
         },
+        names: order.iter().map(|&i| name(i).clone()).collect(),
         ..Plot::default()
     }
 }
@@ -325,7 +353,8 @@ fn surface_plot(machine: &Machine, observations: &Observations, gauge: &Gauge) -
     let torque = constant_torque(observations, gauge)?;
     let map = coarse(&surface.map);
     let cuts = CUTS.iter().map(|cut| {
-        let label = format!("{:.0} kN m", 1e-3 * cut * torque);
+        let (prefix, factor) = prefix_of(torque);
+        let label = format!("{} {prefix}Nm", significant(cut * torque / factor));
         let values = map
             .iter()
             .map(|m| (surface.offset + cut * torque * m) / si)

@@ -24,13 +24,14 @@ pub fn page(
         sections: vec![
             Section {
                 title: "Frequency response".into(),
-                note: "From the true to the estimated load, by the noise of the table's first method; \
-                       the median over the carrier angle. 1 is wanted below the cut-off, 0 above."
-                    .into(),
+                note: format!(
+                    "From the true to the estimated load, by the noise of the table's first method; the median \
+                     over the carrier angle. 1 is wanted below the cut-off of {cutoff_hz} Hz, 0 above."
+                ),
                 open: true,
                 plots: sets
                     .iter()
-                    .map(|(name, tuned)| response(&loads, name, tuned))
+                    .map(|(name, tuned)| response(&loads, name, tuned, cutoff_hz))
                     .collect(),
             },
             Section {
@@ -58,8 +59,9 @@ fn chosen(loads: &[&str], sets: &[(&str, &Tuned)]) -> Table {
         })
     });
     Table {
-        caption: "Variance of the loads' steps in one sample, (N m)², and what the estimator says with it"
-            .into(),
+        caption:
+            "Variance Qd of the loads' steps in one sample [(Nm)²], and the innovations with it"
+                .into(),
         head: head.chain(qd).chain(norms).collect(),
         rows: rows.collect(),
     }
@@ -84,32 +86,26 @@ fn holdout(checks: &[Check]) -> Table {
         let tuned = check.tuned.iter().map(|c| ("tuned", c));
         let measured = check.measured.iter().map(|c| ("walk as described", c));
         for (noise, comparison) in tuned.chain(measured) {
-            let written = if comparison.is_shown_no_worse() {
+            let no_worse = if comparison.is_shown_no_worse() {
                 "yes"
             } else {
                 "no"
             };
-            for [figure, change] in comparison.rows() {
-                rows.push(vec![
-                    check.sensors.clone(),
-                    noise.into(),
-                    figure,
-                    change,
-                    written.into(),
-                ]);
-            }
+            rows.push((
+                vec![check.sensors.clone(), noise.into()],
+                comparison.rows(),
+                vec![no_worse.into()],
+            ));
         }
     }
-    Table {
-        caption: "Before and after on the hold-out data (95 % interval of the difference)".into(),
-        head: ["Sensors", "Noise", "Figure", "Before → after", "No worse"]
-            .map(String::from)
-            .to_vec(),
+    Table::of_figures(
+        "Before → after on the hold-out data (95 % interval of the difference)".into(),
+        [&["Sensors", "Noise"], &["No worse"]],
         rows,
-    }
+    )
 }
 
-fn response(loads: &[&str], name: &str, tuned: &Tuned) -> Plot {
+fn response(loads: &[&str], name: &str, tuned: &Tuned, cutoff_hz: f64) -> Plot {
     let of_load = |j: usize| tuned.response.iter().map(|(_, h)| h[j]).collect();
     Plot {
         title: name.to_owned(),
@@ -129,7 +125,7 @@ fn response(loads: &[&str], name: &str, tuned: &Tuned) -> Plot {
                 .collect(),
         },
         limits: vec![Limit {
-            label: "wanted below the cut-off".into(),
+            label: format!("wanted below {cutoff_hz} Hz"),
             value: 1.0,
         }],
         ..Plot::default()
@@ -149,8 +145,14 @@ fn over_angle(machine: &Machine, (channel, noise): &(usize, MeasurementNoise)) -
                 .map(|i| 360.0 * (i as f64 + 0.5) / NOISE_BINS as f64)
                 .collect(),
             series: vec![
-                (Series::line("eq. (17)", Role::Estimate), own(&noise.scaled)),
-                (Series::line("eq. (15)", Role::Other), own(&noise.plain)),
+                (
+                    Series::line("scaled by torque, eq. (17)", Role::Estimate),
+                    own(&noise.scaled),
+                ),
+                (
+                    Series::line("as it is, eq. (15)", Role::Other),
+                    own(&noise.plain),
+                ),
             ],
         },
         ..Plot::default()

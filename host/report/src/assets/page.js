@@ -25,7 +25,7 @@ function dataOf(plot) {
 
 // ---- numbers
 
-const PREFIXED = ["N", "N m", "N·m", "Nm", "W", "Pa", "m", "m/m", "rad", "V", "Hz"];
+const PREFIXED = ["N", "Nm", "W", "Pa", "m", "m/m", "rad", "V", "Hz"];
 const PREFIXES = [["G", 1e9], ["M", 1e6], ["k", 1e3], ["", 1], ["m", 1e-3], ["µ", 1e-6], ["n", 1e-9]];
 function prefixOf(unit, data) {
   if (!PREFIXED.includes(unit)) return ["", 1];
@@ -38,6 +38,12 @@ function text(v, digits = 5) {
   if (v === null || v === undefined || Number.isNaN(v)) return "–";
   const s = Number(v.toPrecision(digits));
   return (s !== 0 && (Math.abs(s) < 1e-4 || Math.abs(s) >= 1e7)) ? v.toExponential(3) : String(s).replace("-", "−");
+}
+// Numbers at an axis: with as many decimals as two neighbours need to differ.
+function tickTexts(ticks, factor) {
+  const known = ticks.filter(v => v !== null), step = Math.min(...known.slice(1).map((v, i) => Math.abs(v - known[i]) / factor));
+  const most = Math.max(...known.map(v => Math.abs(v) / factor)), digits = Math.max(6, Math.ceil(Math.log10(most / step)) + 1);
+  return ticks.map(v => v === null ? "" : text(v / factor, Number.isFinite(digits) ? Math.min(digits, 15) : 6));
 }
 const label = axis => axis.quantity + (axis.unit ? ` [${axis.unit}]` : "");
 
@@ -182,20 +188,29 @@ function colourNames(plot) {
   });
 }
 
+// How many later series have a value where this one has.
+function covering(data, k) {
+  return data.slice(k + 1).filter(later => later.some((v, at) => v !== null && data[k][at] !== null)).length;
+}
 function seriesOptions(s, chart, i) {
   const { prefix: [prefix, factor], plot } = chart, name = chart.colours[i];
   const stroke = () => colours[name], base = {
     label: s.label, stroke, width: s.role === "reference" ? 1.6 : 1.3, points: { show: false }, spanGaps: false,
-    value: (u, v) => v === null || v === undefined ? "–" : text(v / factor) + (plot.y.unit ? ` ${prefix}${plot.y.unit}` : ""),
+    // Without a cursor there is nothing to say.
+    value: (u, v, k, at) => at === null ? "" : v === null || v === undefined ? "–" : text(v / factor) + (plot.y.unit ? ` ${prefix}${plot.y.unit}` : ""),
   };
+  // What is predicted lies beneath what is measured, and wider: the two are seen also where they agree.
+  const beneath = s.role === "predicted" && plot.series.slice(i + 1).some(other => other.role === "measured");
+  if (beneath && s.mark === "line") return { ...base, width: 4, stroke: () => colours[name] + "80" };
+  if (beneath && s.mark === "points") return { ...base, paths: () => null, points: { show: true, size: 8, width: 0, fill: () => colours[name] + "80" } };
   switch (s.mark) {
     // A few points stay in sight beneath those of later series.
-    case "points": return { ...base, paths: () => null, points: { show: true, size: 5 + (chart.data[0].length <= 200 ? 3 * (plot.series.length - 1 - i) : 0), width: 0, fill: () => colours[name] + (chart.data[0].length <= 200 ? "" : "99") } };
+    case "points": return { ...base, paths: () => null, points: { show: true, size: 5 + (chart.data[0].length <= 200 ? 3 * covering(chart.data, i + 1) : 0), width: 0, fill: () => colours[name] + (chart.data[0].length <= 200 ? "" : "99") } };
     case "bars": return { ...base, width: 1, fill: () => colours[name] + "b0", paths: uPlot.paths.bars({ size: [0.75, 40] }), fillTo: () => 0 };
     // The legend shows half the band's width.
     case "upper": case "lower": return {
       ...base, width: 0.6, stroke: () => colours[name] + "70",
-      value: (u, v, i, at) => base.value(u, at === null || v === null || s.mark === "lower" ? null : (v - u.data[i + 1][at]) / 2),
+      value: (u, v, i, at) => base.value(u, at === null || v === null || s.mark === "lower" ? null : (v - u.data[i + 1][at]) / 2, i, at),
     };
     default: return base;
   }
@@ -234,6 +249,31 @@ function drawSpans(u, spans) {
     const a = Math.max(u.valToPos(from, "x", true), bbox.left), b = Math.min(u.valToPos(to, "x", true), right);
     if (b >= bbox.left && a <= right) ctx.fillRect(a, bbox.top, Math.max(b - a, devicePixelRatio), bbox.height);
   }
+  ctx.restore();
+}
+
+// Names of points: right of each, left where the plot ends; those that would lie on another are left out.
+function placedNames({ u, plot, data }, measure) {
+  const placed = [], wide = u.over.clientWidth, { min, max } = u.scales.x;
+  plot.names.forEach((name, i) => {
+    const k = data.findIndex((column, c) => c > 0 && column[i] !== null && u.series[c].show);
+    if (!name || k < 0 || data[0][i] < min || data[0][i] > max) return;
+    const at = u.valToPos(data[0][i], "x"), y = u.valToPos(data[k][i], "y"), width = measure(name);
+    const x = at + 10 + width > wide ? at - 10 - width : at + 10;
+    const free = placed.every(p => Math.abs(p.y - y) > 11 || p.x > x + width + 2 || x > p.x + p.width + 2);
+    if (free) placed.push({ name, x, y, width });
+  });
+  return placed;
+}
+function drawNames(chart) {
+  if (!chart.plot.names.length || !chart.u) return;
+  const { ctx, bbox } = chart.u, px = devicePixelRatio;
+  ctx.save();
+  ctx.font = `${11 * px}px system-ui, sans-serif`;
+  ctx.textAlign = "left";
+  ctx.textBaseline = "middle";
+  ctx.fillStyle = colours.text;
+  for (const { name, x, y } of placedNames(chart, name => ctx.measureText(name).width / px)) ctx.fillText(name, bbox.left + x * px, bbox.top + y * px);
   ctx.restore();
 }
 
@@ -277,7 +317,7 @@ function drawPlot(figure) {
   const group = groupOf(plot, index);
   const chart = { plot, data, group, figure, prefix: prefixOf(plot.y.unit, data.slice(1)), xPrefix: prefixOf(plot.x.unit, [data[0]]), colours: colourNames(plot), handles: [] };
   const [prefix, factor] = chart.prefix, [xPrefix, xFactor] = chart.xPrefix;
-  if (!data[0].length) {
+  if (data.slice(1).every(column => column.every(v => v === null))) {
     const p = document.createElement("p");
     p.className = "problem";
     p.textContent = "No data.";
@@ -307,12 +347,12 @@ function drawPlot(figure) {
     },
     axes: [
       { ...axis, label: label({ quantity: plot.x.quantity, unit: plot.x.unit && xPrefix + plot.x.unit }), size: 30,
-        ...(xPrefix && { values: (u, ticks) => ticks.map(v => v === null ? "" : text(v / xFactor, 6)) }) },
+        values: (u, ticks) => tickTexts(ticks, xFactor) },
       { ...axis, label: label({ quantity: plot.y.quantity, unit: plot.y.unit && prefix + plot.y.unit }), size: 58,
-        values: (u, ticks) => ticks.map(v => v === null ? "" : text(v / factor, 6)) },
+        values: (u, ticks) => tickTexts(ticks, factor) },
     ],
     series: [
-      { label: plot.x.quantity, value: (u, v) => v === null ? "–" : text(v / xFactor, 8) + (plot.x.unit ? ` ${xPrefix}${plot.x.unit}` : "") },
+      { label: plot.x.quantity, value: (u, v) => v === null ? "" : text(v / xFactor, 8) + (plot.x.unit ? ` ${xPrefix}${plot.x.unit}` : "") },
       ...plot.series.map((s, i) => seriesOptions(s, chart, i)),
     ],
     bands,
@@ -326,7 +366,7 @@ function drawPlot(figure) {
     },
     hooks: {
       drawClear: [u => drawSpans(u, spans)],
-      draw: [u => { drawLimits(u, plot); if (chart.readout) drawCursors(chart); }],
+      draw: [u => { drawLimits(u, plot); chart.u ??= u; drawNames(chart); if (chart.readout) drawCursors(chart); }],
       setScale: [(u, key) => {
         if (key !== "x" || !chart.u) return;
         const { min, max } = u.scales.x;
@@ -359,10 +399,11 @@ function drawPlot(figure) {
   addSaving(chart);
   if (cursorsOn && group.cursors === null) defaultCursors(group);
   drawCursors(chart);
-  new ResizeObserver(() => {
+  // In the next frame: a plot of another size may change what is observed.
+  new ResizeObserver(() => requestAnimationFrame(() => {
     const width = figure.clientWidth;
     if (!beforePrint && width > 0 && width !== u.width) u.setSize({ width, height: u.height });
-  }).observe(figure);
+  })).observe(figure);
 }
 
 function drawSection(details) {
@@ -377,7 +418,10 @@ function drawSection(details) {
 function setTheme(theme) {
   root.dataset.theme = theme;
   for (const name of [...ROLES, "a", "limit", "text", "soft", "grid", "line", "card"]) colours[name] = css(name);
-  for (const { u } of charts) u.redraw(false, true);
+  for (const { u } of charts) {
+    u.redraw(false, true);
+    u.root.querySelectorAll(".u-marker").forEach((marker, i) => { if (i > 0) marker.style.borderColor = u.series[i].stroke(u, i); });
+  }
 }
 function setCursors(on) {
   cursorsOn = on;
@@ -442,7 +486,7 @@ function inked({ u }) {
 // uPlot draws after the caller is done.
 const drawn = () => new Promise(done => setTimeout(done, 50));
 async function selftest() {
-  const result = { plots: page.plots.length, drawn: charts.length, blank: charts.filter(c => !inked(c)).map(c => c.plot.title) };
+  const result = { plots: page.plots.length, drawn: charts.length, empty: document.querySelectorAll(".problem").length, blank: charts.filter(c => !inked(c)).map(c => c.plot.title) };
   setCursors(true);
   const time = charts.find(c => c.group.key === "time");
   if (time) {

@@ -44,8 +44,11 @@ function csvOf(chart) {
   const flag = plot.shaded ? timeColumns[plot.shaded.column] : null, flagName = flag ? [plot.shaded.label] : [];
   const lines = [];
   if (plot.own || page.time.perBucket <= 1) {
-    lines.push([label(plot.x), ...names, ...flagName]);
-    x.forEach((at, i) => { if (inView(i)) lines.push([at, ...columns.map(c => c[i] ?? ""), ...(flag ? [flag[i] ?? ""] : [])]); });
+    const named = plot.names.length > 0;
+    lines.push([...(named ? ["name"] : []), label(plot.x), ...names, ...flagName]);
+    x.forEach((at, i) => {
+      if (inView(i)) lines.push([...(named ? [cell(plot.names[i])] : []), at, ...columns.map(c => c[i] ?? ""), ...(flag ? [flag[i] ?? ""] : [])]);
+    });
   } else {
     const time = `${plot.x.quantity} [${plot.x.unit}]`;
     lines.push([`${time} from`, `${time} to`, ...names.flatMap(name => [`${name} least`, `${name} greatest`]), ...flagName]);
@@ -123,7 +126,9 @@ function svgOf(chart) {
     } else out.push(`<path d="${line(column)}" stroke="${colour}" stroke-width="1.3"/>`);
   }
   for (const { value } of plot.limits) out.push(`<path d="M${left} ${Y(value)}H${right}" stroke="${colours.limit}" stroke-width="1.6" stroke-dasharray="7 4"/>`);
-  out.push("</svg>", `<rect x="${left}" y="${top}" width="${wide}" height="${high}" fill="none" stroke="${colours.line}"/>`);
+  out.push("</svg>");
+  for (const { name, x, y } of placedNames(chart, name => 6.2 * name.length)) out.push(write((left + x).toFixed(2), (top + y + 4).toFixed(2), name));
+  out.push(`<rect x="${left}" y="${top}" width="${wide}" height="${high}" fill="none" stroke="${colours.line}"/>`);
   for (const { value, label } of plot.limits) out.push(write(right - 4, Number(Y(value)) - 5, label, `text-anchor="end" fill="${colours.limit}"`));
   const [prefix] = chart.prefix, unit = plot.y.unit && prefix + plot.y.unit, [xPrefix] = chart.xPrefix;
   out.push(write(left + wide / 2, bottom + 36, label({ ...plot.x, unit: plot.x.unit && xPrefix + plot.x.unit }), 'text-anchor="middle" font-size="12"'),

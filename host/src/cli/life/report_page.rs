@@ -12,7 +12,7 @@ use crate::report::{
     Axis, Data, KeyFigure, Mark, Plot, PlotSize, Report, Role, Section, Series, Table,
 };
 
-const NOTE: &str = "Cycles of the matrix: one mark a cell, by its minimum and maximum, of the closed cycles. \
+const NOTE: &str = "Matrix: one mark a cell, by its minimum and maximum, with the number of its closed cycles. \
      Cumulative cycles: how many have at least that range, half cycles of the residue with them.";
 
 /// Decades of cycles that have a series of their own in the matrix; the last has all above.
@@ -40,7 +40,9 @@ pub(super) fn report(
             ["Time seen".into(), format!("{seen_s:.1} s")],
         ],
         key_figures: of_loads().filter_map(key_figure).collect(),
-        tables: of_loads().map(equivalent_loads).collect(),
+        tables: std::iter::once(counts_table(counted, period_s))
+            .chain(of_loads().map(equivalent_loads))
+            .collect(),
         sections: (counted.iter())
             .map(|counted| section(counted, period_s))
             .collect(),
@@ -63,6 +65,64 @@ fn key_figure((counted, figures): (&Counted, &Figures)) -> Option<KeyFigure> {
         value: format!("{damage:.3e}"),
         note,
     })
+}
+
+/// What was seen and counted of each load of each machine.
+fn counts_table(counted: &[Counted], period_s: f64) -> Table {
+    let several = counted.iter().any(|counted| counted.machines.len() > 1);
+    let mut rows = Vec::new();
+    for counted in counted {
+        for (number, machine) in (1..).zip(&counted.machines) {
+            let counts = &machine.counts;
+            let (seen, scale) = (counts.observation(), counts.scale());
+            let (closed, residue) = counts.ended();
+            let [from, to] = scale.ends();
+            let name = if several {
+                format!("{}, machine {number}", counted.name)
+            } else {
+                counted.name.clone()
+            };
+            let extremes = counts.extremes().map_or_else(
+                || ["–".to_owned(), "–".to_owned()],
+                |extremes| extremes.map(|e| format!("{:.4}", e.load)),
+            );
+            let [lowest, highest] = extremes;
+            rows.push(vec![
+                name,
+                counted.unit.to_string(),
+                closed.cycles().to_string(),
+                residue.ranges().count().to_string(),
+                lowest,
+                highest,
+                format!("{from:.4} to {to:.4}"),
+                format!("{:.4}", f32::from(counts.gate()) * scale.width()),
+                format!("{:.2}", 100.0 * seen.share().unwrap_or(0.0)),
+                format!("{:.1}", seen.elapsed() as f64 * period_s),
+                seen.not_valid.to_string(),
+                format!("{} in {}", seen.missing, seen.gaps),
+            ]);
+        }
+    }
+    Table {
+        caption: "What was counted".into(),
+        head: [
+            "Load",
+            "unit",
+            "closed cycles",
+            "half cycles",
+            "lowest",
+            "highest",
+            "counted range",
+            "gate",
+            "seen [%]",
+            "of [s]",
+            "samples not valid",
+            "missing, gaps",
+        ]
+        .map(String::from)
+        .to_vec(),
+        rows,
+    }
 }
 
 fn equivalent_loads((counted, figures): (&Counted, &Figures)) -> Table {
@@ -183,7 +243,7 @@ fn matrix(machines: &[&LoadCounts], scale: LevelScale, unit: &str) -> Plot {
         .enumerate()
         .map(|(decade, (label, role))| (Series::new(label, *role, Mark::Points), of_decade(decade)))
         .collect();
-    half(
+    let plot = half(
         "Rainflow matrix, cycles",
         Axis::new("Minimum", unit),
         Axis::new("Maximum", unit),
@@ -193,7 +253,11 @@ fn matrix(machines: &[&LoadCounts], scale: LevelScale, unit: &str) -> Plot {
                 .collect(),
             series,
         },
-    )
+    );
+    Plot {
+        names: found.iter().map(|(_, count)| count.to_string()).collect(),
+        ..plot
+    }
 }
 
 fn crossings(machines: &[&LoadCounts], scale: LevelScale, load: Axis) -> Plot {

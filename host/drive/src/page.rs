@@ -1,0 +1,275 @@
+//! Report page of a diagnosis of a drive: verdict, effects found, errors, and plots of what the model leaves of the
+//! recordings that took no part in the fit.
+
+use loadtwin_machine::{Balance, Machine, Regime};
+use loadtwin_report::{
+    Axis, Data, KeyFigure, Mark, Plot, PlotSize, Report, Role, ScatterSample, Section, Series,
+    Table,
+};
+
+use crate::{BeforeAfter, Diagnosis, Figure};
+
+/// Points of a plot.
+const POINTS: usize = 3000;
+
+/// The report on `diagnosis`.
+pub fn page(machine: &Machine, balance: &Balance, diagnosis: &Diagnosis) -> Report {
+    let unit = balance.unit.symbol();
+    let errors = &diagnosis.error;
+    Report {
+        title: format!("{}: diagnosis", machine.name),
+        facts: facts(diagnosis),
+        key_figures: [
+            ("as described", errors.nominal.before),
+            ("as described, with what was found", errors.nominal.after),
+            ("recalibrated", errors.recalibrated.before),
+            (
+                "recalibrated, with what was found",
+                errors.recalibrated.after,
+            ),
+        ]
+        .into_iter()
+        .filter_map(|(label, figure)| key_figure(label, figure))
+        .collect(),
+        tables: effects(diagnosis, unit)
+            .into_iter()
+            .chain([linear(balance, diagnosis, unit), error_table(diagnosis)])
+            .chain((!diagnosis.validated_on.is_empty()).then(|| by_recording(diagnosis)))
+            .collect(),
+        sections: vec![Section {
+            title: "Residual of the drive".into(),
+            note: "What the model leaves of recordings that took no part in the fit, with the linear part fitted \
+                   anew: before without effects, after with what was found."
+                .into(),
+            open: true,
+            plots: plots(balance, diagnosis, unit),
+        }],
+        ..Report::default()
+    }
+}
+
+fn facts(diagnosis: &Diagnosis) -> Vec<[String; 2]> {
+    let names: Vec<&str> = diagnosis.effects.iter().map(|e| e.name).collect();
+    let verdict = match diagnosis.verdict {
+        "none" => "nothing is missing that these recordings show".to_owned(),
+        "unknown" => "something is missing that no effect explains".to_owned(),
+        "inseparable" => format!("missing: {}, or another in place of one", names.join(", ")),
+        _ => format!("missing: {}", names.join(", ")),
+    };
+    let validated: Vec<&str> = (diagnosis.validated_on.iter())
+        .map(|v| v.recording.as_str())
+        .collect();
+    let mut facts = vec![
+        ["Verdict".into(), verdict],
+        ["Fitted to".into(), diagnosis.fitted_on.join(", ")],
+        ["Validated on".into(), validated.join(", ")],
+        ["Below".into(), format!("{} Hz", diagnosis.cutoff_hz)],
+    ];
+    for alternative in &diagnosis.alternatives {
+        let instead: Vec<&str> = alternative.instead.iter().map(|i| i.0).collect();
+        facts.push([
+            format!("Instead of {}", alternative.effect),
+            instead.join(", "),
+        ]);
+    }
+    let next = diagnosis.next_experiment.iter();
+    facts.extend(next.map(|next| ["Record next".into(), next.clone()]));
+    facts.extend((diagnosis.notes.iter()).map(|note| ["Note".into(), note.clone()]));
+    facts.extend(diagnosis.beyond.iter().map(|b| {
+        let value = format!(
+            "{} up to {:.3}, fitted up to {:.3}",
+            b.what, b.validated, b.fitted
+        );
+        ["Extrapolated".into(), value]
+    }));
+    facts
+}
+
+fn key_figure(label: &str, figure: Figure) -> Option<KeyFigure> {
+    let interval = figure
+        .interval_percent
+        .map_or_else(String::new, |[low, high]| {
+            format!("{low:.1} to {high:.1} % on as many other recordings (95 %); ")
+        });
+    Some(KeyFigure {
+        label: format!("error, {label}"),
+        value: format!("{:.1} %", figure.value_percent?),
+        note: format!("{interval}RMS over that of the drive"),
+    })
+}
+
+fn effects(diagnosis: &Diagnosis, unit: &str) -> Option<Table> {
+    let rows: Vec<Vec<String>> = (diagnosis.effects.iter())
+        .flat_map(|effect| {
+            let shape = (effect.parameters.shape.iter().enumerate())
+                .map(|(k, value)| (format!("shape {}", k + 1), *value));
+            let terms = effect.parameters.terms.iter().cloned();
+            terms.chain(shape).map(|(parameter, value)| {
+                vec![
+                    effect.name.to_owned(),
+                    parameter,
+                    significant(value),
+                    format!("{:.1}", effect.evidence.gain_percent),
+                    format!("{:.1e}", effect.evidence.p_value),
+                ]
+            })
+        })
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        caption: "Effects found".into(),
+        head: vec![
+            "Effect".into(),
+            format!("parameter [{unit} per term]"),
+            "value".into(),
+            "error falls by [%]".into(),
+            "probability by chance".into(),
+        ],
+        rows,
+    })
+}
+
+/// The linear part, as described and fitted anew.
+fn linear(balance: &Balance, diagnosis: &Diagnosis, unit: &str) -> Table {
+    let fitted = &diagnosis.recalibrated;
+    let mut rows = vec![
+        (format!("offset [{unit}]"), balance.offset, fitted.offset),
+        (
+            "inertia [per acceleration]".into(),
+            balance.inertia,
+            fitted.inertia,
+        ),
+        ("drag [per speed]".into(), balance.drag, fitted.drag),
+    ];
+    let loads = balance.loads.iter().zip(&fitted.load_gains);
+    rows.extend(loads.map(|(load, gain)| (format!("factor of {}", load.name), 1.0, *gain)));
+    Table {
+        caption: "Linear part, fitted together with the effects".into(),
+        head: ["", "as described", "fitted"].map(String::from).to_vec(),
+        rows: (rows.into_iter())
+            .map(|(name, before, after)| vec![name, significant(before), significant(after)])
+            .collect(),
+    }
+}
+
+fn error_table(diagnosis: &Diagnosis) -> Table {
+    let cell = |figure: &Figure| match (figure.value_percent, figure.interval_percent) {
+        (None, _) => "–".to_owned(),
+        (Some(value), None) => format!("{value:.1}"),
+        (Some(value), Some([low, high])) => format!("{value:.1} ({low:.1} to {high:.1})"),
+    };
+    let errors = &diagnosis.error;
+    let row =
+        |name: &str, of: &BeforeAfter| vec![name.to_owned(), cell(&of.before), cell(&of.after)];
+    Table {
+        caption: "Error on the validation recordings [% of the drive's RMS], 95 % interval on as many others".into(),
+        head: ["Linear part", "without effects", "with effects"]
+            .map(String::from)
+            .to_vec(),
+        rows: vec![
+            row("as described", &errors.nominal),
+            row("recalibrated", &errors.recalibrated),
+            row(
+                "recalibrated, each without its mean",
+                &errors.recalibrated_own_offset,
+            ),
+        ],
+    }
+}
+
+fn by_recording(diagnosis: &Diagnosis) -> Table {
+    Table {
+        caption: "Error by recording [% of the drive's RMS]".into(),
+        head: ["Recording", "without effects", "with effects"]
+            .map(String::from)
+            .to_vec(),
+        rows: (diagnosis.validated_on.iter())
+            .map(|v| {
+                vec![
+                    v.recording.clone(),
+                    format!("{:.1}", v.before_percent),
+                    format!("{:.1}", v.after_percent),
+                ]
+            })
+            .collect(),
+    }
+}
+
+/// The residual over what it may depend on, and over time for a recording in motion.
+fn plots(balance: &Balance, diagnosis: &Diagnosis, unit: &str) -> Vec<Plot> {
+    let of = &diagnosis.residuals;
+    let (travel, rate) = if balance.is_angle() {
+        ("rad", "rad/s")
+    } else {
+        ("m", "m/s")
+    };
+    let mut plots = Vec::new();
+    if balance.regime == Regime::Moving {
+        for (k, recording) in diagnosis.validated_on.iter().enumerate() {
+            let rows: Vec<usize> = (0..of.t.len()).filter(|i| of.recording[*i] == k).collect();
+            let at = |values: &[f64]| rows.iter().map(|i| values[*i]).collect::<Vec<f64>>();
+            let over_time = |quantity: &str, series| Plot {
+                title: format!("{quantity} over time, {}", recording.recording),
+                y: Axis::new(quantity, unit),
+                data: Data::Own {
+                    x: at(&of.t),
+                    series,
+                },
+                ..Plot::default()
+            };
+            plots.push(over_time(
+                "Drive",
+                vec![(Series::line("drive", Role::Measured), at(&of.drive))],
+            ));
+            plots.push(over_time(
+                "Residual",
+                vec![
+                    (Series::line("before", Role::Innovation), at(&of.before)),
+                    (Series::line("after", Role::Estimate), at(&of.after)),
+                ],
+            ));
+        }
+    }
+    let over = [
+        ("Speed", rate, &of.speed),
+        ("Position", travel, &of.position),
+        ("Drive", unit, &of.drive),
+    ];
+    plots.extend((over.into_iter()).map(|(quantity, x_unit, values)| {
+        let mut sample = ScatterSample::new(POINTS);
+        for (i, x) in values.iter().enumerate() {
+            sample.push(&[*x, of.before[i], of.after[i]]);
+        }
+        let mut columns = sample.columns().into_iter();
+        let mut next = || columns.next().unwrap_or_default();
+        let (x, before, after) = (next(), next(), next());
+        let points = |label: &str, role| Series::new(label, role, Mark::Points);
+        Plot {
+            title: format!("over {}", quantity.to_lowercase()),
+            size: PlotSize::Half,
+            x: Axis::new(quantity, x_unit),
+            y: Axis::new("Residual", unit),
+            data: Data::Own {
+                x,
+                series: vec![
+                    (points("before", Role::Innovation), before),
+                    (points("after", Role::Estimate), after),
+                ],
+            },
+            ..Plot::default()
+        }
+    }));
+    plots
+}
+
+/// Four significant digits.
+fn significant(value: f64) -> String {
+    if value == 0.0 || !(1e-3..1e5).contains(&value.abs()) {
+        return if value == 0.0 {
+            "0".into()
+        } else {
+            format!("{value:.3e}")
+        };
+    }
+    let digits = 3 - value.abs().log10().floor() as i32;
+    format!("{value:.*}", digits.max(0) as usize)
+}

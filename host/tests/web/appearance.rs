@@ -1,0 +1,125 @@
+//! How a page looks: pictures of it, and what is wrong with them.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use crate::browser::Browser;
+
+/// Widths of a telephone, a tablet and a desk.
+const WIDTHS: [u32; 3] = [360, 1024, 1600];
+
+/// Of a picture, in pixels; below are further plots alike.
+const HIGHEST: f64 = 6000.0;
+
+/// The library of accessibility rules axe-core, from the npm registry, unchanged, with its licence beside it.
+const AXE: &str = include_str!("axe-4.14.1.min.js");
+
+/// 186 mm, between the margins of A4, in CSS pixels.
+const PRINTED_WIDTH: u32 = 703;
+
+/// Folder of the pictures; they stay after the test, to be looked at.
+fn folder() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pages");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    folder
+}
+
+/// Asserts that the page that is open has no fault at any width, light and dark, and for people who do not see it
+/// well; and writes its pictures under `name`.
+pub fn check(browser: &mut Browser, name: &str) {
+    let mut found = Vec::new();
+    for theme in ["light", "dark"] {
+        for width in WIDTHS {
+            browser.show_as(width, 900, theme);
+            for fault in faults(browser) {
+                found.push(format!("{width} px, {theme}: {fault}"));
+            }
+            let path = folder().join(format!("{name}-{width}-{theme}.png"));
+            std::fs::write(path, browser.picture(HIGHEST)).expect("written");
+        }
+        for fault in violations(browser) {
+            found.push(format!("{theme}: {fault}"));
+        }
+    }
+    found.extend(browser.complaints());
+    assert!(found.is_empty(), "{name}:\n{}", found.join("\n"));
+}
+
+/// As [`check`] of a report in `file`, whose plots must all be drawn or say that they have no data, also on paper.
+pub fn check_report(browser: &mut Browser, file: &Path, name: &str) {
+    browser.show_as(1024, 900, "light");
+    browser.go(&format!("file://{}#all", file.display()));
+    check(browser, name);
+    let plots = browser.value(
+        "({ errors, missing: page.plots.length - charts.length - document.querySelectorAll('.problem').length, blank: charts.filter(c => !inked(c)).map(c => c.plot.title) })",
+    );
+    assert_eq!(
+        plots,
+        json!({ "errors": [], "missing": 0, "blank": [] }),
+        "{name}"
+    );
+    print(browser, name);
+}
+
+/// A PDF on A4, plots on pages after the tables, no plot or table of it wider than the paper.
+fn print(browser: &mut Browser, name: &str) {
+    let pdf = browser.pdf();
+    let text = String::from_utf8_lossy(&pdf);
+    let pages = text.matches("/Type /Page\n").count();
+    let boxes: Vec<&str> = text.split("/MediaBox [").skip(1).collect();
+    let is_a4 = |mediabox: &&str| {
+        let numbers: Vec<f64> = (mediabox.split(']').next().unwrap_or(""))
+            .split_whitespace()
+            .filter_map(|number| number.parse().ok())
+            .collect();
+        matches!(numbers[..], [_, _, w, h] if (w - 595.0).abs() < 2.0 && (h - 842.0).abs() < 2.0)
+    };
+    std::fs::write(folder().join(format!("{name}.pdf")), &pdf).expect("written");
+    // Plots begin a page of their own.
+    let has_plots = browser.value("page.plots.length > 0") == true;
+    assert!(
+        pages > usize::from(has_plots),
+        "{name}: {pages} pages of PDF"
+    );
+    assert!(boxes.iter().all(is_a4), "{name}: not on A4");
+
+    let hidden = |is_hidden: bool| json!({ "hidden": is_hidden });
+    browser.call("Emulation.setScrollbarsHidden", &hidden(true));
+    browser.show_as(PRINTED_WIDTH, 1000, "light");
+    browser.call("Emulation.setEmulatedMedia", &json!({ "media": "print" }));
+    browser.value("dispatchEvent(new Event('beforeprint'))");
+    let wide = browser.value(
+        "[document.documentElement, ...document.querySelectorAll('.table')].filter(e => e.scrollWidth > e.clientWidth + 1)\
+         .map(e => `${e.scrollWidth} of ${e.clientWidth} pixels: ${e.innerText.slice(0, 60)}`)",
+    );
+    browser.value("dispatchEvent(new Event('afterprint'))");
+    browser.call("Emulation.setEmulatedMedia", &json!({ "media": "" }));
+    browser.call("Emulation.setScrollbarsHidden", &hidden(false));
+    assert_eq!(wide, json!([]), "{name}, printed");
+    println!("{name}: {pages} pages of PDF");
+}
+
+/// What cannot be read at the present size.
+pub fn faults(browser: &mut Browser) -> Vec<String> {
+    strings(&browser.value(include_str!("appearance.js")))
+}
+
+/// Rules of accessibility that the page breaks, with impact serious or critical.
+pub fn violations(browser: &mut Browser) -> Vec<String> {
+    if browser.value("typeof axe") == "undefined" {
+        browser.value(&format!("{AXE};0"));
+    }
+    strings(&browser.value(
+        "axe.run(document, { resultTypes: ['violations'] }).then(({ violations }) => violations\
+         .filter(v => v.impact === 'serious' || v.impact === 'critical')\
+         .map(v => `${v.id}: ${v.help}: ${v.nodes.length} of ${v.nodes.slice(0, 3).map(n => n.html.slice(0, 160)).join(' ')}: ${v.nodes[0].failureSummary}`))",
+    ))
+}
+
+fn strings(list: &Value) -> Vec<String> {
+    let list = list.as_array().expect("a list");
+    list.iter()
+        .map(|text| text.as_str().expect("text").to_owned())
+        .collect()
+}
