@@ -109,6 +109,8 @@ pub struct DiagnosisInput<S: Diagnosable> {
     pub(crate) recordings: Vec<S>,
     pub(crate) holdout: Vec<S>,
     pub(crate) null_samples: NullSamples,
+    /// Part of the nominal load below which an effect is negligible.
+    pub relevant_part: f64,
 }
 
 impl<S: Diagnosable> DiagnosisInput<S> {
@@ -118,8 +120,13 @@ impl<S: Diagnosable> DiagnosisInput<S> {
         candidates: &[&'static dyn Effect<S>],
         progress: impl Fn(f64),
     ) -> Diagnosis<S> {
-        let mut selection =
-            stepwise::select(&self.recordings, &self.null_samples, candidates, progress);
+        let mut selection = stepwise::select(
+            &self.recordings,
+            &self.null_samples,
+            candidates,
+            self.relevant_part,
+            progress,
+        );
         if !self.holdout.is_empty() {
             selection.validate_on(&self.recordings, &self.holdout);
         }

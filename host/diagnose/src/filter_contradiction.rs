@@ -6,7 +6,6 @@ use crate::candidate_effect::fitted::FittedEffect;
 use crate::diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput};
 use crate::filter_check::{Courses, Evaluated, courses, described};
 use crate::machine_kind::Diagnosable;
-use crate::selection::relevance::RELEVANT_PART;
 use loadtwin_machine::Machine;
 use loadtwin_replay::{Comparison, Tendency};
 
@@ -29,7 +28,7 @@ pub fn set_contradicted_aside<S: Diagnosable>(
     let evaluated = Evaluated::whole(paths);
     while !diagnosis.named().is_empty() {
         let mut kept = diagnosis.selection.found.clone();
-        let least = least_contradicted(machine, &evaluated, &mut diagnosis, &kept)?;
+        let least = least_contradicted(machine, &evaluated, &mut diagnosis, input.relevant_part)?;
         if let Some(i) = least {
             diagnosis.selection.negligible.push(kept.remove(i));
         }
@@ -42,14 +41,15 @@ pub fn set_contradicted_aside<S: Diagnosable>(
     Ok(diagnosis)
 }
 
-/// Number of the least significant effect of `found` that the estimator contradicts.
+/// Number of the least significant effect found that the estimator contradicts.
 fn least_contradicted<S: Diagnosable>(
     machine: &Machine,
     evaluated: &Evaluated,
     diagnosis: &mut Diagnosis<S>,
-    found: &[FittedEffect<S>],
+    relevant_part: f64,
 ) -> Result<Option<usize>, DiagnoseError> {
-    let Some((with_all, absent)) = estimated(machine, evaluated, diagnosis, found)? else {
+    let found = diagnosis.selection.found.clone();
+    let Some((with_all, absent)) = estimated(machine, evaluated, diagnosis, &found)? else {
         return Ok(None);
     };
     let mut least: Option<usize> = None;
@@ -57,7 +57,7 @@ fn least_contradicted<S: Diagnosable>(
         if absent.contains(&effect.effect.name()) || !effect.effect.is_machine_property() {
             continue;
         }
-        let mut others = found.to_vec();
+        let mut others = found.clone();
         others.remove(i);
         let Some((without, _)) = estimated(machine, evaluated, diagnosis, &others)? else {
             continue;
@@ -66,7 +66,7 @@ fn least_contradicted<S: Diagnosable>(
             .map(|((name, before), (_, after))| Comparison::new(name, before, after))
             .collect();
         let is = |tendency: Tendency| sets.iter().any(|set| set.tends(tendency));
-        let changes = |set: &Comparison| set.largest_change_percent() > 100.0 * RELEVANT_PART;
+        let changes = |set: &Comparison| set.largest_change_percent() > 100.0 * relevant_part;
         if is(Tendency::Worse)
             && !is(Tendency::Better)
             && !sets.iter().any(changes)

@@ -69,6 +69,7 @@ pub use machine_kind::Diagnosable;
 pub use residual_model::{Covariate, ResidualModel, Shaft};
 pub use rotor::RotorResiduals;
 pub use selection::candidates::RankedCandidate;
+pub use selection::relevance::RELEVANT_PART;
 pub use selection::stepwise::Selection;
 
 /// Diagnoses `machine` on the recordings at `paths` with the library of its kind;
@@ -84,9 +85,24 @@ pub fn diagnose<S: Diagnosable>(
     validation: &[PathBuf],
     progress: impl Fn(f64),
 ) -> Result<Diagnosis<S>, DiagnoseError> {
-    let residuals = S::read(machine, paths, validation, |part| {
+    diagnose_above(machine, paths, validation, RELEVANT_PART, progress)
+}
+
+/// As [`diagnose`], with effects negligible below `relevant_part` of the nominal load.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn diagnose_above<S: Diagnosable>(
+    machine: &Machine,
+    paths: &[PathBuf],
+    validation: &[PathBuf],
+    relevant_part: f64,
+    progress: impl Fn(f64),
+) -> Result<Diagnosis<S>, DiagnoseError> {
+    let mut residuals = S::read(machine, paths, validation, |part| {
         progress(0.5 * part);
     })?;
+    residuals.relevant_part = relevant_part;
     let diagnosis = residuals.diagnose(S::library(), |part| progress(0.5 + 0.45 * part));
     let diagnosis = set_contradicted_aside(machine, paths, &residuals, diagnosis)?;
     progress(1.0);

@@ -3,7 +3,7 @@
 
 use loadtwin::life::{Beyond, SnCurve, Spectrum, damage};
 use loadtwin::machine::Machine;
-use loadtwin_common::counting::{LEVELS, LevelScale, LoadCounts, SHAFTS, saved::MAX_BYTES};
+use loadtwin_common::counting::{LEVELS, LevelScale, LoadCounts, SHAFTS, saved_counts::MAX_BYTES};
 use loadtwin_common::io::estimate::Estimate;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;

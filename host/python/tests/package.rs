@@ -1,6 +1,7 @@
 //! The Python package, as it is installed: put together from the library that was built and the
 //! modules beside it, and tested by a Python with `tests/requirements.txt`.
 
+#[allow(dead_code, reason = "other test programs use the rest")]
 #[path = "../../tests/web/browser.rs"]
 mod browser;
 
@@ -141,7 +142,7 @@ fn pictures(browser: &mut Browser, page: &str) {
         assert_eq!(back == json!("rgb(20, 23, 26)"), theme == "dark", "{back}");
         let name = format!("{page}-{width}-{theme}.png");
         let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-        std::fs::write(path, browser.picture()).unwrap();
+        std::fs::write(path, browser.picture(f64::from(height))).unwrap();
     }
 }
 

@@ -106,16 +106,22 @@ pub struct Table {
     pub rows: Vec<Vec<String>>,
 }
 
+/// Figures by their name, with what they are of.
+#[derive(Clone, Debug, Default)]
+pub struct FigureRow {
+    /// Cells that say of what the figures are.
+    pub first: Vec<String>,
+    /// `[name, text]` of each figure.
+    pub figures: Vec<[String; 2]>,
+    /// Remarks.
+    pub last: Vec<String>,
+}
+
 impl Table {
-    /// Rows of figures by their name, `[name, text]`, as one row with a column for each name; before them the
-    /// cells that say of what the figures are, after them remarks.
-    pub fn of_figures(
-        caption: String,
-        [before, after]: [&[&str]; 2],
-        rows: Vec<(Vec<String>, Vec<[String; 2]>, Vec<String>)>,
-    ) -> Self {
+    /// A table with a column for each name of a figure, between the columns headed `before` and `after`.
+    pub fn of_figures(caption: String, [before, after]: [&[&str]; 2], rows: &[FigureRow]) -> Self {
         let mut names: Vec<String> = Vec::new();
-        for [name, _] in rows.iter().flat_map(|(_, figures, _)| figures) {
+        for [name, _] in rows.iter().flat_map(|row| &row.figures) {
             if !names.contains(name) {
                 names.push(name.clone());
             }
@@ -130,7 +136,7 @@ impl Table {
         };
         Self {
             rows: (rows.iter())
-                .map(|(first, figures, last)| [&first[..], &cells(figures), last].concat())
+                .map(|row| [&row.first[..], &cells(&row.figures), &row.last].concat())
                 .collect(),
             head: (before.iter().map(ToString::to_string))
                 .chain(names.iter().cloned())

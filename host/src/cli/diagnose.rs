@@ -17,7 +17,7 @@ use crate::balance::{self as drive, Request};
 use crate::diagnose::candidate_effect::Effect;
 use crate::diagnose::{
     self, BearingResiduals, Diagnosable, Diagnosis, DrivetrainResiduals, Evaluated, FilterCheck,
-    Innovations, ResidualTests, RotorResiduals, Verdict,
+    Innovations, RELEVANT_PART, ResidualTests, RotorResiduals, Verdict,
 };
 use crate::machine::{Kind, Machine};
 use crate::origin::with_origin;
@@ -51,6 +51,10 @@ pub struct Diagnose {
     /// description's `tuning.cutoff_hz` where absent.
     #[arg(long, value_name = "HZ")]
     cutoff_hz: Option<f64>,
+    /// Change of a load below which an effect is negligible [% of nominal]: it is listed, but neither
+    /// named nor written. 0 names every significant effect of a size.
+    #[arg(long, value_name = "PERCENT", default_value_t = 100.0 * RELEVANT_PART)]
+    relevant_percent: f64,
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
@@ -60,6 +64,11 @@ pub struct Diagnose {
 impl Diagnose {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let started = Instant::now();
+        anyhow::ensure!(
+            (0.0..=100.0).contains(&self.relevant_percent),
+            "--relevant-percent {}: allowed: 0 to 100",
+            self.relevant_percent
+        );
         Plan::new(self.replace)
             .description(&self.machine)
             .reads(self.layout.file())
@@ -85,10 +94,13 @@ impl Diagnose {
         as_json: bool,
     ) -> anyhow::Result<()> {
         let progress = Progress::new("diagnose");
-        let mut diagnosis: Diagnosis<S> =
-            diagnose::diagnose(machine, &self.recordings, &self.validate, |part| {
-                progress.show(part);
-            })?;
+        let mut diagnosis: Diagnosis<S> = diagnose::diagnose_above(
+            machine,
+            &self.recordings,
+            &self.validate,
+            self.relevant_percent / 100.0,
+            |part| progress.show(part),
+        )?;
         drop(progress);
         let innovations = diagnose::innovations(machine, &self.recordings);
         let improves = matches!(

@@ -308,10 +308,13 @@ fn a_weak_effect_is_named_beside_a_strong_one() {
     let folder = tempfile::tempdir().unwrap();
     let effects = ["strain-nonlinearity=1.3", "thermal-drift=0.3"];
     let recording = recorded(folder.path(), "two.parquet", "steps", "90", &effects);
-    let said = diagnosed(&recording, &[]);
+    let said = diagnosed(&recording, &["--relevant-percent", "0"]);
     let found = said["effects"].as_array().unwrap();
     let names: Vec<&Value> = found.iter().map(|f| &f["name"]).collect();
     assert_eq!(names, ["strain-nonlinearity", "thermal-drift"], "{said}");
+    let said = diagnosed(&recording, &["--relevant-percent", "2"]);
+    assert_eq!(said["effects"].as_array().unwrap().len(), 1, "{said}");
+    assert_eq!(said["negligible"], json!(["thermal-drift"]), "{said}");
 }
 
 /// Friction that builds up over an angle is a constant torque where nothing stands still.

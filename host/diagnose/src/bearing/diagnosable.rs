@@ -22,6 +22,7 @@ use crate::regression::joint_fit::residuals_after;
 use crate::residual_model::Columns;
 use crate::residual_model::SignalSet;
 use crate::residual_model::{Covariate, Nuisance, ResidualModel, Shaft};
+use crate::selection::relevance::RELEVANT_PART;
 use crate::selection::stepwise::Selection;
 use loadtwin_design::bearing::{Calibration, Rig, calibration};
 use loadtwin_design::build::Sensors;
@@ -134,6 +135,7 @@ impl Diagnosable for BearingResiduals {
             recordings,
             holdout,
             null_samples,
+            relevant_part: RELEVANT_PART,
         })
     }
 

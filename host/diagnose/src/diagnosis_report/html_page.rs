@@ -12,8 +12,8 @@ use crate::{Innovations, Interval, Verdict};
 use loadtwin_machine::Machine;
 use loadtwin_replay::Comparison;
 use loadtwin_report::{
-    Axis, Data, KeyFigure, Mark, Plot, PlotSize, Report, Role, ScatterSample, Section, Series,
-    Table,
+    Axis, Data, FigureRow, KeyFigure, Mark, Plot, PlotSize, Report, Role, ScatterSample, Section,
+    Series, Table,
 };
 
 /// Points of a plot.
@@ -209,7 +209,11 @@ fn filter_table(check: &FilterCheck) -> Table {
         let row = |set: &Comparison| {
             let verdict = if set.is_worse() { "worse" } else { "" };
             let first = vec![set.sensors.clone(), effects.to_owned()];
-            (first, set.rows(), vec![verdict.to_owned()])
+            FigureRow {
+                first,
+                figures: set.rows(),
+                last: vec![verdict.to_owned()],
+            }
         };
         sets.iter().map(row).collect()
     };
@@ -224,7 +228,7 @@ fn filter_table(check: &FilterCheck) -> Table {
             check.data()
         ),
         [&["Sensors", "Effects"], &[""]],
-        rows,
+        &rows,
     )
 }
 

@@ -19,6 +19,7 @@ use crate::load_error::LoadErrors;
 use crate::machine_kind::Diagnosable;
 use crate::residual_model::Columns;
 use crate::residual_model::{Covariate, Nuisance, ResidualModel, Shaft};
+use crate::selection::relevance::RELEVANT_PART;
 use crate::selection::stepwise::Selection;
 use loadtwin_machine::Machine;
 
@@ -72,6 +73,7 @@ impl Diagnosable for DrivetrainResiduals {
             recordings,
             holdout,
             null_samples,
+            relevant_part: RELEVANT_PART,
         })
     }
 

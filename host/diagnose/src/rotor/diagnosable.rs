@@ -20,6 +20,7 @@ use crate::rotor::{
     RotorResiduals, RotorSignal, RotorTarget, candidate_effect, improved_description,
     null_distribution,
 };
+use crate::selection::relevance::RELEVANT_PART;
 use crate::selection::stepwise::Selection;
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{LoadKind, Machine, RotorLoad};
@@ -59,6 +60,7 @@ impl Diagnosable for RotorResiduals {
             recordings,
             holdout,
             null_samples,
+            relevant_part: RELEVANT_PART,
         })
     }
 

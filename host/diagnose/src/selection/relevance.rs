@@ -4,12 +4,17 @@ use crate::candidate_effect::fitted::FittedEffect;
 use crate::regression::design_matrix::columns;
 use crate::residual_model::ResidualModel;
 
-/// Part of the nominal load below which an effect is significant but not relevant.
+/// Part of the nominal load below which a significant effect is negligible, where nothing else is asked for:
+/// three times the error of a torque flange of class 0.1.
 pub const RELEVANT_PART: f64 = 0.003;
 
 /// Whether an effect is large enough for its kind and changes a load by what matters, or no sensor has a load
 /// to be compared with.
-pub(crate) fn is_relevant<S: ResidualModel>(recordings: &[S], found: &FittedEffect<S>) -> bool {
+pub(crate) fn is_relevant<S: ResidualModel>(
+    recordings: &[S],
+    found: &FittedEffect<S>,
+    relevant_part: f64,
+) -> bool {
     let FittedEffect {
         effect,
         shape,
@@ -17,7 +22,7 @@ pub(crate) fn is_relevant<S: ResidualModel>(recordings: &[S], found: &FittedEffe
         ..
     } = found;
     effect.is_relevant(&recordings[0], shape, parameters)
-        && part_of_nominal(recordings, found).is_none_or(|part| part > RELEVANT_PART)
+        && part_of_nominal(recordings, found).is_none_or(|part| part > relevant_part)
 }
 
 /// Size of an effect in the sensor and the block of time in which it is largest: root mean square of what it

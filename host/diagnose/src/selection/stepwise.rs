@@ -68,11 +68,13 @@ impl<S: ResidualModel> Selection<S> {
     }
 }
 
-/// Searches `candidates` for what explains the residuals of `recordings`.
+/// Searches `candidates` for what explains the residuals of `recordings`; what changes no reading by more than
+/// `relevant_part` of the nominal load is negligible.
 pub fn select<S: ResidualModel>(
     recordings: &[S],
     null_samples: &NullSamples,
     candidates: &[&'static dyn Effect<S>],
+    relevant_part: f64,
     progress: impl Fn(f64),
 ) -> Selection<S> {
     let data = RegressionData::new(recordings, null_samples);
@@ -99,7 +101,8 @@ pub fn select<S: ResidualModel>(
         f.indistinguishable_from
             .retain(|other| !named.contains(other));
     }
-    let (found, negligible) = (found.into_iter()).partition(|f| is_relevant(recordings, f));
+    let (found, negligible) =
+        (found.into_iter()).partition(|f| is_relevant(recordings, f, relevant_part));
     progress(1.0);
     Selection {
         found,

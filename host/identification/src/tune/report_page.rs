@@ -3,7 +3,9 @@
 
 use crate::tune::{Check, MeasurementNoise, NOISE_BINS, Tuned};
 use loadtwin_machine::Machine;
-use loadtwin_report::{Axis, Data, Limit, Plot, PlotSize, Report, Role, Section, Series, Table};
+use loadtwin_report::{
+    Axis, Data, FigureRow, Limit, Plot, PlotSize, Report, Role, Section, Series, Table,
+};
 
 /// The report on `sets` of sensors tuned for loads up to `cutoff_hz`, with the
 /// measured noise of channels, each by its number in `machine`, and the sets on the hold-out data.
@@ -91,17 +93,17 @@ fn holdout(checks: &[Check]) -> Table {
             } else {
                 "no"
             };
-            rows.push((
-                vec![check.sensors.clone(), noise.into()],
-                comparison.rows(),
-                vec![no_worse.into()],
-            ));
+            rows.push(FigureRow {
+                first: vec![check.sensors.clone(), noise.into()],
+                figures: comparison.rows(),
+                last: vec![no_worse.into()],
+            });
         }
     }
     Table::of_figures(
         "Before → after on the hold-out data (95 % interval of the difference)".into(),
         [&["Sensors", "Noise"], &["No worse"]],
-        rows,
+        &rows,
     )
 }
 
