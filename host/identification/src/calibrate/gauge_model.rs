@@ -131,6 +131,7 @@ impl Description {
             } else if let Some(sensitivity) =
                 is.sensitivity.filter(|_| is.sensitivity != was.sensitivity)
             {
+                self.remove("channel", name, "sensitivity_map");
                 self.set_number("channel", name, "sensitivity", sensitivity);
             }
             if is.bending != was.bending {
