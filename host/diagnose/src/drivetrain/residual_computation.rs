@@ -8,7 +8,7 @@ use crate::drivetrain::decimated_signals::Signals;
 use crate::drivetrain::decimation::{Decimator, forward_filled, interpolate_map};
 use crate::drivetrain::inverse_dynamics::{InertiaMotion, ShaftTorques};
 use crate::drivetrain::recorded_samples::{
-    DrivetrainRecording, derivatives, mask_outliers, mask_stuck,
+    DrivetrainRecording, Outliers, derivatives, mask_outliers, mask_stuck,
 };
 use crate::drivetrain::residual_signals::{Kind, ResidualSignal};
 use crate::sample_statistics::white_noise_std;
@@ -139,7 +139,7 @@ impl RecordingContext<'_> {
 
     /// The residual of channel `k`, and which of its samples stand out alone;
     /// none where the quantity it responds to is not known.
-    pub fn strain(&self, k: usize) -> Result<Option<(ResidualSignal, Vec<usize>)>, MachineError> {
+    pub fn strain(&self, k: usize) -> Result<Option<(ResidualSignal, Outliers)>, MachineError> {
         let (machine, drivetrain) = (self.machine, self.drivetrain);
         let (recorded, thin) = (&self.recorded, &self.thin);
         let channel = &machine.channels[k];
@@ -188,7 +188,7 @@ impl RecordingContext<'_> {
         }
         let noise = channel.noise_over_angle(machine)?;
         let noise = (noise.iter().map(|s| s * s).sum::<f64>() / noise.len() as f64).sqrt();
-        let spikes = mask_outliers(&mut residual, noise);
+        let outliers = mask_outliers(&mut residual, noise);
         let square = table.iter().map(|m| m * m).sum::<f64>() / table.len() as f64;
         let signal = ResidualSignal {
             name: channel.name.clone(),
@@ -217,7 +217,7 @@ impl RecordingContext<'_> {
             spikes: 0,
             stuck,
         };
-        Ok(Some((signal, spikes)))
+        Ok(Some((signal, outliers)))
     }
 
     /// The quantity that a channel responds to, its shaft, and by how much the speed there differs.

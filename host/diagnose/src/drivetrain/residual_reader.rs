@@ -15,7 +15,7 @@ use crate::drivetrain::known_torques::{
     drives, loads, operating_profile, operating_profile_from_shaft,
 };
 use crate::drivetrain::plausibility::{SHORTEST_S, implausibility};
-use crate::drivetrain::recorded_samples::{DrivetrainRecording, derivatives};
+use crate::drivetrain::recorded_samples::{DrivetrainRecording, Outliers, derivatives};
 use crate::drivetrain::residual_computation::{RecordingContext, SMOOTHING_S};
 use crate::drivetrain::residual_signals::{
     DrivetrainResiduals, Kind, ResidualSignal, TorqueSource, product,
@@ -203,16 +203,19 @@ fn residuals(
     Ok(residuals)
 }
 
-/// How many samples of each channel stand out while no other channel's does:
-/// what all have in common happens to the machine, and not to a word.
-fn isolated_spikes(spikes: &[Vec<usize>]) -> Vec<u64> {
+/// How many samples of each channel stand out while no other channel's does, beyond those that the tail of its
+/// noise gives: what all have in common happens to the machine, and not to a word.
+fn isolated_spikes(spikes: &[Outliers]) -> Vec<u64> {
     let mut channels: HashMap<usize, u32> = HashMap::new();
-    for at in spikes.iter().flatten() {
+    for at in spikes.iter().flat_map(|own| &own.at) {
         *channels.entry(*at).or_default() += 1;
     }
     spikes
         .iter()
-        .map(|own| own.iter().filter(|at| channels[*at] == 1).count() as u64)
+        .map(|own| {
+            let alone = own.at.iter().filter(|at| channels[*at] == 1).count() as u64;
+            alone.saturating_sub(own.of_tail)
+        })
         .collect()
 }
 

@@ -77,7 +77,7 @@ pub struct ResidualSignal {
     pub inertias: [usize; 2],
     /// Raw samples.
     pub samples: u64,
-    /// Raw samples that stood out alone.
+    /// Raw samples that stood out alone, beyond the tail of the noise.
     pub spikes: u64,
     /// Raw samples that repeated a word for longer than noise allows.
     pub stuck: u64,
