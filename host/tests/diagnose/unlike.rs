@@ -77,7 +77,7 @@ fn a_gain_that_warmth_changes_is_named_where_the_torque_swings() {
     let folder = tempfile::tempdir().unwrap();
     let effect = ["thermal-gain=1"];
     let fitted = recorded(folder.path(), "fitted.parquet", "reversals", "90", &effect);
-    let said = diagnosed(&fitted, &[]);
+    let said = diagnosed(&fitted, &["--relevant-percent", "0"]);
     assert_eq!(said["effects"][0]["name"], "thermal-gain", "{said}");
 }
 

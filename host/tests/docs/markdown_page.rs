@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::fragment::unknown_keys;
 
 /// The page whose Python the tests of the Python package run.
-const PYTHON: &str = "docs/how-to/python.md";
+const PYTHON: [&str; 2] = ["docs/how-to/python.md", "docs/how-to/archive.md"];
 
 /// Languages of blocks that are no commands. `text` is for drawings and equations.
 const DATA: [&str; 5] = ["toml", "python", "text", "csv", "json"];
@@ -91,9 +91,12 @@ impl Page {
             "json" => (serde_json::from_str::<serde_json::Value>(&block.text))
                 .map(drop)
                 .map_err(|error| error.to_string()),
-            "python" if !is_written && !self.path.ends_with(PYTHON) => Err(format!(
-                "Python is run in {PYTHON} only; write it to a file and run this"
-            )),
+            "python" if !is_written && !PYTHON.iter().any(|page| self.path.ends_with(page)) => {
+                Err(format!(
+                    "Python is run in {} only; write it to a file and run this",
+                    PYTHON.join(" and ")
+                ))
+            }
             "csv" if !is_written => Err("no file that a command reads".into()),
             _ => Ok(()),
         }
