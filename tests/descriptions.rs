@@ -1,5 +1,5 @@
-//! Variants of the shipped machines (every sensor set and filter that they allow), with raw
-//! samples that contain every fault.
+//! Model images of every machine in `examples` and `tests/machines`, with every sensor set and filter that can be
+//! built, and for each its raw samples with every fault in turn.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,5 @@
-//! Raw samples of a described machine, simulated.
+//! Raw samples of a described machine: rotors, bearings and drivetrains from a scenario of `loadtwin::simulate`;
+//! drives as sines and steps, whatever the scenario.
 
 use std::f64::consts::TAU;
 

@@ -1,5 +1,6 @@
-//! Extended Kalman filter of one hypothesis, with both ball rows and all gauges in one state:
-//! prediction by one block of 10 ms, then an update for each gauge from its harmonics.
+//! Extended Kalman filter of one hypothesis, with both ball rows and all gauges in one state: prediction by one
+//! block, an update for each gauge from its harmonics, then, called apart, equilibrium and features at the new
+//! loads; and what the test of hypotheses does with one: mirror, reset, comparison, cost of the prior.
 //!
 //! States: phases of ball passing `theta_r` (rad) and slips `s_r` of both rows,
 //! loads (kN), preload (um), biases of the bulk strains [um/m].

@@ -1,8 +1,8 @@
 //! CAN on the host: interfaces, serial adapters and logs; model images; and the commands that send,
 //! estimate, recompute and watch the frames of a machine.
 //!
-//! [`node`] replaces the microcontroller, [`send`] puts raw samples on a
-//! bus, [`twin`] recomputes what the microcontroller sent and compares it bit
+//! [`estimator_node`] replaces the microcontroller, [`sample_sender`] puts raw samples on a
+//! bus, [`twin_and_prove`] recomputes what the microcontroller sent and compares it bit
 //! for bit, on a bus or in a log, [`monitor`] watches, [`dbc`] prints the
 //! description of the frames. All of them run on the [`bus::Bus`] trait: a
 //! socket, a serial adapter, a log, or a simulated controller.

@@ -3,7 +3,7 @@
 //!
 //! `drive = offset + inertia a + drag v + sum_j gain_j load_j + effects + rest`.
 //! The linear part is what a description starts with; each effect is a physical
-//! term with a few parameters ([`effect`]). Effects are added one by one where
+//! term with a few parameters ([`candidate_effect`]). Effects are added one by one where
 //! they predict what took no part in the fit, and the result is reported on
 //! recordings that took no part at all.
 #![forbid(unsafe_code)]

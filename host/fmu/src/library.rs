@@ -1,4 +1,5 @@
-//! The shared library that every FMU carries: its place beside the command, its platform.
+//! Finding and check of the shared library that every FMU carries: given by the caller or near the command, of
+//! this version, for a processor read from its ELF header.
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,5 @@
-//! Selection of the load columns of a file: those named by the caller, else those with a standard
-//! deviation and a fault beside them.
+//! Loads of a file to count, with their units, and the speed and shaft ratio beside them: loads named by the
+//! caller, else those with a standard deviation and a fault column.
 
 use std::path::Path;
 

@@ -51,7 +51,7 @@ impl Adc {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Quantiser {
-    /// Reading of one count [SI], not 0.
+    /// Reading of one count (SI), not 0.
     pub lsb: f64,
     /// Word at reading 0.
     pub zero: i32,
@@ -60,7 +60,7 @@ pub struct Quantiser {
 }
 
 impl Quantiser {
-    /// The word for a reading [SI].
+    /// The word for a reading (SI).
     pub fn word(self, value: f64) -> i32 {
         let full = (1_i64 << (self.bits - 1)) as f64;
         let word = (value / self.lsb).round() + f64::from(self.zero);

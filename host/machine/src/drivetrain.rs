@@ -1,5 +1,5 @@
-//! Description of a torsional drivetrain as a chain of lumped inertias and elastic shafts with
-//! unknown loads; its checks and nominal values.
+//! Description of a torsional drivetrain as a chain of lumped inertias and elastic shafts with unknown loads; its
+//! checks, nominal values and quantities referred to the main shaft, and the same chain with a gear more.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -60,7 +60,7 @@ pub struct SumsReport {
     pub samples: u64,
     /// Samples in which at least one load is valid.
     pub valid: u64,
-    /// Time of the first and of the last sample [s].
+    /// Time of the first and of the last sample (s).
     pub span_s: Option<[f64; 2]>,
     /// Each load.
     pub loads: Vec<LoadSums>,
@@ -89,7 +89,7 @@ impl Sums {
         }
     }
 
-    /// Adds the estimate of the sample at time `t` [s].
+    /// Adds the estimate of the sample at time `t` (s).
     pub fn push(&mut self, t: f64, estimate: &Estimate) {
         self.samples += 1;
         let is_valid = estimate.loads.iter().any(|load| load.fault.is_none());

@@ -2,6 +2,7 @@
 //! that it does not know.
 
 mod estimator;
+mod foreign;
 mod improved;
 mod refused;
 mod several;

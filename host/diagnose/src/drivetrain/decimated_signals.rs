@@ -91,7 +91,7 @@ impl Signals {
         self.rate(&smooth(&self.level, self.smoothing))
     }
 
-    /// What times are known to [s].
+    /// What times are known to (s).
     pub fn time_tolerance_s(&self) -> f64 {
         APART * self.dt_s / self.means_of as f64
     }

@@ -1,4 +1,5 @@
-//! FMI 2.0: the functions of co-simulation.
+//! FMI 2.0: the functions of co-simulation that this FMU has, saved states included; those that it refuses are in
+//! `unsupported`.
 
 use std::ffi::{CString, c_char, c_int, c_void};
 

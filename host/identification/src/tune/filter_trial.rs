@@ -1,5 +1,6 @@
-//! Trial runs of a drivetrain's estimator with a given load noise on the first samples of
-//! recordings: likelihood of the innovations, innovation and solution norm, load error.
+//! Recordings to tune on and the part of each that is used; trial runs of an estimator with a given load noise on
+//! their first samples, no reading left out: likelihood of the innovations, innovation and solution norm, load
+//! error.
 
 use std::path::PathBuf;
 

@@ -1,5 +1,5 @@
-//! Effects that the description and calibration of a bearing may lack, one file each. A new effect
-//! is its `impl` and a line in `LIBRARY`.
+//! List of the effects that the description and calibration of a bearing may lack, one file each. A new effect is
+//! an `impl` of [`crate::candidate_effect::Effect`] and a line in `LIBRARY`.
 
 mod cage_slip;
 mod loose_gauge;
