@@ -108,6 +108,9 @@ fn units(xml: &mut Xml, variables: &[Variable]) -> io::Result<()> {
     Ok(())
 }
 
+/// Attributes of an element: name and value of each.
+type Attributes = Vec<(&'static str, String)>;
+
 /// Causality and variability.
 fn kind(variable: &Variable) -> [(&'static str, &'static str); 2] {
     let is_real = variable.role.of_type() == Type::Real;
@@ -122,13 +125,13 @@ fn kind(variable: &Variable) -> [(&'static str, &'static str); 2] {
 }
 
 /// Attributes of a type: start, unit, usual size.
-fn typed(variable: &Variable, nominal: &'_ str) -> Vec<(&'static str, String)> {
+fn typed(variable: &Variable) -> Attributes {
     let mut typed = Vec::new();
     if let Some(unit) = variable.unit {
         typed.push(("unit", unit::name(unit).to_owned()));
     }
-    if variable.nominal.is_some() {
-        typed.push(("nominal", nominal.to_owned()));
+    if let Some(nominal) = variable.nominal {
+        typed.push(("nominal", nominal.to_string()));
     }
     if variable.role.is_input() {
         let start = match variable.role.of_type() {
@@ -140,23 +143,25 @@ fn typed(variable: &Variable, nominal: &'_ str) -> Vec<(&'static str, String)> {
     typed
 }
 
+/// What both versions say of a variable: its name and kind, and its type.
+fn attributes(reference: usize, variable: &Variable) -> [Attributes; 2] {
+    let mut own = vec![
+        ("name", variable.name.clone()),
+        ("valueReference", reference.to_string()),
+    ];
+    own.extend(kind(variable).map(|(name, value)| (name, value.to_owned())));
+    own.push(("description", variable.description.clone()));
+    [own, typed(variable)]
+}
+
 fn variable_3(xml: &mut Xml, reference: usize, variable: &Variable) -> io::Result<()> {
     let tag = match variable.role.of_type() {
         Type::Real => "Float64",
         Type::Integer => "Int32",
         Type::Boolean => "Boolean",
     };
-    let reference = reference.to_string();
-    let nominal = variable.nominal.unwrap_or(1.0).to_string();
-    let typed = typed(variable, &nominal);
-    let mut attributes = vec![
-        ("name", variable.name.as_str()),
-        ("valueReference", &reference),
-    ];
-    attributes.extend(kind(variable));
-    attributes.push(("description", &variable.description));
-    attributes.extend(typed.iter().map(|(name, value)| (*name, value.as_str())));
-    element(xml, tag, &attributes).write_empty()?;
+    let all = attributes(reference, variable).concat();
+    element(xml, tag, &borrowed(&all)).write_empty()?;
     Ok(())
 }
 
@@ -166,21 +171,16 @@ fn variable_2(xml: &mut Xml, reference: usize, variable: &Variable) -> io::Resul
         Type::Integer => "Integer",
         Type::Boolean => "Boolean",
     };
-    let reference = reference.to_string();
-    let nominal = variable.nominal.unwrap_or(1.0).to_string();
-    let typed = typed(variable, &nominal);
-    let mut attributes = vec![
-        ("name", variable.name.as_str()),
-        ("valueReference", &reference),
-    ];
-    attributes.extend(kind(variable));
-    attributes.push(("description", &variable.description));
-    let typed: Vec<_> = (typed.iter())
-        .map(|(name, value)| (*name, value.as_str()))
-        .collect();
-    element(xml, "ScalarVariable", &attributes)
-        .write_inner_content(|xml| element(xml, tag, &typed).write_empty().map(drop))?;
+    let [own, typed] = attributes(reference, variable);
+    element(xml, "ScalarVariable", &borrowed(&own))
+        .write_inner_content(|xml| element(xml, tag, &borrowed(&typed)).write_empty().map(drop))?;
     Ok(())
+}
+
+fn borrowed(attributes: &Attributes) -> Vec<(&'static str, &str)> {
+    (attributes.iter())
+        .map(|(name, value)| (*name, value.as_str()))
+        .collect()
 }
 
 /// The outputs; none depends on an input of the same time.

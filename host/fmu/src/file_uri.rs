@@ -40,10 +40,10 @@ mod tests {
     #[test]
     fn a_uri_is_a_path_and_no_other_machine() {
         let is = |uri, expected: &str| assert_eq!(path(uri).unwrap().to_str(), Some(expected));
-        is("file:///tmp/a%20b/resources", "/tmp/a b/resources");
-        is("file://localhost/tmp", "/tmp");
-        is("file:/tmp/%C3%A9", "/tmp/é");
-        is("/tmp/100%", "/tmp/100%");
+        is("file:///models/a%20b/resources", "/models/a b/resources");
+        is("file://localhost/models", "/models");
+        is("file:/models/%C3%A9", "/models/é");
+        is("/models/100%", "/models/100%");
         for wrong in [
             "file://server/x",
             "file:///%zz",

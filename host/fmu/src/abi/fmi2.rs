@@ -203,60 +203,6 @@ values!(
     fmi2GetBoolean fmi2SetBoolean Int
 );
 
-/// Saves the state.
-#[unsafe(no_mangle)]
-unsafe extern "C" fn fmi2GetFMUstate(instance: *mut c_void, state: *mut *mut c_void) -> Status {
-    // SAFETY: an instance and a state or null, by the standard.
-    unsafe { state::save(instance, "fmi2GetFMUstate", state) }
-}
-
-/// Goes on from a state.
-#[unsafe(no_mangle)]
-unsafe extern "C" fn fmi2SetFMUstate(instance: *mut c_void, state: *mut c_void) -> Status {
-    // SAFETY: an instance and a state, by the standard.
-    unsafe { state::restore(instance, "fmi2SetFMUstate", state) }
-}
-
-/// Frees a state.
-#[unsafe(no_mangle)]
-unsafe extern "C" fn fmi2FreeFMUstate(instance: *mut c_void, state: *mut *mut c_void) -> Status {
-    // SAFETY: an instance and a state or null, by the standard.
-    unsafe { state::free_state(instance, "fmi2FreeFMUstate", state) }
-}
-
-/// Length of a state as bytes.
-#[unsafe(no_mangle)]
-unsafe extern "C" fn fmi2SerializedFMUstateSize(
-    instance: *mut c_void,
-    state: *mut c_void,
-    size: *mut usize,
-) -> Status {
-    // SAFETY: an instance, a state and a size, by the standard.
-    unsafe { state::state_size(instance, "fmi2SerializedFMUstateSize", state, size) }
-}
-
-/// A state as bytes.
-#[unsafe(no_mangle)]
-unsafe extern "C" fn fmi2SerializeFMUstate(
-    instance: *mut c_void,
-    state: *mut c_void,
-    bytes: *mut u8,
-    size: usize,
-) -> Status {
-    let bytes = Array(bytes, size);
-    // SAFETY: an instance, a state and place of that length, by the standard.
-    unsafe { state::serialise(instance, "fmi2SerializeFMUstate", state, bytes) }
-}
-
-/// A state from bytes.
-#[unsafe(no_mangle)]
-unsafe extern "C" fn fmi2DeSerializeFMUstate(
-    instance: *mut c_void,
-    bytes: *const u8,
-    size: usize,
-    state: *mut *mut c_void,
-) -> Status {
-    let bytes = Array(bytes, size);
-    // SAFETY: an instance, bytes of that length and a state or null, by the standard.
-    unsafe { state::deserialise(instance, "fmi2DeSerializeFMUstate", bytes, state) }
-}
+state::state_functions!(
+    fmi2GetFMUstate fmi2SetFMUstate fmi2FreeFMUstate fmi2SerializedFMUstateSize fmi2SerializeFMUstate fmi2DeSerializeFMUstate
+);

@@ -211,60 +211,6 @@ extern "C" fn fmi3GetVariableDependencies(instance: *mut c_void) -> Status {
     if instance.is_null() { super::ERROR } else { OK }
 }
 
-/// Saves the state.
-#[unsafe(no_mangle)]
-unsafe extern "C" fn fmi3GetFMUState(instance: *mut c_void, state: *mut *mut c_void) -> Status {
-    // SAFETY: an instance and a state or null, by the standard.
-    unsafe { state::save(instance, "fmi3GetFMUState", state) }
-}
-
-/// Goes on from a state.
-#[unsafe(no_mangle)]
-unsafe extern "C" fn fmi3SetFMUState(instance: *mut c_void, state: *mut c_void) -> Status {
-    // SAFETY: an instance and a state, by the standard.
-    unsafe { state::restore(instance, "fmi3SetFMUState", state) }
-}
-
-/// Frees a state.
-#[unsafe(no_mangle)]
-unsafe extern "C" fn fmi3FreeFMUState(instance: *mut c_void, state: *mut *mut c_void) -> Status {
-    // SAFETY: an instance and a state or null, by the standard.
-    unsafe { state::free_state(instance, "fmi3FreeFMUState", state) }
-}
-
-/// Length of a state as bytes.
-#[unsafe(no_mangle)]
-unsafe extern "C" fn fmi3SerializedFMUStateSize(
-    instance: *mut c_void,
-    state: *mut c_void,
-    size: *mut usize,
-) -> Status {
-    // SAFETY: an instance, a state and a size, by the standard.
-    unsafe { state::state_size(instance, "fmi3SerializedFMUStateSize", state, size) }
-}
-
-/// A state as bytes.
-#[unsafe(no_mangle)]
-unsafe extern "C" fn fmi3SerializeFMUState(
-    instance: *mut c_void,
-    state: *mut c_void,
-    bytes: *mut u8,
-    size: usize,
-) -> Status {
-    let bytes = Array(bytes, size);
-    // SAFETY: an instance, a state and place of that length, by the standard.
-    unsafe { state::serialise(instance, "fmi3SerializeFMUState", state, bytes) }
-}
-
-/// A state from bytes.
-#[unsafe(no_mangle)]
-unsafe extern "C" fn fmi3DeserializeFMUState(
-    instance: *mut c_void,
-    bytes: *const u8,
-    size: usize,
-    state: *mut *mut c_void,
-) -> Status {
-    let bytes = Array(bytes, size);
-    // SAFETY: an instance, bytes of that length and a state or null, by the standard.
-    unsafe { state::deserialise(instance, "fmi3DeserializeFMUState", bytes, state) }
-}
+state::state_functions!(
+    fmi3GetFMUState fmi3SetFMUState fmi3FreeFMUState fmi3SerializedFMUStateSize fmi3SerializeFMUState fmi3DeserializeFMUState
+);

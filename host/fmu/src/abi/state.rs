@@ -147,3 +147,69 @@ pub(super) unsafe fn deserialise(
     // SAFETY: by the caller.
     unsafe { call(instance, name, run) }
 }
+
+/// The functions of states under the names of a version of FMI: save, restore, free, size, serialise and
+/// deserialise.
+macro_rules! state_functions {
+    ($save:ident $restore:ident $free:ident $size:ident $serialise:ident $deserialise:ident) => {
+        /// Saves the state.
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $save(instance: *mut c_void, state: *mut *mut c_void) -> Status {
+            // SAFETY: an instance and a state or null, by the standard.
+            unsafe { state::save(instance, stringify!($save), state) }
+        }
+
+        /// Goes on from a state.
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $restore(instance: *mut c_void, state: *mut c_void) -> Status {
+            // SAFETY: an instance and a state, by the standard.
+            unsafe { state::restore(instance, stringify!($restore), state) }
+        }
+
+        /// Frees a state.
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $free(instance: *mut c_void, state: *mut *mut c_void) -> Status {
+            // SAFETY: an instance and a state or null, by the standard.
+            unsafe { state::free_state(instance, stringify!($free), state) }
+        }
+
+        /// Length of a state as bytes.
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $size(
+            instance: *mut c_void,
+            state: *mut c_void,
+            size: *mut usize,
+        ) -> Status {
+            // SAFETY: an instance, a state and a size, by the standard.
+            unsafe { state::state_size(instance, stringify!($size), state, size) }
+        }
+
+        /// A state as bytes.
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $serialise(
+            instance: *mut c_void,
+            state: *mut c_void,
+            bytes: *mut u8,
+            size: usize,
+        ) -> Status {
+            let bytes = Array(bytes, size);
+            // SAFETY: an instance, a state and place of that length, by the standard.
+            unsafe { state::serialise(instance, stringify!($serialise), state, bytes) }
+        }
+
+        /// A state from bytes.
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $deserialise(
+            instance: *mut c_void,
+            bytes: *const u8,
+            size: usize,
+            state: *mut *mut c_void,
+        ) -> Status {
+            let bytes = Array(bytes, size);
+            // SAFETY: an instance, bytes of that length and a state or null, by the standard.
+            unsafe { state::deserialise(instance, stringify!($deserialise), bytes, state) }
+        }
+    };
+}
+
+pub(super) use state_functions;
