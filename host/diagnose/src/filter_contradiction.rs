@@ -19,26 +19,34 @@ use loadtwin_replay::{Comparison, Tendency};
 ///
 /// # Errors
 /// When a description cannot be written, or the estimator cannot run.
-pub fn set_contradicted_aside<S: Diagnosable>(
+pub(crate) fn set_contradicted_aside<S: Diagnosable>(
     machine: &Machine,
     paths: &[PathBuf],
     input: &DiagnosisInput<S>,
     mut diagnosis: Diagnosis<S>,
 ) -> Result<Diagnosis<S>, DiagnoseError> {
+    if diagnosis.named().is_empty() {
+        return Ok(diagnosis);
+    }
     let evaluated = Evaluated::whole(paths);
-    while !diagnosis.named().is_empty() {
+    let already = diagnosis.selection.negligible.len();
+    loop {
         let mut kept = diagnosis.selection.found.clone();
         let least = least_contradicted(machine, &evaluated, &mut diagnosis, input.relevant_part)?;
         if let Some(i) = least {
             diagnosis.selection.negligible.push(kept.remove(i));
         }
+        let is_done = least.is_none() || kept.is_empty();
         diagnosis.selection.keep(&input.recordings, kept);
-        if least.is_none() {
+        if is_done {
             break;
         }
-        diagnosis = input.assess(diagnosis.selection);
     }
-    Ok(diagnosis)
+    if diagnosis.selection.negligible.len() == already {
+        return Ok(diagnosis);
+    }
+    // What is set aside stays in the model: only the names change.
+    Ok(input.assess(diagnosis.selection))
 }
 
 /// Number of the least significant effect found that the estimator contradicts.

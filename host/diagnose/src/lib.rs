@@ -43,6 +43,7 @@ mod smoothing;
 
 use std::path::PathBuf;
 
+use filter_contradiction::set_contradicted_aside;
 use loadtwin_machine::Machine;
 
 pub use assessment::empirical_correction::Correction;
@@ -63,7 +64,6 @@ pub use drivetrain::residual_signals::{
     DrivetrainResiduals, Kind, Regressor, ResidualSignal, TorqueSource,
 };
 pub use filter_check::{Evaluated, FilterCheck, check_filter};
-pub use filter_contradiction::set_contradicted_aside;
 pub use load_error::{Interval, LoadErrors};
 pub use machine_kind::Diagnosable;
 pub use residual_model::{Covariate, ResidualModel, Shaft};

@@ -232,9 +232,7 @@ fn print_verdict<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
             );
         }
     }
-    let negligible: Vec<&str> = (diagnosis.selection.negligible.iter())
-        .map(|f| f.effect.name())
-        .collect();
+    let negligible = diagnosis.selection.negligible_names();
     if !negligible.is_empty() {
         say!(
             "significant, but negligible for the load: {}",
@@ -249,7 +247,7 @@ fn print_verdict<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
             correction.channel
         );
     }
-    let mut named = diagnosis.verdict.named(&diagnosis.selection).iter();
+    let mut named = diagnosis.named().iter();
     if let Some(open) = named.find(|f| f.is_ambiguous()) {
         say!("what would: {}", open.effect.recommended_experiment());
     }

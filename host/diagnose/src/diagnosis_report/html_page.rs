@@ -79,7 +79,7 @@ fn facts<S: Diagnosable>(recording: &str, diagnosis: &Diagnosis<S>) -> Vec<[Stri
             facts.push([label.into(), value]);
         }
     };
-    let named = diagnosis.verdict.named(selection);
+    let named = diagnosis.named();
     for found in named {
         let effect = found.effect.name();
         add(
@@ -93,12 +93,9 @@ fn facts<S: Diagnosable>(recording: &str, diagnosis: &Diagnosis<S>) -> Vec<[Stri
             ambiguous.effect.recommended_experiment().into(),
         );
     }
-    let negligible: Vec<&str> = (selection.negligible.iter())
-        .map(|f| f.effect.name())
-        .collect();
     add(
         "Significant, but negligible for the load",
-        negligible.join(", "),
+        selection.negligible_names().join(", "),
     );
     add(
         "Not shown by this recording",
@@ -122,7 +119,7 @@ fn effects_table<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Option<Table> {
     let named = if is_part {
         diagnosis.selection.found.as_slice()
     } else {
-        diagnosis.verdict.named(&diagnosis.selection)
+        diagnosis.named()
     };
     for found in named {
         let effect = found.effect;

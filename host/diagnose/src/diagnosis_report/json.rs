@@ -32,7 +32,7 @@ pub fn report<S: Diagnosable>(
         ..
     } = diagnosis;
     let unknown = *verdict == Verdict::Unknown;
-    let named = verdict.named(selection);
+    let named = diagnosis.named();
     let mut effects: Vec<Value> = (named.iter())
         .map(|f| found(f, recordings, &selection.residuals_after))
         .collect();
@@ -69,7 +69,7 @@ pub fn report<S: Diagnosable>(
         "verdict": verdict.as_str(),
         "cannot_show": cannot_show(selection),
         "effects": effects,
-        "negligible": selection.negligible.iter().map(|f| f.effect.name()).collect::<Vec<_>>(),
+        "negligible": selection.negligible_names(),
         "alternatives": alternatives,
         "next_experiment": next_experiment,
         "note": recordings[0].remarks(selection),

@@ -62,6 +62,11 @@ impl<S: ResidualModel> Selection<S> {
         self.found = all;
     }
 
+    /// Names of the negligible effects.
+    pub fn negligible_names(&self) -> Vec<&'static str> {
+        self.negligible.iter().map(|f| f.effect.name()).collect()
+    }
+
     /// Everything in the model: the effects found, then the negligible ones.
     pub(crate) fn all(&self) -> Vec<FittedEffect<S>> {
         [self.found.as_slice(), &self.negligible].concat()
