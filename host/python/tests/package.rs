@@ -1,7 +1,7 @@
 //! The Python package, as it is installed: put together from the library that was built and the
 //! modules beside it, and tested by a Python with `tests/requirements.txt`.
 
-#[allow(dead_code, reason = "other test programs use the rest")]
+#[expect(dead_code, reason = "other test programs use the rest")]
 #[path = "../../tests/web/browser.rs"]
 mod browser;
 
