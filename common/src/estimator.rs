@@ -256,6 +256,18 @@ impl<'a> Estimator<'a> {
         }
     }
 
+    /// Normalised innovation squared of the gauges of a drivetrain, over the window of the
+    /// consistency tests; 0 for other machines.
+    pub fn gauge_nis(&self) -> f32 {
+        match &self.kind {
+            Kind::Gearbox6(g, s) => g.gauge_nis(s),
+            Kind::Gearbox8(g, s) => g.gauge_nis(s),
+            Kind::Gearbox12(g, s) => g.gauge_nis(s),
+            Kind::Gearbox16(g, s) => g.gauge_nis(s),
+            _ => 0.0,
+        }
+    }
+
     /// The tracked speed of a rotor that the estimate is of [rad/s]; 0 for other machines.
     pub fn rotor_speed(&self) -> f32 {
         match &self.kind {

@@ -13,7 +13,7 @@ use crate::load_signal::LoadSignal;
 use crate::rotor::RotorModel;
 
 /// Version of the layout of [`Image`]; another one is refused.
-pub const VERSION: u16 = 13;
+pub const VERSION: u16 = 14;
 
 /// A model image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

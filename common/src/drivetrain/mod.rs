@@ -12,6 +12,7 @@
 //! Source: Bosmans et al. 2023, section 4.1, eq. (1), (6)-(14).
 
 mod carrier_angle;
+mod error_band;
 mod fault_kind;
 mod friction;
 mod gauge_response;
@@ -36,6 +37,7 @@ use crate::kalman::transition::{ProcessNoise, RandomWalk, Transition};
 use crate::load_signal::{LoadSignal, MAX_STATES, StateVec};
 use crate::signal::phase::wrap_rad;
 
+pub use crate::drivetrain::error_band::ErrorBand;
 pub use crate::drivetrain::friction::{Friction, MAX_FRICTIONS};
 pub use crate::drivetrain::gauge_response::GaugeResponse;
 use crate::drivetrain::gauge_response::HysteresisState;
@@ -352,6 +354,12 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         state.posterior.state[0] = wrap_rad(state.posterior.state[0]);
     }
 
+    /// Normalised innovation squared of the gauges that sense the same, together, over the window of
+    /// the consistency tests; the largest where gauges sense several quantities.
+    pub fn gauge_nis(&self, state: &DrivetrainState<NX>) -> f32 {
+        state.vote.largest_nis(self.directions.len())
+    }
+
     fn load(
         &self,
         state: &DrivetrainState<NX>,
@@ -364,8 +372,11 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         let d = NX - LOADS + j % LOADS;
         let scale = self.model.scale.get(d).copied().unwrap_or(1.0);
         let value = state.posterior.state[d] * scale;
-        let (factor, added) = self.voting.deviation(&state.vote, self.directions.len());
-        let std = libm::sqrtf(variances[j % LOADS] * factor + added) * scale;
+        let directions = self.directions.len();
+        let (factor, added) = self.voting.deviation(&state.vote, directions);
+        let variance = self.model.bands[j % LOADS]
+            .stated_variance(variances[j % LOADS], state.vote.largest_nis(directions));
+        let std = libm::sqrtf(variance * factor + added) * scale;
         if !(value.is_finite() && std.is_finite()) {
             return LoadEstimate {
                 value: 0.0,

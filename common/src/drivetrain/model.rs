@@ -4,6 +4,7 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
+use crate::drivetrain::error_band::ErrorBand;
 use crate::drivetrain::friction::{Friction, MAX_FRICTIONS};
 use crate::drivetrain::gauge_response::GaugeResponse;
 use crate::drivetrain::steady_gain::SteadyGains;
@@ -46,6 +47,8 @@ pub struct GearboxModel<'a> {
     pub gate_nis: f32,
     /// The loads, 1 or 2.
     pub loads: Vec<LoadSignal, LOADS>,
+    /// Measured error of each load.
+    pub bands: [ErrorBand; LOADS],
     /// Analogue channels in the order of the raw words.
     #[serde(borrow)]
     pub channels: Vec<Channel<'a>, MAX_CHANNELS>,
@@ -196,6 +199,9 @@ impl GearboxModel<'_> {
         }
         for load in &self.loads {
             positive([load.full_scale, load.valid_std], "load")?;
+        }
+        for band in &self.bands {
+            band.check()?;
         }
         for channel in &self.channels {
             channel.check(states)?;

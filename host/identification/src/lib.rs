@@ -1,5 +1,5 @@
-//! Fits to recordings: gauge sensitivities ([`calibrate`]) and noise ([`tune`],
-//! [`rotor_tune`]).
+//! Fits to recordings: gauge sensitivities ([`calibrate`]), noise ([`tune`], [`rotor_tune`]) and
+//! the error of the loads ([`error_band`]).
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),
@@ -14,5 +14,6 @@
 )]
 
 pub mod calibrate;
+pub mod error_band;
 pub mod rotor_tune;
 pub mod tune;

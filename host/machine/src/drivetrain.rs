@@ -1,11 +1,16 @@
 //! Description of a torsional drivetrain as a chain of lumped inertias and elastic shafts with unknown loads; its
 //! checks, nominal values and quantities referred to the main shaft, and the same chain with a gear more.
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::rule::{Checked, at_least, at_most, names, nonzero, one_of, positive, unique, within};
 use super::{Drift, Friction, Gears, Senses};
+
+/// Largest NIS of a calibration beside which a load can still vary more.
+pub const MOST_NIS: f64 = 0.99;
 
 /// Most inertias of a chain.
 pub const MOST_INERTIAS: usize = 6;
@@ -176,6 +181,25 @@ pub struct Load {
     /// [N m/sqrt(s)], > 0: `Qd = walk^2 dt`. `loadtwin tune` finds it;
     /// a fifth of the nominal torque where absent.
     pub walk_nm_per_sqrt_s: Option<f64>,
+    /// Measured error by sensor set (`all` without sets), beside what the filter states.
+    /// `loadtwin calibrate` and `loadtwin tune` find it from reference loads; without it the
+    /// covariance of the filter is stated, which a calm load is well inside of.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub error_bands: BTreeMap<String, ErrorBand>,
+}
+
+/// Error of a load in a calibration beside the standard deviation of the filter, such that twice the
+/// stated standard deviation holds 95.45 % of the errors.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ErrorBand {
+    /// Error over the standard deviation of the filter, > 0.
+    pub error_over_std: f64,
+    /// The standard deviation of the filter there [N m], > 0; what it has beyond it counts in full.
+    pub std_nm: f64,
+    /// Normalised innovation squared of the gauges there, 0 to below 1; from there to 1 the stated
+    /// standard deviation grows to that of the filter.
+    pub nis: f64,
 }
 
 /// Sign of a load.
@@ -269,6 +293,13 @@ impl Drivetrain {
             positive(&field("nominal_nm"), load.nominal_nm)?;
             if let Some(walk) = load.walk_nm_per_sqrt_s {
                 positive(&field("walk_nm_per_sqrt_s"), walk)?;
+            }
+            for (set, band) in &load.error_bands {
+                let field = |name: &str| field(&format!("error_bands.{set}.{name}"));
+                positive(&field("error_over_std"), band.error_over_std)?;
+                positive(&field("std_nm"), band.std_nm)?;
+                let is_below = (0.0..=MOST_NIS).contains(&band.nis);
+                within(&field("nis"), band.nis, is_below, "0 to 0.99")?;
             }
             at_most(
                 &field("name"),

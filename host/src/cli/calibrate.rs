@@ -1,6 +1,7 @@
 //! The command `loadtwin calibrate`: fits gauges to recordings with reference loads, proposes sets
 //! of gauges, and writes the calibrated description. A bearing is fitted to one recording on a rig.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -19,6 +20,7 @@ use crate::calibrate::{
     self, Candidate, Description, Gauge, MapSource, Observations, Proposal, calibrated, fronts,
     page, select,
 };
+use crate::error_band::with_error_bands;
 use crate::machine::{Kind, Machine, resampled};
 use crate::origin::with_origin;
 use crate::report::PAGE;
@@ -114,11 +116,15 @@ impl Calibrate {
             patch_rad,
             source,
         )?;
-        let mut files = Vec::new();
+        let (mut files, mut bands) = (Vec::new(), BTreeMap::new());
         if let Some(output) = &self.output {
             let folder = crate::files::scratch::Scratch::new()?;
             let calibrated = calibrated(&machine, &gauges, source, folder.path())?;
+            let calibrated = with_error_bands(&calibrated, &self.recordings, 1.0);
             files = Description::read(&machine.path)?.with_gauges(&machine, &calibrated, output)?;
+            bands = (calibrated.drivetrain.into_iter().flat_map(|d| d.loads))
+                .map(|load| (load.name, load.error_bands))
+                .collect();
         }
         let proposals = self.proposals(&machine, &gauges, source);
         if let Some(path) = &self.report {
@@ -134,13 +140,21 @@ impl Calibrate {
             let out = json!({
                 "machine": machine.name, "recordings": recordings, "samples": observations.samples,
                 "turns": observations.turns, "channels": channels, "selection": selection,
-                "machine_out": self.output.as_ref().map(shown), "seconds": seconds,
+                "error_bands": bands, "machine_out": self.output.as_ref().map(shown), "seconds": seconds,
             });
             say!("{out}");
         } else {
             print(&machine, &gauges, source);
             for (group, sets) in &selection {
                 say!("{group}: {}", sets.as_str().unwrap_or(&sets.to_string()));
+            }
+            for (load, sets) in &bands {
+                for (set, band) in sets {
+                    let part = band.error_over_std;
+                    say!(
+                        "{load} with {set}: error {part:.2} times the standard deviation of the filter"
+                    );
+                }
             }
             say!("{:.0} turns, {:.1} s", observations.turns, seconds);
         }

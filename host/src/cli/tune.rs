@@ -20,6 +20,7 @@ use super::tune_report::{
 use crate::atomic_file::{Complete, publish};
 use crate::build::Sensors;
 use crate::calibrate::{Description, with_noise};
+use crate::error_band::with_error_bands;
 use crate::files::content::Content;
 use crate::files::scratch::Scratch;
 use crate::machine::Machine;
@@ -388,7 +389,7 @@ impl Tune {
                 .filter(|(_, check)| check.takes_walks())
                 .map(|(set, _)| set)
                 .collect();
-            files = complete(described, &attempt.machine, &chosen, output)?;
+            files = complete(described, &attempt.machine, &chosen, self.holdout(), output)?;
         }
         if let Some(path) = &self.response {
             files.push(complete_response(&attempt.machine, &attempt.sets, path)?);
@@ -455,27 +456,41 @@ fn default_method(machine: &Machine, recordings: &[PathBuf]) -> anyhow::Result<M
     Ok(Method::Likelihood)
 }
 
-/// The description with the walks of each set of `chosen` and R, and its maps, without names yet.
+/// The description with the walks of each set of `chosen`, R and the error bands that they have on
+/// `holdout`, and its maps, without names yet.
 fn complete(
     described: &Machine,
     machine: &Machine,
     chosen: &[(&Option<String>, &Vec<f64>)],
+    holdout: Holdout<'_>,
     output: &Path,
 ) -> anyhow::Result<Vec<Complete>> {
     let mut description = Description::read(&described.path)?;
+    let mut changed = machine.clone();
     let loads: Vec<&str> = load_names(machine).collect();
     for (name, walk) in chosen {
         let walks = || loads.iter().copied().zip(walk.iter().copied());
         match name {
             Some(name) => {
                 description.set_numbers("sensor_set", name, "walk_nm_per_sqrt_s", walks());
+                for set in &mut changed.sensor_sets {
+                    if set.name == *name {
+                        let own = walks().map(|(load, walk)| (load.to_owned(), walk));
+                        set.walk_nm_per_sqrt_s = own.collect();
+                    }
+                }
             }
             None => {
                 for (load, walk) in walks() {
                     description.set_number("drivetrain.load", load, "walk_nm_per_sqrt_s", walk);
                 }
+                let drivetrain = changed.drivetrain.iter_mut();
+                for (load, walk) in drivetrain.flat_map(|d| &mut d.loads).zip(*walk) {
+                    load.walk_nm_per_sqrt_s = Some(*walk);
+                }
             }
         }
     }
-    Ok(description.with_gauges(described, machine, output)?)
+    let changed = with_error_bands(&changed, holdout.recordings, holdout.part);
+    Ok(description.with_gauges(described, &changed, output)?)
 }

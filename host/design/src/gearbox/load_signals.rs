@@ -1,12 +1,13 @@
-//! Load signals of a drivetrain in its model image: name, full scale on the bus, and the largest standard
-//! deviation of a valid estimate.
+//! Load signals of a drivetrain in its model image: name, full scale on the bus, largest standard
+//! deviation of a valid estimate, measured error band.
 
 use heapless::Vec as FixedVec;
-use loadtwin_common::drivetrain::LOADS;
+use loadtwin_common::drivetrain::{ErrorBand, LOADS};
 use loadtwin_common::load_signal::LoadSignal;
 use loadtwin_machine::Drivetrain;
 
 use crate::error::BuildError;
+use crate::sensor_set::Sensors;
 
 /// Load at the end of the scale on the bus, in nominal loads.
 const FULL_SCALE: f64 = 4.0;
@@ -36,4 +37,19 @@ pub(super) fn load_signals(
             })
         })
         .collect()
+}
+
+/// The measured error of each load with `sensors`; as the filter states it where none was measured.
+pub(super) fn error_bands(drivetrain: &Drivetrain, sensors: &Sensors) -> [ErrorBand; LOADS] {
+    let mut bands = [ErrorBand::default(); LOADS];
+    for (band, load) in bands.iter_mut().zip(&drivetrain.loads) {
+        if let Some(measured) = load.error_bands.get(&sensors.name) {
+            *band = ErrorBand {
+                error_over_std: measured.error_over_std as f32,
+                variance: (measured.std_nm / load.nominal_nm).powi(2) as f32,
+                nis: measured.nis as f32,
+            };
+        }
+    }
+    bands
 }

@@ -15,7 +15,7 @@ use crate::encoder_scaling;
 use crate::error::BuildError;
 use crate::gearbox::channel_tables::Tables;
 use crate::gearbox::consistency_parameters::{consistency, model_error};
-use crate::gearbox::load_signals::load_signals;
+use crate::gearbox::load_signals::{error_bands, load_signals};
 use crate::gearbox::process_noise::process_noise;
 use crate::gearbox::steady_gains::{SteadyTable, steady_gains};
 use crate::gearbox::torsional_model::Torsion;
@@ -369,6 +369,7 @@ impl Plan {
             initial_std: fixed(&self.initial_std())?,
             gate_nis: machine.tuning.gate_nis as f32,
             loads: load_signals(drivetrain)?,
+            bands: error_bands(drivetrain, sensors),
             channels,
             encoders: sensors
                 .encoders

@@ -117,6 +117,7 @@ impl Description {
             name.to_string_lossy().into_owned()
         };
         let (map_name, noise_name) = (name(&map_path), name(&noise_path));
+        self.set_error_bands(described, changed);
         let (mut maps, mut noises) = (Vec::new(), Vec::new());
         for (was, is) in described.channels.iter().zip(&changed.channels) {
             let name = &was.name;

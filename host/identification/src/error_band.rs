@@ -1,0 +1,189 @@
+//! Error bands of the loads of a drivetrain: error over stated standard deviation of each load with
+//! each set of sensors, measured against the reference loads of recordings, and their place in a description.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use toml_edit::{InlineTable, Value};
+
+use crate::calibrate::Description;
+use loadtwin_design::build::Sensors;
+use loadtwin_machine::{ErrorBand, Load, MOST_NIS, Machine, six_digits};
+use loadtwin_replay::{ReplayError, Sample, run_line};
+
+/// Share of normal errors inside two standard deviations.
+const INSIDE: f64 = 0.9545;
+
+/// Shortest time of valid estimates with a reference of which an error band is stated [s]: a
+/// hundred times the window over which the NIS is averaged.
+const LEAST_S: f64 = 10.0;
+
+/// `machine` with the error bands that the last `part` (above 0 to 1) of each of `recordings` shows.
+///
+/// Of each recording the band is the one by which 95.45 % of the errors are inside two standard
+/// deviations; the widest is taken. Loads without a reference, and sets of sensors that the recordings
+/// lack, have none: their filter's covariance holds.
+#[must_use]
+pub fn with_error_bands(machine: &Machine, recordings: &[PathBuf], part: f64) -> Machine {
+    let mut changed = machine.clone();
+    let Some(drivetrain) = &mut changed.drivetrain else {
+        return changed;
+    };
+    for load in &mut drivetrain.loads {
+        load.error_bands.clear();
+    }
+    let mut sets: Vec<&str> = machine
+        .sensor_sets
+        .iter()
+        .map(|s| s.name.as_str())
+        .collect();
+    if sets.is_empty() {
+        sets.push("all");
+    }
+    let plain = changed.clone();
+    let measured: Vec<_> = sets
+        .par_iter()
+        .map(|set| (*set, bands_of_set(&plain, set, recordings, part)))
+        .collect();
+    let loads = changed.drivetrain.iter_mut().flat_map(|d| &mut d.loads);
+    for (j, load) in loads.enumerate() {
+        for (set, bands) in &measured {
+            if let Some(Some(band)) = bands.get(j) {
+                load.error_bands.insert((*set).to_owned(), *band);
+            }
+        }
+    }
+    changed
+}
+
+/// The band of each load with one set of sensors.
+fn bands_of_set(
+    machine: &Machine,
+    set: &str,
+    recordings: &[PathBuf],
+    part: f64,
+) -> Vec<Option<ErrorBand>> {
+    let loads = machine.drivetrain.iter().flat_map(|d| &d.loads).count();
+    let mut widest = vec![None; loads];
+    for recording in recordings {
+        // A set that this recording has no columns of is measured on the others.
+        let Ok(measured) = measure(machine, set, recording) else {
+            continue;
+        };
+        for (widest, errors) in widest.iter_mut().zip(measured) {
+            let band = errors.last(part).band(LEAST_S * machine.rate_hz);
+            *widest = match (*widest, band) {
+                (Some(a), Some(b)) => Some(larger(a, b)),
+                (a, b) => a.or(b),
+            };
+        }
+    }
+    widest
+}
+
+fn larger(a: ErrorBand, b: ErrorBand) -> ErrorBand {
+    ErrorBand {
+        error_over_std: a.error_over_std.max(b.error_over_std),
+        std_nm: a.std_nm.max(b.std_nm),
+        nis: a.nis.max(b.nis),
+    }
+}
+
+/// The valid estimates of a load that have a reference, in the order of time.
+#[derive(Clone, Default)]
+struct Errors {
+    /// Error over stated standard deviation, positive.
+    ratio: Vec<f32>,
+    /// Stated standard deviation [N m].
+    std: Vec<f32>,
+    nis: Vec<f32>,
+}
+
+impl Errors {
+    fn last(mut self, part: f64) -> Self {
+        let first = ((1.0 - part) * self.ratio.len() as f64).round() as usize;
+        for values in [&mut self.ratio, &mut self.std, &mut self.nis] {
+            values.drain(..first.min(values.len()));
+        }
+        self
+    }
+
+    /// None of fewer than `least` samples.
+    fn band(mut self, least: f64) -> Option<ErrorBand> {
+        ((self.ratio.len() as f64) >= least).then(|| ErrorBand {
+            error_over_std: quantile(&mut self.ratio) / 2.0,
+            std_nm: quantile(&mut self.std),
+            nis: quantile(&mut self.nis).min(MOST_NIS),
+        })
+    }
+}
+
+/// The value that [`INSIDE`] of `values` do not exceed.
+fn quantile(values: &mut [f32]) -> f64 {
+    let place = (INSIDE * values.len() as f64) as usize;
+    let (_, value, _) = values.select_nth_unstable_by(place, f32::total_cmp);
+    f64::from(*value)
+}
+
+fn measure(machine: &Machine, set: &str, path: &Path) -> Result<Vec<Errors>, ReplayError> {
+    let sensors = Sensors::choose(machine, Some(set))?;
+    let loads: Vec<&Load> = machine.drivetrain.iter().flat_map(|d| &d.loads).collect();
+    let load_of: Vec<Option<usize>> = (machine.references.iter())
+        .map(|r| loads.iter().position(|load| load.name == r.load))
+        .collect();
+    let mut errors = vec![Errors::default(); loads.len()];
+    run_line(
+        machine,
+        &sensors,
+        path,
+        |sample: &Sample<'_>, estimate, line, _| {
+            for (reference, j) in sample.references.iter().zip(&load_of) {
+                let Some(j) = *j else { continue };
+                if let (Some(errors), Some(load)) = (errors.get_mut(j), estimate.loads.get(j))
+                    && load.fault.is_none()
+                    && reference.is_finite()
+                {
+                    let error = f64::from(load.value) - reference;
+                    errors
+                        .ratio
+                        .push((error.abs() / f64::from(load.std)) as f32);
+                    errors.std.push(load.std);
+                    errors.nis.push(line.gauge_nis());
+                }
+            }
+        },
+    )?;
+    Ok(errors)
+}
+
+impl Description {
+    /// Writes the error bands of `changed` where they differ from those of `described`.
+    pub(crate) fn set_error_bands(&mut self, described: &Machine, changed: &Machine) {
+        let loads =
+            |machine: &'_ Machine| machine.drivetrain.clone().map_or(Vec::new(), |d| d.loads);
+        for (was, is) in loads(described).iter().zip(&loads(changed)) {
+            if is.error_bands.is_empty() {
+                self.remove("drivetrain.load", &is.name, "error_bands");
+            } else if is.error_bands != was.error_bands {
+                let table = table(&is.error_bands);
+                self.set("drivetrain.load", &is.name, "error_bands", table);
+            }
+        }
+    }
+}
+
+fn table(bands: &BTreeMap<String, ErrorBand>) -> InlineTable {
+    let number = |value: f64| Value::from(six_digits(value));
+    let fields = |band: &ErrorBand| -> InlineTable {
+        let fields = [
+            ("error_over_std", number(band.error_over_std)),
+            ("std_nm", number(band.std_nm)),
+            ("nis", number(band.nis)),
+        ];
+        fields.into_iter().collect()
+    };
+    (bands.iter())
+        .map(|(set, band)| (set, Value::from(fields(band))))
+        .collect()
+}
