@@ -256,14 +256,14 @@ impl<'a> Estimator<'a> {
         }
     }
 
-    /// Normalised innovation squared of the gauges of a drivetrain, over the window of the
-    /// consistency tests; 0 for other machines.
-    pub fn gauge_nis(&self) -> f32 {
+    /// How fast load `j` of a drivetrain moves beside its random walk; 0 where no error band was
+    /// measured, and for other machines.
+    pub fn load_movement(&self, j: usize) -> f32 {
         match &self.kind {
-            Kind::Gearbox6(g, s) => g.gauge_nis(s),
-            Kind::Gearbox8(g, s) => g.gauge_nis(s),
-            Kind::Gearbox12(g, s) => g.gauge_nis(s),
-            Kind::Gearbox16(g, s) => g.gauge_nis(s),
+            Kind::Gearbox6(g, s) => g.load_movement(s, j),
+            Kind::Gearbox8(g, s) => g.load_movement(s, j),
+            Kind::Gearbox12(g, s) => g.load_movement(s, j),
+            Kind::Gearbox16(g, s) => g.load_movement(s, j),
             _ => 0.0,
         }
     }

@@ -1,30 +1,34 @@
 //! Deviation of a load as measured against references: the part of the filter's covariance that the
-//! error takes, and what widens it to all of it again.
+//! error takes, and what widens it: a load that moves faster than there, or a sensor that is missing.
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, positive};
 
+/// Movement at which it no longer counts how fast a load moves.
+const MOST_MOVEMENT: f32 = 1e6;
+
 /// How large the error of a load was in a calibration beside the covariance `P` of the filter.
 ///
 /// The random walk of a load is chosen for the bandwidth. `P` is therefore the covariance of a load
-/// that varies at that rate all the time; the error is smaller while the load is calm. With the
-/// measured ratio `f` of error to deviation the stated variance is
+/// that moves at that rate all the time; the error is smaller while the load is calm, and larger
+/// while it moves faster. With the measured ratio `f` of error to deviation the stated variance is
 ///
-/// `sigma^2 = f^2 P + (1 - f^2) max(w P, P - P_0, 0)`, `w = (n - n_0) / (1 - n_0)`, 0 to 1,
+/// `sigma^2 = f^2 P + max((s - s_0) P, (1 - f^2) (P - P_0), 0)`.
 ///
-/// and `f^2 P` where `f >= 1`. `n` is the normalised innovation squared of the gauges: as large as
-/// in the calibration (`n_0`) it leaves `f^2 P`, at 1, where the load varies as the walk says, it
-/// gives `P` (covariance matching: Mehra 1970, IEEE TAC 15-2). What `P` has beyond that of the
-/// calibration, `P_0`, is uncertainty of another kind: a start, a sensor that is missing.
+/// `s` is the movement of the load over that of the walk (see [`Movement`]), `s_0` that of the
+/// calibration: the error of a filter is linear in the noise that moves the load (Mehra 1970, IEEE
+/// TAC 15-2). What `P` has beyond that of the calibration, `P_0`, is uncertainty of another
+/// kind: a start, a sensor that is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ErrorBand {
     /// `f`, error over stated standard deviation, > 0; 1 where it was not measured.
     pub error_over_std: f32,
-    /// `P_0`, variance of the load in the calibration (nominal loads squared), >= 0.
+    /// `P_0`, variance of the load in the calibration (nominal loads squared), >= 0; 0 where it was
+    /// not measured.
     pub variance: f32,
-    /// `n_0`, NIS of the gauges in the calibration, 0 to below 1.
-    pub nis: f32,
+    /// `s_0`, movement of the load in the calibration, >= 0.
+    pub movement: f32,
 }
 
 impl Default for ErrorBand {
@@ -33,7 +37,7 @@ impl Default for ErrorBand {
         Self {
             error_over_std: 1.0,
             variance: 0.0,
-            nis: 0.0,
+            movement: MOST_MOVEMENT,
         }
     }
 }
@@ -41,19 +45,57 @@ impl Default for ErrorBand {
 impl ErrorBand {
     pub(crate) fn check(&self) -> Result<(), Error> {
         positive([self.error_over_std], "error band")?;
-        if self.variance >= 0.0 && self.variance.is_finite() && (0.0..1.0).contains(&self.nis) {
+        let is_part = |value: f32| value >= 0.0 && value.is_finite();
+        if is_part(self.variance) && is_part(self.movement) {
             Ok(())
         } else {
             Err(Error::OutOfRange("error band"))
         }
     }
 
-    /// `sigma^2` for the variance `p` of the filter and the NIS of the gauges.
-    pub(crate) fn stated_variance(&self, p: f32, nis: f32) -> f32 {
+    /// `sigma^2` for the variance `p` of the filter and the movement `s` of the load.
+    pub(crate) fn stated_variance(&self, p: f32, s: f32) -> f32 {
         let measured = self.error_over_std * self.error_over_std;
-        let varying = ((nis - self.nis) / (1.0 - self.nis)).clamp(0.0, 1.0);
-        let beyond = (varying * p).max(p - self.variance);
-        p * measured + (1.0 - measured).max(0.0) * beyond
+        let moving = (s - self.movement) * p;
+        let beyond = (1.0 - measured) * (p - self.variance);
+        p * measured + moving.max(beyond).max(0.0)
+    }
+}
+
+/// How fast a load moves beside its random walk.
+///
+/// A walk of variance `q` a sample is `d` off its mean over `1 / a` samples, `E d^2 = q / 2 a`.
+/// Over the time in which it moves by twice the deviation of the filter, `a = q / 4 P_0`, that is
+/// `2 P_0`. The movement is `d^2 / 2 P_0`, held at its peaks for that time.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Movement {
+    mean: f32,
+    peak: f32,
+}
+
+impl Movement {
+    /// That of a load of which nothing but `load` is known.
+    pub(crate) fn at(load: f32) -> Self {
+        Self {
+            mean: load,
+            peak: 0.0,
+        }
+    }
+
+    /// Takes the next estimate in, of a load with the step variance `q`; 0 where nothing was measured.
+    pub(crate) fn follow(&mut self, load: f32, q: f32, band: &ErrorBand) -> f32 {
+        if band.variance > 0.0 {
+            let part = (q / (4.0 * band.variance)).min(1.0);
+            self.mean += part * (load - self.mean);
+            let off = load - self.mean;
+            let now = (off * off / (2.0 * band.variance)).min(MOST_MOVEMENT);
+            self.peak = now.max(self.peak - part * self.peak);
+        }
+        self.peak
+    }
+
+    pub(crate) fn peak(&self) -> f32 {
+        self.peak
     }
 }
 
@@ -64,7 +106,7 @@ mod tests {
     const BAND: ErrorBand = ErrorBand {
         error_over_std: 0.5,
         variance: 4.0,
-        nis: 0.25,
+        movement: 0.25,
     };
 
     #[test]
@@ -72,36 +114,55 @@ mod tests {
         // As in the calibration, and calmer.
         assert_eq!(BAND.stated_variance(4.0, 0.25), 1.0);
         assert_eq!(BAND.stated_variance(2.0, 0.1), 0.5);
-        // Half as far as the walk says, and as far.
-        assert_eq!(BAND.stated_variance(4.0, 0.625), 1.0 + 0.75 * 2.0);
-        assert_eq!(BAND.stated_variance(4.0, 1.0), 4.0);
-        assert_eq!(BAND.stated_variance(4.0, 9.0), 4.0);
+        // It moves half as fast as the walk, and nine times.
+        assert_eq!(BAND.stated_variance(4.0, 0.75), 1.0 + 2.0);
+        assert_eq!(BAND.stated_variance(4.0, 9.25), 1.0 + 36.0);
         // Without a sensor: what was added counts in full.
         assert_eq!(BAND.stated_variance(8.0, 0.25), 2.0 + 0.75 * 4.0);
         // Not measured, and larger than stated.
-        assert_eq!(ErrorBand::default().stated_variance(3.0, 0.7), 3.0);
+        assert_eq!(ErrorBand::default().stated_variance(3.0, 700.0), 3.0);
         let wide = ErrorBand {
             error_over_std: 2.0,
             ..BAND
         };
-        assert_eq!(wide.stated_variance(8.0, 9.0), 32.0);
+        assert_eq!(wide.stated_variance(8.0, 0.0), 32.0);
+    }
+
+    #[test]
+    fn a_load_at_rest_does_not_move_and_a_ramp_does() {
+        let q = 0.16;
+        let mut movement = Movement::at(3.0);
+        assert_eq!(movement.follow(3.0, q, &BAND), 0.0);
+        // A mean over 1 / a = 100 samples lags a ramp of 0.1 a sample by 99 steps of it.
+        let mut last = 0.0;
+        for k in 1..2000 {
+            last = movement.follow(3.0 + 0.1 * k as f32, q, &BAND);
+        }
+        assert!((last - 9.9 * 9.9 / 8.0).abs() < 0.02, "{last}");
+        // At rest again, its peak is down to a twentieth after three of those times.
+        for _ in 0..300 {
+            movement.follow(202.9, q, &BAND);
+        }
+        assert!(movement.peak() < 0.051 * last, "{}", movement.peak());
+        let mut unmeasured = Movement::default();
+        assert_eq!(unmeasured.follow(1e30, q, &ErrorBand::default()), 0.0);
     }
 
     #[test]
     fn ranges_are_checked() {
         assert!(BAND.check().is_ok() && ErrorBand::default().check().is_ok());
-        for (error_over_std, variance, nis) in [
+        for (error_over_std, variance, movement) in [
             (0.0, 4.0, 0.2),
             (f32::NAN, 4.0, 0.2),
             (0.5, -1.0, 0.2),
             (0.5, f32::INFINITY, 0.2),
-            (0.5, 4.0, 1.0),
+            (0.5, 4.0, -1.0),
             (0.5, 4.0, f32::NAN),
         ] {
             let band = ErrorBand {
                 error_over_std,
                 variance,
-                nis,
+                movement,
             };
             assert!(band.check().is_err(), "{band:?}");
         }

@@ -22,6 +22,7 @@ mod steady_gain;
 mod vote;
 
 use crate::drivetrain::carrier_angle::{Track, rotate};
+use crate::drivetrain::error_band::Movement;
 use heapless::Vec;
 use nalgebra::{RowSVector, SMatrix, SVector};
 use serde::{Deserialize, Serialize};
@@ -96,6 +97,8 @@ pub struct DrivetrainState<const NX: usize> {
     started: bool,
     /// Consistency of the gauges.
     vote: Vote,
+    /// How fast the loads move.
+    movements: [Movement; LOADS],
     /// Consistency of the encoders.
     tracks: [Track; MAX_ENCODERS],
     /// Whether the next sample is taken by the steady gains.
@@ -170,6 +173,7 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
             started: false,
             vote: Vote::default(),
             tracks: [Track::default(); MAX_ENCODERS],
+            movements: [Movement::default(); LOADS],
             steady: false,
         }
     }
@@ -212,6 +216,7 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         if let Some(gains) = steady {
             self.try_enter_steady(gains, state, &m, &estimate);
         }
+        self.follow_loads(state);
         for (j, signal) in self.model.loads.iter().enumerate() {
             let load = self.load(state, j, signal, variances, estimate.homed, m.slipped);
             let _ = estimate.loads.push(load);
@@ -221,6 +226,15 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
             && libm::fabsf(state.turned) <= self.model.consistency.most_turn
             && !state.tracks.iter().any(|track| track.lost);
         estimate
+    }
+
+    /// Follows how fast the loads move.
+    fn follow_loads(&self, state: &mut DrivetrainState<NX>) {
+        for j in 0..LOADS {
+            let load = state.posterior.state[NX - LOADS + j];
+            let (q, band) = (self.model.load_noise[j], &self.model.bands[j]);
+            state.movements[j].follow(load, q, band);
+        }
     }
 
     /// Follows the temperature: as far as it is off at start, then smoothed; where it is
@@ -273,6 +287,11 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         state.turned = 0.0;
         state.started = true;
         state.steady = false;
+        for (movement, load) in
+            (state.movements.iter_mut()).zip(self.initial.state.iter().skip(NX - LOADS))
+        {
+            *movement = Movement::at(*load);
+        }
         if let Some(Ok(angle)) = m.angles.first() {
             state.posterior.state[0] = angle.to_rad();
         }
@@ -354,10 +373,10 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         state.posterior.state[0] = wrap_rad(state.posterior.state[0]);
     }
 
-    /// Normalised innovation squared of the gauges that sense the same, together, over the window of
-    /// the consistency tests; the largest where gauges sense several quantities.
-    pub fn gauge_nis(&self, state: &DrivetrainState<NX>) -> f32 {
-        state.vote.largest_nis(self.directions.len())
+    /// How fast load `j` moves beside its random walk: its squared distance from its mean over that
+    /// which the walk has; 0 where no error band was measured.
+    pub fn load_movement(&self, state: &DrivetrainState<NX>, j: usize) -> f32 {
+        state.movements.get(j).map_or(0.0, Movement::peak)
     }
 
     fn load(
@@ -375,7 +394,7 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         let directions = self.directions.len();
         let (factor, added) = self.voting.deviation(&state.vote, directions);
         let variance = self.model.bands[j % LOADS]
-            .stated_variance(variances[j % LOADS], state.vote.largest_nis(directions));
+            .stated_variance(variances[j % LOADS], state.movements[j % LOADS].peak());
         let std = libm::sqrtf(variance * factor + added) * scale;
         if !(value.is_finite() && std.is_finite()) {
             return LoadEstimate {

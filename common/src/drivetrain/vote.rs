@@ -159,14 +159,6 @@ impl Vote {
         self.contradicted & (1 << (d % MAX_CHANNELS)) != 0
     }
 
-    /// Largest windowed NIS of the gauges of a direction together; 0 without gauges.
-    pub(crate) fn largest_nis(&self, directions: usize) -> f32 {
-        self.nis
-            .iter()
-            .take(directions)
-            .fold(0.0, |most, nis| most.max(*nis))
-    }
-
     /// Whether any do, or whether another hypothesis is as simple as the one that was chosen.
     pub(crate) fn contradicted(&self) -> bool {
         self.contradicted | self.ambiguous != 0

@@ -7,16 +7,19 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use toml_edit::{InlineTable, Value};
 
+use loadtwin_common::estimator::Estimator;
+use loadtwin_common::io::estimate::Estimate;
+
 use crate::calibrate::Description;
 use loadtwin_design::build::Sensors;
-use loadtwin_machine::{ErrorBand, Load, MOST_NIS, Machine, six_digits};
+use loadtwin_machine::{ErrorBand, Load, Machine, six_digits};
 use loadtwin_replay::{ReplayError, Sample, run_line};
 
 /// Share of normal errors inside two standard deviations.
 const INSIDE: f64 = 0.9545;
 
 /// Shortest time of valid estimates with a reference of which an error band is stated [s]: a
-/// hundred times the window over which the NIS is averaged.
+/// hundred windows of the consistency tests.
 const LEAST_S: f64 = 10.0;
 
 /// `machine` with the error bands that the last `part` (above 0 to 1) of each of `recordings` shows.
@@ -57,8 +60,33 @@ pub fn with_error_bands(machine: &Machine, recordings: &[PathBuf], part: f64) ->
     changed
 }
 
-/// The band of each load with one set of sensors.
+/// The band of each load with one set of sensors: first the deviation that the filter states, then
+/// the movement of the loads beside it.
 fn bands_of_set(
+    machine: &Machine,
+    set: &str,
+    recordings: &[PathBuf],
+    part: f64,
+) -> Vec<Option<ErrorBand>> {
+    let first = widest(machine, set, recordings, part);
+    let mut with = machine.clone();
+    let loads = with.drivetrain.iter_mut().flat_map(|d| &mut d.loads);
+    for (load, band) in loads.zip(&first) {
+        let stated = band.map(|band| ErrorBand {
+            error_over_std: 1.0,
+            movement: f64::from(f32::MAX),
+            ..band
+        });
+        load.error_bands = stated
+            .into_iter()
+            .map(|band| (set.to_owned(), band))
+            .collect();
+    }
+    widest(&with, set, recordings, part)
+}
+
+/// The widest band of each load among `recordings`.
+fn widest(
     machine: &Machine,
     set: &str,
     recordings: &[PathBuf],
@@ -86,7 +114,7 @@ fn larger(a: ErrorBand, b: ErrorBand) -> ErrorBand {
     ErrorBand {
         error_over_std: a.error_over_std.max(b.error_over_std),
         std_nm: a.std_nm.max(b.std_nm),
-        nis: a.nis.max(b.nis),
+        movement: a.movement.max(b.movement),
     }
 }
 
@@ -97,13 +125,13 @@ struct Errors {
     ratio: Vec<f32>,
     /// Stated standard deviation [N m].
     std: Vec<f32>,
-    nis: Vec<f32>,
+    movement: Vec<f32>,
 }
 
 impl Errors {
     fn last(mut self, part: f64) -> Self {
         let first = ((1.0 - part) * self.ratio.len() as f64).round() as usize;
-        for values in [&mut self.ratio, &mut self.std, &mut self.nis] {
+        for values in [&mut self.ratio, &mut self.std, &mut self.movement] {
             values.drain(..first.min(values.len()));
         }
         self
@@ -114,7 +142,7 @@ impl Errors {
         ((self.ratio.len() as f64) >= least).then(|| ErrorBand {
             error_over_std: quantile(&mut self.ratio) / 2.0,
             std_nm: quantile(&mut self.std),
-            nis: quantile(&mut self.nis).min(MOST_NIS),
+            movement: quantile(&mut self.movement),
         })
     }
 }
@@ -133,27 +161,21 @@ fn measure(machine: &Machine, set: &str, path: &Path) -> Result<Vec<Errors>, Rep
         .map(|r| loads.iter().position(|load| load.name == r.load))
         .collect();
     let mut errors = vec![Errors::default(); loads.len()];
-    run_line(
-        machine,
-        &sensors,
-        path,
-        |sample: &Sample<'_>, estimate, line, _| {
-            for (reference, j) in sample.references.iter().zip(&load_of) {
-                let Some(j) = *j else { continue };
-                if let (Some(errors), Some(load)) = (errors.get_mut(j), estimate.loads.get(j))
-                    && load.fault.is_none()
-                    && reference.is_finite()
-                {
-                    let error = f64::from(load.value) - reference;
-                    errors
-                        .ratio
-                        .push((error.abs() / f64::from(load.std)) as f32);
-                    errors.std.push(load.std);
-                    errors.nis.push(line.gauge_nis());
-                }
+    let each = |sample: &Sample<'_>, estimate: &Estimate, line: &Estimator<'_>, _| {
+        for (reference, j) in sample.references.iter().zip(&load_of) {
+            let Some(j) = *j else { continue };
+            if let (Some(errors), Some(load)) = (errors.get_mut(j), estimate.loads.get(j))
+                && load.fault.is_none()
+                && reference.is_finite()
+            {
+                let error = f64::from(load.value) - reference;
+                (errors.ratio).push((error.abs() / f64::from(load.std)) as f32);
+                errors.std.push(load.std);
+                errors.movement.push(line.load_movement(j));
             }
-        },
-    )?;
+        }
+    };
+    run_line(machine, &sensors, path, each)?;
     Ok(errors)
 }
 
@@ -179,7 +201,7 @@ fn table(bands: &BTreeMap<String, ErrorBand>) -> InlineTable {
         let fields = [
             ("error_over_std", number(band.error_over_std)),
             ("std_nm", number(band.std_nm)),
-            ("nis", number(band.nis)),
+            ("movement", number(band.movement)),
         ];
         fields.into_iter().collect()
     };

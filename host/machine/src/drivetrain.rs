@@ -9,9 +9,6 @@ use serde::{Deserialize, Serialize};
 use super::rule::{Checked, at_least, at_most, names, nonzero, one_of, positive, unique, within};
 use super::{Drift, Friction, Gears, Senses};
 
-/// Largest NIS of a calibration beside which a load can still vary more.
-pub const MOST_NIS: f64 = 0.99;
-
 /// Most inertias of a chain.
 pub const MOST_INERTIAS: usize = 6;
 
@@ -197,9 +194,9 @@ pub struct ErrorBand {
     pub error_over_std: f64,
     /// The standard deviation of the filter there [N m], > 0; what it has beyond it counts in full.
     pub std_nm: f64,
-    /// Normalised innovation squared of the gauges there, 0 to below 1; from there to 1 the stated
-    /// standard deviation grows to that of the filter.
-    pub nis: f64,
+    /// Squared movement of the load there over that of its random walk, >= 0; a load that moves
+    /// faster has a larger stated standard deviation.
+    pub movement: f64,
 }
 
 /// Sign of a load.
@@ -298,8 +295,7 @@ impl Drivetrain {
                 let field = |name: &str| field(&format!("error_bands.{set}.{name}"));
                 positive(&field("error_over_std"), band.error_over_std)?;
                 positive(&field("std_nm"), band.std_nm)?;
-                let is_below = (0.0..=MOST_NIS).contains(&band.nis);
-                within(&field("nis"), band.nis, is_below, "0 to 0.99")?;
+                at_least(&field("movement"), band.movement, 0.0)?;
             }
             at_most(
                 &field("name"),

@@ -56,9 +56,7 @@ pub use channel::{
     Auxiliary, Channel, Creep, Displacement, Drift, Group, Hysteresis, LATEST_S, Place, Reference,
     SLOWEST_S, Senses, Thermal, earlier, followed, lag,
 };
-pub use drivetrain::{
-    Direction, Drivetrain, ErrorBand, Inertia, Load, MOST_INERTIAS, MOST_NIS, Shaft,
-};
+pub use drivetrain::{Direction, Drivetrain, ErrorBand, Inertia, Load, MOST_INERTIAS, Shaft};
 pub use encoder::{Counter, Eccentricity, Encoder, Index, IndexSignal, QUANTISATION};
 pub use error::{MachineError, Violation};
 pub use friction::{CREEP, Friction};

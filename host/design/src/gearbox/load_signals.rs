@@ -47,7 +47,7 @@ pub(super) fn error_bands(drivetrain: &Drivetrain, sensors: &Sensors) -> [ErrorB
             *band = ErrorBand {
                 error_over_std: measured.error_over_std as f32,
                 variance: (measured.std_nm / load.nominal_nm).powi(2) as f32,
-                nis: measured.nis as f32,
+                movement: measured.movement as f32,
             };
         }
     }
