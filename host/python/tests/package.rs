@@ -85,6 +85,16 @@ fn wrong_input_is_an_exception() {
 }
 
 #[test]
+fn every_example_has_the_figures_of_the_command() {
+    run(&["-m", "unittest", "-v", "test_examples"]);
+}
+
+#[test]
+fn package_is_complete_small_and_installs() {
+    run(&["-m", "unittest", "-v", "test_install"]);
+}
+
+#[test]
 fn examples_in_docstrings_run() {
     run(&["-m", "unittest", "-v", "test_docstrings"]);
 }
