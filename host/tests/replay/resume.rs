@@ -62,7 +62,7 @@ impl Case {
         assert!(whole.len() >= case.recorded.rows());
         case.whole = whole;
         let empty = saved(&mut case.empty_counts());
-        case.counts = case.counted(&case.whole, &empty);
+        case.counts = counted(&case.whole, &empty);
         assert_ne!(case.counts, empty, "{name}");
         case
     }
@@ -104,16 +104,6 @@ impl Case {
         LoadCounts::try_new(LevelScale::covering(-nominal, nominal).unwrap(), 2).unwrap()
     }
 
-    /// Counts, as bytes, that go on from others.
-    fn counted(&self, rows: &Rows, before: &[u8]) -> Vec<u8> {
-        let mut counts = LoadCounts::continued(before).unwrap();
-        for (_, _, estimate) in rows {
-            let valid = Some(&estimate.loads[0]).filter(|load| load.fault.is_none());
-            counts.push(valid.map(|load| load.value), [0; SHAFTS]);
-        }
-        saved(&mut counts)
-    }
-
     /// Cuts the recording at random and compares.
     fn cut(&self, rng: &mut ChaCha8Rng) -> usize {
         let rows = self.recorded.rows();
@@ -126,7 +116,7 @@ impl Case {
         let mut counts = saved(&mut self.empty_counts());
         for until in cuts.iter().copied().chain([rows]) {
             let (piece, after) = self.piece((from, until), state.as_deref(), until < rows);
-            counts = self.counted(&piece, &counts);
+            counts = counted(&piece, &counts);
             found.extend(piece);
             (from, state) = (until, after);
         }
@@ -189,6 +179,16 @@ impl Case {
         }
         assert!(taken > 50, "{}: {taken} states", self.name);
     }
+}
+
+/// Counts, as bytes, that go on from others.
+fn counted(rows: &Rows, before: &[u8]) -> Vec<u8> {
+    let mut counts = LoadCounts::continued(before).unwrap();
+    for (_, _, estimate) in rows {
+        let valid = Some(&estimate.loads[0]).filter(|load| load.fault.is_none());
+        counts.push(valid.map(|load| load.value), [0; SHAFTS]);
+    }
+    saved(&mut counts)
 }
 
 fn saved(counts: &mut LoadCounts) -> Vec<u8> {
