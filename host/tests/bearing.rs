@@ -3,6 +3,7 @@
 
 #[path = "web/appearance.rs"]
 mod appearance;
+#[expect(dead_code, reason = "other test programs use the rest")]
 #[path = "web/browser.rs"]
 mod browser;
 

@@ -5,7 +5,7 @@ use loadtwin_common::io::estimate::MAX_LOADS;
 use loadtwin_common::io::frame::{DEFAULT_BASE, LoadFrame};
 
 /// The description of all machines, loads in % of full scale, base 0x500.
-pub const DBC: &str = include_str!("../../../docs/loadtwin.dbc");
+pub const DBC: &str = include_str!("../loadtwin.dbc");
 
 /// A load of the machine.
 #[derive(Clone, Debug)]

@@ -85,6 +85,16 @@ fn wrong_input_is_an_exception() {
 }
 
 #[test]
+fn every_example_has_the_figures_of_the_command() {
+    run(&["-m", "unittest", "-v", "test_examples"]);
+}
+
+#[test]
+fn package_is_complete_small_and_installs() {
+    run(&["-m", "unittest", "-v", "test_install"]);
+}
+
+#[test]
 fn examples_in_docstrings_run() {
     run(&["-m", "unittest", "-v", "test_docstrings"]);
 }
@@ -179,6 +189,10 @@ fn page_of_ten_thousand_machines() {
     let first = "document.querySelector('#machines tbody tr').innerText.split('\\t')";
     assert_eq!(browser.value(first)[1], "contradicts");
     assert_eq!(shown(&mut browser), format!("1 to 100 of {FLEET}"));
+    // The page has the remaining life of machines with damage, and of no others.
+    let other =
+        "fleet.machine.filter((_, k) => (fleet.remaining_s[k] > 0) !== (fleet.damage[k] > 0))";
+    assert_eq!(browser.value(&format!("{other}.length")), 0);
     // Pages, search, states, order: each at once.
     browser.value("document.querySelectorAll('#machines nav button')[1].click()");
     assert_eq!(shown(&mut browser), format!("101 to 200 of {FLEET}"));
@@ -204,6 +218,13 @@ fn page_of_ten_thousand_machines() {
         shown(&mut browser),
         format!("1 to 100 of {}", fits.as_str().unwrap())
     );
+    let shown_lives = browser.value(
+        "(() => { const at = [...document.querySelectorAll('#machines thead th')] \
+         .findIndex((th) => th.innerText.includes('remaining hours')); \
+         return [...document.querySelectorAll('#machines tbody tr')] \
+         .filter((row) => Number(row.cells[at].innerText) > 0).length; })()",
+    );
+    assert_eq!(shown_lives, 100);
     browser.value("document.querySelectorAll('#machines th button')[0].click()");
     let sorted =
         browser.value("document.querySelectorAll('#machines th')[0].getAttribute('aria-sort')");

@@ -1,18 +1,20 @@
-"""Peak memory [bytes] of a replay of a stream: python stream_memory.py ROWS.
+"""Peak memory [bytes] of a replay of a stream: python stream_memory.py ROWS arrays|DuckDB.
 
 The batches are made while they are read, so that only what loadtwin keeps counts.
 """
 
-import resource
+import re
 import sys
+from pathlib import Path
 
+import duckdb
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 import loadtwin
 
-rows = int(sys.argv[1])
+rows, source = int(sys.argv[1]), sys.argv[2]
 machine = loadtwin.Machine(
     """
 format = 1
@@ -40,7 +42,14 @@ def batches():
 
 
 schema = pa.schema([("t [s]", pa.float64()), ("torque [Nm]", pa.float64()), ("angle [rad]", pa.float64())])
-stream = machine.stream(pa.RecordBatchReader.from_batches(schema, batches()))
+if source == "arrays":
+    reader = pa.RecordBatchReader.from_batches(schema, batches())
+else:
+    query = """select i / 1000 as "t [s]", -0.02 * sin(i / 1000) + 0.1 * cos(3 * i / 1000) as "torque [Nm]",
+        2 * sin(i / 1000) as "angle [rad]" from range(?) as rows(i)"""
+    reader = duckdb.connect().sql(query, params=[rows]).to_arrow_reader(BLOCK)
+stream = machine.stream(reader)
 found = sum(batch.num_rows for batch in pa.RecordBatchReader.from_stream(stream))
 assert found == rows, found
-print(1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+# Not `ru_maxrss`: that begins with the peak of the process that started this one.
+print(1024 * int(re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())[1]))

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from simulated_archive import GEARBOX, HEADER, add_machine, day_folder, day_name, describe, made, make, recording
 
 import loadtwin
-from loadtwin.archive import Options, run
+from loadtwin.archive import Options, overview, run
 
 DAYS = 4
 PLAIN = f"g,2026-01-01,{GEARBOX}"
@@ -104,6 +104,12 @@ class TestArchive(unittest.TestCase):
         self.assertAlmostEqual(damage[-1] / theirs["loads"]["main_shaft"]["damage"], 1, delta=1e-9)
         machines = pq.read_table(self.results / "machines.parquet").to_pylist()
         self.assertEqual((machines[0]["load"], machines[0]["damage"]), ("main_shaft", damage[-1]))
+        # So many times the recorded time bring the damage to 1.
+        seconds = sum(row["seconds"] for row in self.days())
+        self.assertAlmostEqual(damage[-1] * (1 + machines[0]["remaining_s"] / seconds), 1, delta=1e-9)
+        self.assertEqual(overview.remaining_s("main_shaft", 1.5, {}), 0)
+        self.assertIsNone(overview.remaining_s("main_shaft", None, {}))
+        self.assertIsNone(overview.remaining_s("main_shaft", 0.0, {}))
 
     def test_timestamps_follow_one_another(self):
         t = self.whole.schema.get_field_index("t")

@@ -3,6 +3,7 @@
 import os
 import re
 import tempfile
+import time
 import unittest
 from pathlib import Path
 
@@ -19,12 +20,16 @@ class TestNotebooks(unittest.TestCase):
     def test_notebooks(self):
         notebooks = sorted(NOTEBOOKS.glob("*.py"))
         self.assertEqual(len(notebooks), 4)
+        began = time.monotonic()
         for notebook in notebooks:
             with self.subTest(notebook.name):
                 text = notebook.read_text()
                 self.assertTrue(text.startswith("# %% [markdown]"))
                 exec(compile(text, notebook, "exec"), {"__name__": "__main__"})
                 plt.close("all")
+        taken_s = time.monotonic() - began
+        print(f"{len(notebooks)} notebooks: {taken_s:.0f} s")
+        self.assertLess(taken_s, 300)
 
     def test_guides(self):
         for guide, least in GUIDES.items():

@@ -1,6 +1,7 @@
 """Wrong input is an exception with a reason, and never the end of the process."""
 
 import os
+import re
 import tempfile
 import unittest
 from pathlib import Path
@@ -33,12 +34,18 @@ class TestRefused(unittest.TestCase):
         cls.machine = loadtwin.Machine(GEARBOX)
         cls.table = pq.read_table(RECORDING)[:2000]
         cls.text = Path(GEARBOX).read_text()
+        cls.refused = 0
+
+    @classmethod
+    def tearDownClass(cls):
+        assert cls.refused >= 100, f"{cls.refused} wrong inputs"
 
     def refuse(self, call, *said, error=loadtwin.Error):
         with self.assertRaises(error) as found:
             call()
         for text in said:
             self.assertIn(text, str(found.exception))
+        type(self).refused += 1
 
     def replaced(self, name, values):
         at = self.table.schema.get_field_index(name)
@@ -79,6 +86,10 @@ class TestRefused(unittest.TestCase):
             "an unknown unit": unit("furlong"),
             "a unit of another quantity": unit("kg"),
         }
+        for channel in ("ta1", "ta2", "ta3", "encoder_main"):
+            tables[f"no {channel}"] = self.table.drop_columns([channel])
+            tables[f"text as {channel}"] = self.replaced(channel, ["1"] * len(t))
+            tables[f"lists as {channel}"] = self.replaced(channel, [[1.0]] * len(t))
         for name, table in tables.items():
             with self.subTest(name):
                 self.refuse(lambda: self.machine.replay(table), "table")
@@ -144,7 +155,10 @@ class TestRefused(unittest.TestCase):
             "text": b"loadtwin state 1\n",
             "cut": state[:-1],
             "longer": state + b"\0",
-            "another bit": state[:50] + bytes([state[50] ^ 1]) + state[51:],
+            **{
+                f"another bit of byte {k}": state[:k] + bytes([state[k] ^ 1]) + state[k + 1 :]
+                for k in range(0, len(state), len(state) // 20)
+            },
         }.items():
             with self.subTest(name):
                 self.refuse(lambda: self.machine.replay(rest, wrong), "state")
@@ -163,6 +177,11 @@ class TestRefused(unittest.TestCase):
             "a rate that is text": self.text.replace("rate_hz = 500", 'rate_hz = "fast"'),
             "cut in the middle": self.text[: len(self.text) // 2],
             "control characters": "\0\n\0",
+            "no rate": re.sub(r"(?m)^rate_hz = .*$", "", self.text),
+            "a field twice": self.text.replace("rate_hz = 500", "rate_hz = 500\nrate_hz = 500"),
+            "a rate that is not finite": self.text.replace("rate_hz = 500", "rate_hz = inf"),
+            "a negative rate": self.text.replace("rate_hz = 500", "rate_hz = -500"),
+            "a rate without end": self.text.replace("rate_hz = 500", "rate_hz = 1e300"),
         }
         for name, text in cases.items():
             with self.subTest(name):

@@ -1,6 +1,7 @@
 //! What people look at, in a real browser: `monitor --web` here, the pages of reports in `pages`.
 
 mod appearance;
+#[expect(dead_code, reason = "other test programs use the rest")]
 mod browser;
 mod pages;
 

@@ -30,6 +30,7 @@ _FAULTS = pa.schema({"machine": pa.string(), "day": pa.string(), "recording": pa
 _PAGE = (
     ("machine", None), ("verdict", None), ("since", None), ("last_day", None), ("seconds", 1), ("valid_percent", 2),
     ("nis", 3), ("sensor", None), ("contradicting_percent", 2), ("damage", None),
+    ("remaining_s", 0),
 )  # fmt: skip
 
 

@@ -35,6 +35,8 @@ SCHEMA = pa.schema(
         "contradicting_days": pa.int64(),
         "load": pa.string(),
         "damage": pa.float64(),
+        # Recorded time until the damage is 1, at the mean rate so far [s].
+        "remaining_s": pa.float64(),
         "description": pa.string(),
         "recordings": pa.list_(pa.string()),
         "faults": pa.list_(_FAULT),
@@ -89,6 +91,7 @@ def of(machine: str, rows: dict[str, Day], replayed: int) -> Overview:
         "contradicting_days": sum(row["verdict"] == "contradicts" for row in rows.values()),
         "load": load,
         "damage": damage,
+        "remaining_s": remaining_s(load, damage, rows),
         "description": last and last["description"],
         "recordings": [
             f"recordings/machine={machine}/day={with_samples[-1]}/{recording['name']}"
@@ -111,6 +114,18 @@ def damage_of(row: Day | None) -> tuple[str | None, float | None]:
         if load["damage"] is not None:
             return load["name"], load["damage"]
     return None, None
+
+
+def remaining_s(load: str | None, damage: float | None, rows: dict[str, Day]) -> float | None:
+    """Give the recorded time until the damage is 1, at the mean rate of the days so far [s].
+
+    ``T (1 - D) / D`` with the damage ``D`` after the time ``T``; 0 where the damage is 1 or more, and
+    none where there is no damage (Palmgren 1924, Miner 1945: linear accumulation).
+    """
+    if not damage:
+        return None
+    counted_s = sum(row["seconds"] for row in rows.values() if any(each["name"] == load for each in row["loads"]))
+    return counted_s * max(0.0, 1.0 - damage) / damage
 
 
 def _since(rows: dict[str, Day], with_samples: list[str], state: str) -> str | None:
