@@ -105,3 +105,86 @@ fn variances(
         .map(|k| noise_variance * covariance[(k, k)] / (scale[k] * scale[k]))
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::candidate_effect::{Effect, Scale};
+    use crate::least_squares::shared;
+    use crate::stepwise::LINEAR_PRIOR;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    const ROWS: usize = 1000;
+    const DT_S: f64 = 0.02;
+
+    /// Reversals of several lengths with an effect of `shape`, and noise whose neighbours correlate by 0.5.
+    fn recording(effect: &dyn Effect, shape: &[f64], seed: u64) -> Motion {
+        let mut noise = ChaCha8Rng::seed_from_u64(seed);
+        let t: Vec<f64> = (0..ROWS).map(|i| DT_S * i as f64).collect();
+        let waves = [(1.0, 0.9), (0.4, 2.3), (0.15, 5.1)];
+        let of = |f: fn(f64, f64, f64) -> f64| -> Vec<f64> {
+            t.iter()
+                .map(|t| waves.iter().map(|(a, w)| f(*a, *w, *t)).sum())
+                .collect()
+        };
+        let position = of(|a, w, t| a * (w * t).sin());
+        let speed = of(|a, w, t| a * w * (w * t).cos());
+        let acceleration = of(|a, w, t| -a * w * w * (w * t).sin());
+        let still = Motion::moving(
+            t.clone(),
+            [
+                position.clone(),
+                speed.clone(),
+                acceleration.clone(),
+                vec![0.0; ROWS],
+            ],
+        );
+        let column = effect.columns(&still, shape).remove(0);
+        let mut last = 0.0;
+        let drive = (0..ROWS)
+            .map(|i| {
+                // Of variance 1 / 3 each.
+                last = 0.5 * last + 0.05 * noise.random_range(-1.0..1.0);
+                0.1 + 0.02 * acceleration[i] + 0.03 * speed[i] + 0.5 * column[i] + last
+            })
+            .collect();
+        Motion::moving(t, [position, speed, acceleration, drive])
+    }
+
+    /// Of how many recordings the true number lies within two standard deviations, and of how many it was found.
+    fn coverage(name: &str, shape: &[f64], number: usize) -> (usize, usize) {
+        let effect = crate::find(name).unwrap();
+        let errors: Vec<f64> = (0..30)
+            .filter_map(|seed| {
+                let motions = [recording(effect, shape, seed)];
+                let table = Dataset::new(&motions);
+                let linear = design_matrix::linear(&motions);
+                let mut base = Columns::default();
+                base.push(&linear, &shared(linear.len(), LINEAR_PRIOR));
+                let found =
+                    Selection::find(&motions, &table, base, &Scale::new(&motions, 10.0), |_| ());
+                let stds = shape_stds(&found, &motions, &table);
+                let [part] = &found.parts[..] else {
+                    return None;
+                };
+                let std = stds[0][number]?;
+                (part.effect.name() == name).then(|| (part.shape[number] - shape[number]) / std)
+            })
+            .collect();
+        println!("{name}: {errors:.1?}");
+        (
+            errors.iter().filter(|e| e.abs() <= 2.0).count(),
+            errors.len(),
+        )
+    }
+
+    #[test]
+    fn the_true_shape_lies_within_two_standard_deviations() {
+        for (name, shape) in [("presliding-hysteresis", 0.2), ("backlash", 0.15)] {
+            let (inside, found) = coverage(name, &[shape], 0);
+            assert!(found >= 20, "{name}: found in {found} of 30");
+            assert!(100 * inside >= 85 * found, "{name}: {inside} of {found}");
+        }
+    }
+}
