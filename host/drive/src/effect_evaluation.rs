@@ -14,7 +14,7 @@ use crate::least_squares::{Columns, fit};
 use crate::remaining_residual::Remainder;
 use crate::shape_std;
 use crate::smoothed_motion::Motion;
-use crate::stepwise::Selection;
+use crate::stepwise::{Selection, next_experiment};
 use loadtwin_machine::{Balance, BalanceEffect};
 use loadtwin_math::metrics::{Stretch, prediction_interval, relative_variance};
 
@@ -215,22 +215,6 @@ impl Outcome {
             _ => "effects",
         }
     }
-}
-
-/// The experiment that distinguishes an effect from its alternatives.
-fn next_experiment(selection: &Selection<'_>) -> Option<String> {
-    selection
-        .parts
-        .iter()
-        .find(|part| !part.alternatives.is_empty())
-        .map(|part| {
-            format!(
-                "to tell {} from {}: {}",
-                part.effect.name(),
-                part.alternatives[0].0,
-                part.effect.shown_by()
-            )
-        })
 }
 
 /// Whether the effects make the error on the validation recordings greater.

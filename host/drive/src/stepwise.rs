@@ -459,6 +459,22 @@ fn candidates(motions: &[Motion], scale: &Scale) -> Vec<Part> {
         .collect()
 }
 
+/// The experiment that distinguishes an effect from its alternatives.
+pub(crate) fn next_experiment(selection: &Selection<'_>) -> Option<String> {
+    selection
+        .parts
+        .iter()
+        .find(|part| !part.alternatives.is_empty())
+        .map(|part| {
+            format!(
+                "to tell {} from {}: {}",
+                part.effect.name(),
+                part.alternatives[0].0,
+                part.effect.shown_by()
+            )
+        })
+}
+
 /// Rows over which a residual stays like itself: `1 + 2 sum rho_k`, up to the
 /// first that is not positive.
 fn correlation_rows(rest: &[f64], table: &Dataset) -> f64 {

@@ -203,7 +203,9 @@ fn page_of_ten_thousand_machines() {
     assert_eq!(sorted, "ascending");
     pictures(&mut browser, "fleet");
     // The address has the view.
-    browser.reload();
+    browser.value("window.isOld = true");
+    browser.call("Page.reload", &serde_json::json!({}));
+    browser.wait("!window.isOld && document.readyState === 'complete'");
     browser.wait("document.querySelectorAll('#machines tbody tr').length === 100");
     let pressed =
         browser.value("document.querySelector('#states .fits').getAttribute('aria-pressed')");

@@ -90,13 +90,6 @@ impl Browser {
         ));
     }
 
-    /// Loads the page anew.
-    pub fn reload(&mut self) {
-        self.value("window.isOld = true");
-        self.call("Page.reload", &json!({}));
-        self.wait("!window.isOld && document.readyState === 'complete'");
-    }
-
     /// Errors that the console got since the last call.
     pub fn complaints(&mut self) -> Vec<String> {
         std::mem::take(&mut self.complaints)
