@@ -79,6 +79,10 @@ pub struct FoundEffect {
 pub struct Parameters {
     /// See the effect's documentation.
     pub shape: Vec<f64>,
+    /// Name of each number of the shape, with its unit.
+    pub shape_names: Vec<String>,
+    /// Standard deviation of each; none of those that are chosen, not refined.
+    pub shape_std: Vec<Option<f64>>,
     /// Term and coefficient.
     pub terms: Vec<(String, f64)>,
 }

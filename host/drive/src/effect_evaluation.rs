@@ -12,8 +12,9 @@ use crate::diagnosis_result::{
 };
 use crate::least_squares::{Columns, fit};
 use crate::remaining_residual::Remainder;
+use crate::shape_std;
 use crate::smoothed_motion::Motion;
-use crate::stepwise::Selection;
+use crate::stepwise::{Selection, next_experiment};
 use loadtwin_machine::{Balance, BalanceEffect};
 use loadtwin_math::metrics::{Stretch, prediction_interval, relative_variance};
 
@@ -33,6 +34,8 @@ pub(crate) struct Outcome {
     pub(crate) effects: Vec<BalanceEffect>,
     /// RMS of what the model leaves of recordings or blocks that were left out [the drive's unit].
     pub(crate) model_std: f64,
+    /// Standard deviations of the shapes found.
+    shape_stds: Vec<Vec<Option<f64>>>,
     error: Errors,
     validated: Vec<Validated>,
     remainder: Remainder,
@@ -116,6 +119,7 @@ impl Outcome {
             linear,
             effects,
             model_std: (selection.fitted().left_out_squares() / table.len() as f64).sqrt(),
+            shape_stds: shape_std::shape_stds(selection, fitted, table),
             error,
             validated: validated(validation, held_out, &before, &after),
             residuals: residuals(validation, held_out, before, after),
@@ -170,11 +174,16 @@ impl Outcome {
             .parts
             .iter()
             .zip(self.effects.iter().skip(balance.effects.len()))
-            .map(|(part, found)| FoundEffect {
+            .zip(&self.shape_stds)
+            .map(|((part, found), shape_std)| FoundEffect {
                 name: part.effect.name(),
                 channels: vec![balance.drive.name.clone()],
                 parameters: Parameters {
                     shape: part.shape.clone(),
+                    shape_names: (part.effect.shape_parameters().iter())
+                        .map(|parameter| parameter.label(balance))
+                        .collect(),
+                    shape_std: shape_std.clone(),
                     terms: part
                         .effect
                         .terms(&part.shape, balance.loads.len())
@@ -206,22 +215,6 @@ impl Outcome {
             _ => "effects",
         }
     }
-}
-
-/// The experiment that distinguishes an effect from its alternatives.
-fn next_experiment(selection: &Selection<'_>) -> Option<String> {
-    selection
-        .parts
-        .iter()
-        .find(|part| !part.alternatives.is_empty())
-        .map(|part| {
-            format!(
-                "to tell {} from {}: {}",
-                part.effect.name(),
-                part.alternatives[0].0,
-                part.effect.shown_by()
-            )
-        })
 }
 
 /// Whether the effects make the error on the validation recordings greater.

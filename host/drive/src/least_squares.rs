@@ -49,6 +49,11 @@ impl Columns {
         self.values.len()
     }
 
+    /// Each column with its prior.
+    pub fn with_priors(&self) -> impl Iterator<Item = (&Vec<f64>, f64)> {
+        self.values.iter().zip(self.prior.iter().copied())
+    }
+
     /// `sum_k c_k column_k`.
     pub fn times(&self, c: &[f64], rows: usize) -> Vec<f64> {
         let mut sum = vec![0.0; rows];

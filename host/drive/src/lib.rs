@@ -30,6 +30,7 @@ mod outliers;
 mod page;
 mod remaining_residual;
 mod savitzky_golay;
+mod shape_std;
 mod significance;
 mod smoothed_motion;
 mod stepwise;
@@ -290,8 +291,11 @@ fn check_effect(effect: &BalanceEffect, loads: usize) -> Result<(), (&'static st
     let Some(known) = find(&effect.name) else {
         return Ok(());
     };
-    if effect.shape.len() != known.shape_length() {
-        return Err(("shape", format!("{} values", known.shape_length())));
+    if effect.shape.len() != known.shape_parameters().len() {
+        return Err((
+            "shape",
+            format!("{} values", known.shape_parameters().len()),
+        ));
     }
     // A number of columns follows from the shape.
     if effect.shape.iter().any(|s| !s.is_finite() || s.abs() > 1e9) {

@@ -7,7 +7,7 @@ use loadtwin_report::{
     Table,
 };
 
-use crate::{BeforeAfter, Diagnosis, Figure};
+use crate::{BeforeAfter, Diagnosis, Figure, Residuals};
 
 /// Points of a plot.
 const POINTS: usize = 3000;
@@ -101,14 +101,17 @@ fn key_figure(label: &str, figure: Figure) -> Option<KeyFigure> {
 fn effects(diagnosis: &Diagnosis, unit: &str) -> Option<Table> {
     let rows: Vec<Vec<String>> = (diagnosis.effects.iter())
         .flat_map(|effect| {
-            let shape = (effect.parameters.shape.iter().enumerate())
-                .map(|(k, value)| (format!("shape {}", k + 1), *value));
-            let terms = effect.parameters.terms.iter().cloned();
-            terms.chain(shape).map(|(parameter, value)| {
+            let of = &effect.parameters;
+            let shape = (of.shape_names.iter().zip(&of.shape).zip(&of.shape_std))
+                .map(|((name, value), std)| (name.clone(), *value, *std));
+            let terms = (of.terms.iter())
+                .map(|(term, value)| (format!("{term} [{unit} per term]"), *value, None));
+            terms.chain(shape).map(|(parameter, value, std)| {
                 vec![
                     effect.name.to_owned(),
                     parameter,
                     significant(value),
+                    std.map_or_else(|| "–".into(), significant),
                     format!("{:.1}", effect.evidence.gain_percent),
                     format!("{:.1e}", effect.evidence.p_value),
                 ]
@@ -119,8 +122,9 @@ fn effects(diagnosis: &Diagnosis, unit: &str) -> Option<Table> {
         caption: "Effects found".into(),
         head: vec![
             "Effect".into(),
-            format!("parameter [{unit} per term]"),
+            "parameter".into(),
             "value".into(),
+            "standard deviation".into(),
             "error falls by [%]".into(),
             "probability by chance".into(),
         ],
@@ -205,60 +209,69 @@ fn plots(balance: &Balance, diagnosis: &Diagnosis, unit: &str) -> Vec<Plot> {
     let mut plots = Vec::new();
     if balance.regime == Regime::Moving {
         for (k, recording) in diagnosis.validated_on.iter().enumerate() {
-            let rows: Vec<usize> = (0..of.t.len()).filter(|i| of.recording[*i] == k).collect();
-            let at = |values: &[f64]| rows.iter().map(|i| values[*i]).collect::<Vec<f64>>();
-            let over_time = |quantity: &str, series| Plot {
-                title: format!("{quantity} over time, {}", recording.recording),
-                y: Axis::new(quantity, unit),
-                data: Data::Own {
-                    x: at(&of.t),
-                    series,
-                },
-                ..Plot::default()
-            };
-            plots.push(over_time(
-                "Drive",
-                vec![(Series::line("drive", Role::Measured), at(&of.drive))],
-            ));
-            plots.push(over_time(
-                "Residual",
-                vec![
-                    (Series::line("before", Role::Innovation), at(&of.before)),
-                    (Series::line("after", Role::Estimate), at(&of.after)),
-                ],
-            ));
+            plots.extend(over_time(of, k, &recording.recording, unit));
         }
     }
-    let over = [
-        ("Speed", rate, &of.speed),
-        ("Position", travel, &of.position),
-        ("Drive", unit, &of.drive),
-    ];
-    plots.extend((over.into_iter()).map(|(quantity, x_unit, values)| {
-        let mut sample = ScatterSample::new(POINTS);
-        for (i, x) in values.iter().enumerate() {
-            sample.push(&[*x, of.before[i], of.after[i]]);
-        }
-        let mut columns = sample.columns().into_iter();
-        let mut next = || columns.next().unwrap_or_default();
-        let (x, before, after) = (next(), next(), next());
-        let points = |label: &str, role| Series::new(label, role, Mark::Points);
-        Plot {
-            title: format!("over {}", quantity.to_lowercase()),
-            size: PlotSize::Half,
-            x: Axis::new(quantity, x_unit),
-            y: Axis::new("Residual", unit),
-            data: Data::Own {
-                x,
-                series: vec![
-                    (points("before", Role::Innovation), before),
-                    (points("after", Role::Estimate), after),
-                ],
-            },
-            ..Plot::default()
-        }
-    }));
+    plots.extend([
+        over(of, Axis::new("Speed", rate), &of.speed, unit),
+        over(of, Axis::new("Position", travel), &of.position, unit),
+        over(of, Axis::new("Drive", unit), &of.drive, unit),
+    ]);
     plots
+}
+
+/// Drive and residual of recording number `k` over time.
+fn over_time(of: &Residuals, k: usize, recording: &str, unit: &str) -> [Plot; 2] {
+    let rows: Vec<usize> = (0..of.t.len()).filter(|i| of.recording[*i] == k).collect();
+    let at = |values: &[f64]| rows.iter().map(|i| values[*i]).collect::<Vec<f64>>();
+    let plot = |quantity: &str, series| Plot {
+        title: format!("{quantity} over time, {recording}"),
+        y: Axis::new(quantity, unit),
+        data: Data::Own {
+            x: at(&of.t),
+            series,
+        },
+        ..Plot::default()
+    };
+    [
+        plot(
+            "Drive",
+            vec![(Series::line("drive", Role::Measured), at(&of.drive))],
+        ),
+        plot(
+            "Residual",
+            vec![
+                (Series::line("before", Role::Innovation), at(&of.before)),
+                (Series::line("after", Role::Estimate), at(&of.after)),
+            ],
+        ),
+    ]
+}
+
+/// The residual before and after over the values of `axis`.
+fn over(of: &Residuals, axis: Axis, values: &[f64], unit: &str) -> Plot {
+    let mut sample = ScatterSample::new(POINTS);
+    for (i, x) in values.iter().enumerate() {
+        sample.push(&[*x, of.before[i], of.after[i]]);
+    }
+    let mut columns = sample.columns().into_iter();
+    let mut next = || columns.next().unwrap_or_default();
+    let (x, before, after) = (next(), next(), next());
+    let points = |label: &str, role| Series::new(label, role, Mark::Points);
+    Plot {
+        title: format!("over {}", axis.quantity.to_lowercase()),
+        size: PlotSize::Half,
+        x: axis,
+        y: Axis::new("Residual", unit),
+        data: Data::Own {
+            x,
+            series: vec![
+                (points("before", Role::Innovation), before),
+                (points("after", Role::Estimate), after),
+            ],
+        },
+        ..Plot::default()
+    }
 }
 
 /// Four significant digits.

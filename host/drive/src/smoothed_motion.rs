@@ -261,6 +261,22 @@ fn column_noise(
 
 #[cfg(test)]
 impl Motion {
+    /// A recording in motion, every row of which is evaluated.
+    pub(crate) fn moving(
+        t: Vec<f64>,
+        [position, speed, acceleration, drive]: [Vec<f64>; 4],
+    ) -> Self {
+        Self {
+            decimated: (0..t.len()).collect(),
+            t,
+            position,
+            speed,
+            acceleration,
+            drive,
+            ..Self::at_rest(Regime::Moving)
+        }
+    }
+
     /// A recording without rows.
     pub(crate) fn at_rest(regime: Regime) -> Self {
         Self {

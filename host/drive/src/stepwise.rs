@@ -34,6 +34,12 @@ const LOOKED_AHEAD: usize = 6;
 /// Shapes of each of those others.
 const SHAPES_AHEAD: usize = 3;
 
+/// Parts of a number of a shape below which its search ends.
+pub const FINEST_STEP: f64 = 0.01;
+
+/// Part of the sum of squares by which a step of that search has to lower it.
+pub const LEAST_FALL: f64 = 1e-4;
+
 /// Most effects of one machine.
 const MOST: usize = 8;
 
@@ -294,14 +300,14 @@ impl<'a> Selection<'a> {
             let mut least = cost(&part.columns);
             for &i in part.effect.refined() {
                 let mut step = 0.3;
-                while step > 0.01 {
+                while step > FINEST_STEP {
                     let mut moved = false;
                     for factor in [f64::exp(step), f64::exp(-step)] {
                         let mut shape = part.shape.clone();
                         shape[i] *= factor;
                         let columns = design_matrix::columns(self.motions, part.effect, &shape);
                         let found = cost(&columns);
-                        if found < least * (1.0 - 1e-4) {
+                        if found < least * (1.0 - LEAST_FALL) {
                             least = found;
                             (part.shape, part.columns) = (shape, columns);
                             moved = true;
@@ -451,6 +457,22 @@ fn candidates(motions: &[Motion], scale: &Scale) -> Vec<Part> {
             ..part
         })
         .collect()
+}
+
+/// The experiment that distinguishes an effect from its alternatives.
+pub(crate) fn next_experiment(selection: &Selection<'_>) -> Option<String> {
+    selection
+        .parts
+        .iter()
+        .find(|part| !part.alternatives.is_empty())
+        .map(|part| {
+            format!(
+                "to tell {} from {}: {}",
+                part.effect.name(),
+                part.alternatives[0].0,
+                part.effect.shown_by()
+            )
+        })
 }
 
 /// Rows over which a residual stays like itself: `1 + 2 sum rho_k`, up to the

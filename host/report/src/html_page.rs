@@ -2,6 +2,7 @@
 //! the page fits, and encodes the data.
 
 use super::markup::{cells, columns_of_words, escape};
+use super::thinning::thinned;
 use super::{Data, Mark, MinMaxDecimator, Plot, Report, Section, UPLOT_CSS, UPLOT_JS};
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
@@ -271,7 +272,9 @@ fn check(plot: &Plot, time: Option<&MinMaxDecimator>) -> Result<(), ReportError>
     let unpaired = before
         .zip(after)
         .any(|(before, mark)| (before == Mark::Upper) != (mark == Mark::Lower));
-    let shaded = (plot.shaded.iter().map(|shaded| shaded.column)).find(|column| *column >= columns);
+    let shaded = (plot.shaded.iter().map(|shaded| shaded.column))
+        .chain(plot.band.into_iter().flatten())
+        .find(|column| *column >= columns);
     let points = match &plot.data {
         Data::Time(_) => 0,
         Data::Own { x, .. } => x.len(),
@@ -296,7 +299,7 @@ fn check(plot: &Plot, time: Option<&MinMaxDecimator>) -> Result<(), ReportError>
 fn plot_json(plot: &Plot, halvings: u32) -> Value {
     let mut json = json!({
         "title": plot.title, "size": plot.size, "x": plot.x, "y": plot.y, "limits": plot.limits,
-        "shaded": plot.shaded, "names": plot.names,
+        "shaded": plot.shaded, "band": plot.band, "names": plot.names,
     });
     match &plot.data {
         Data::Time(series) => {
@@ -304,25 +307,24 @@ fn plot_json(plot: &Plot, halvings: u32) -> Value {
             json["columns"] = json!(series.iter().map(|(_, c)| c).collect::<Vec<_>>());
         }
         Data::Own { x, series } => {
-            let stride = if plot.names.is_empty() {
-                stride(x.len(), halvings)
+            let values: Vec<&[f64]> = series.iter().map(|(_, values)| &values[..]).collect();
+            let (x, values) = if plot.names.is_empty() {
+                thinned(x, &values, reduction(x.len(), halvings))
             } else {
-                1
+                thinned(x, &values, 1)
             };
             json["series"] = json!(series.iter().map(|(s, _)| s).collect::<Vec<_>>());
             json["own"] = json!({
-                "x": encode_f64(&x.iter().copied().step_by(stride).collect::<Vec<_>>()),
-                "columns": series.iter().map(|(_, values)| {
-                    encode_f32(&values.iter().step_by(stride).map(|v| *v as f32).collect::<Vec<_>>())
-                }).collect::<Vec<_>>(),
+                "x": encode_f64(&x),
+                "columns": values.iter().map(|column| encode_f32(column)).collect::<Vec<_>>(),
             });
         }
     }
     json
 }
 
-/// Every how many points are kept after a number of halvings.
-fn stride(points: usize, halvings: u32) -> usize {
+/// By how much points are thinned after a number of halvings.
+fn reduction(points: usize, halvings: u32) -> usize {
     let most = (points / FEWEST_POINTS).max(1);
     1_usize
         .checked_shl(halvings)

@@ -52,6 +52,7 @@ mod markup;
 mod replay_plots;
 mod scatter;
 mod sensor_plots;
+mod thinning;
 
 pub use decimator::{MinMaxDecimator, Rows};
 pub use html_page::{PAGE, ReportError};
@@ -199,6 +200,9 @@ pub struct Plot {
     pub limits: Vec<Limit>,
     /// Times that are shaded; only over time.
     pub shaded: Option<Shaded>,
+    /// Columns of [`Report::time`] with the upper and lower edge of the estimate's band: where it is far wider than
+    /// usual, as while a filter settles, values do not rule the vertical scale.
+    pub band: Option<[usize; 2]>,
     /// Names of the points, one for each `x` of [`Data::Own`], drawn beside them; or empty.
     pub names: Vec<String>,
 }
@@ -213,6 +217,7 @@ impl Default for Plot {
             data: Data::Time(Vec::new()),
             limits: Vec::new(),
             shaded: None,
+            band: None,
             names: Vec::new(),
         }
     }

@@ -193,6 +193,7 @@ fn load_plots(label: &LoadLabel, known: bool, column: usize) -> Vec<Plot> {
         ),
     ];
     let shaded = Some(Shaded::new("not valid", column + 5));
+    let band = Some([column + 1, column + 2]);
     let mut plots = Vec::new();
     if known {
         series.push((Series::line("reference", Role::Reference), column + 3));
@@ -201,6 +202,7 @@ fn load_plots(label: &LoadLabel, known: bool, column: usize) -> Vec<Plot> {
             y: Axis::new("Estimate - reference", &label.unit),
             data: Data::Time(vec![(Series::line("error", Role::Other), column + 4)]),
             shaded: shaded.clone(),
+            band,
             ..Plot::default()
         });
     }
@@ -209,6 +211,7 @@ fn load_plots(label: &LoadLabel, known: bool, column: usize) -> Vec<Plot> {
         y: Axis::new(&label.quantity, &label.unit),
         data: Data::Time(series),
         shaded,
+        band,
         ..Plot::default()
     };
     plots.insert(0, load);

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::printing::say;
 use super::progress::Progress;
-use crate::balance::{self, Diagnosis, Figure, Request};
+use crate::balance::{self, Diagnosis, Figure, Parameters, Request};
 use crate::origin::with_origin;
 
 /// Diagnoses, writes the improved description and the page at `report`, and prints what was found.
@@ -63,7 +63,7 @@ fn print_effects(diagnosis: &Diagnosis) {
         for (term, value) in largest {
             say!("    {term}: {value:.4}");
         }
-        say!("    shape: {:.4?}", effect.parameters.shape);
+        print_shape(&effect.parameters);
     }
     for alternative in &diagnosis.alternatives {
         let instead: Vec<_> = alternative.instead.iter().map(|i| i.0).collect();
@@ -84,6 +84,17 @@ fn print_effects(diagnosis: &Diagnosis) {
         linear.drag,
         linear.load_gains
     );
+}
+
+/// Each number of an effect's shape, with its unit and standard deviation.
+fn print_shape(parameters: &Parameters) {
+    let stds = parameters.shape_std.iter();
+    for ((name, value), std) in (parameters.shape_names.iter().zip(&parameters.shape)).zip(stds) {
+        match std {
+            Some(std) => say!("    {name}: {value:.4} +- {std:.4}"),
+            None => say!("    {name}: {value:.4}"),
+        }
+    }
 }
 
 /// Errors without and with the effects, on the fitted and on the hold-out recordings.

@@ -141,7 +141,7 @@ fn effects_table<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Option<Table> {
             row(
                 &place,
                 name.replace(" []", "").replace(" [number]", ""),
-                significant(*value),
+                std.map_or_else(|| significant(*value), |std| as_sure(*value, std)),
                 std.map_or_else(|| "–".into(), significant),
             );
         }
@@ -161,7 +161,7 @@ fn effects_table<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Option<Table> {
                 row(
                     place,
                     parameter.name.into(),
-                    significant(*value),
+                    as_sure(*value, *std),
                     significant(*std),
                 );
             }
@@ -186,6 +186,17 @@ fn effects_table<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Option<Table> {
         .to_vec(),
         rows,
     })
+}
+
+/// Three significant digits, or more where the standard deviation is smaller than the last of them.
+fn as_sure(value: f64, std: f64) -> String {
+    let digits = 2 - value.abs().log10().floor() as i32;
+    let known = 1 - std.log10().floor() as i32;
+    if (1e-2..1e4).contains(&value.abs()) && known > digits && known < 9 {
+        format!("{value:.*}", known as usize)
+    } else {
+        significant(value)
+    }
 }
 
 /// Three significant digits.

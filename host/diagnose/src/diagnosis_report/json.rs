@@ -11,6 +11,7 @@ use crate::assessment::verdict::{MIN_FAULT_LOG_ODDS, Verdict, cannot_show, fault
 use crate::candidate_effect::Scope;
 use crate::candidate_effect::fitted::FittedEffect;
 use crate::diagnosis::Diagnosis;
+use crate::diagnosis_report::shape_std::shape_stds;
 use crate::filter_check::FilterCheck;
 use crate::machine_kind::Diagnosable;
 use loadtwin_machine::Machine;
@@ -116,11 +117,15 @@ fn found<S: Diagnosable>(
     for (shape, value) in f.effect.nonlinear_parameters().iter().zip(&f.shape) {
         parameters.insert(format!("{} [{}]", shape.name, shape.unit), json!(value));
     }
+    let mut stds = serde_json::Map::new();
+    let of_shape = shape_stds(recordings, f, residuals_after);
+    for (shape, std) in f.effect.nonlinear_parameters().iter().zip(of_shape) {
+        stds.insert(format!("{} [{}]", shape.name, shape.unit), json!(std));
+    }
     let acting: Vec<usize> = (0..recordings[0].residuals().len())
         .filter(|k| !f.parameters[*k].is_empty())
         .collect();
     let parameter_stds = parameter_stds(recordings, f, residuals_after);
-    let mut stds = serde_json::Map::new();
     for (j, linear) in f.effect.linear_parameters().iter().enumerate() {
         let per_place = |of: &[Vec<f64>]| {
             let value = |k: &usize| json!(of[*k].get(j));

@@ -9,14 +9,15 @@ use crate::regression::design_matrix::columns;
 use crate::regression::joint_fit::acts_on;
 use crate::regression::normal_equations::weighted_gram;
 use crate::residual_model::ResidualModel;
+use crate::selection::parameter_search::last_step;
 
-/// Step of the numerical derivative, in parts of the parameter or of its bounds.
-const STEP: f64 = 1e-2;
+/// Blocks whose scores show how much the estimate varies.
+const BLOCKS: usize = 24;
 
 /// Standard deviations of the shape of `found`: `sqrt(diag (X' W X)^-1)`, with `X` the derivatives of what the effect
 /// predicts after each parameter, linear and nonlinear, about those fitted (Gauss-Newton).
 ///
-/// Weights as of [`parameter_stds`](crate::assessment::parameter_std::parameter_stds). None for a parameter that only
+/// To this adds the resolution of the search, the variance of a uniform distribution over its last step. Weights as of [`parameter_stds`](crate::assessment::parameter_std::parameter_stds). None for a parameter that only
 /// has the values of a grid, or that the recordings do not determine.
 ///
 /// Source: Seber, Wild 1989, Nonlinear Regression, eq. (2.20).
@@ -35,9 +36,8 @@ pub(super) fn shape_stds<S: ResidualModel>(
         .map(|&j| slope(recordings, found, &parameters[j], j))
         .collect();
     let shapes = free.len();
-    // The information of each signal on its own linear parameters, then on the shape.
-    let mut of_shape = Mat::<f64>::zeros(shapes, shapes);
-    let mut shared: Option<Mat<f64>> = None;
+    let mut total = Information::zeros(shapes);
+    let mut shared: Option<Information> = None;
     for k in 0..found.parameters.len() {
         if !acts_on(found, &here, k) {
             continue;
@@ -53,24 +53,29 @@ pub(super) fn shape_stds<S: ResidualModel>(
         let all: Vec<&[f64]> = (here.iter().map(|c| c[k].as_slice()))
             .chain(slopes.iter().map(|s| s[k].as_slice()))
             .collect();
-        let gram = weighted_gram(&all, &left, weight).0;
+        let signal = Information {
+            gram: weighted_gram(&all, &left, weight).0,
+            scores: block_scores(&all, &left, weight),
+        };
         match found.effect.scope() {
-            Scope::PerSignal => of_shape += eliminated(&gram, here.len()),
+            Scope::PerSignal => total.add(&signal.eliminated(here.len())),
             Scope::Machine => match &mut shared {
-                Some(sum) => *sum += &gram,
-                None => shared = Some(gram),
+                Some(sum) => sum.add(&signal),
+                None => shared = Some(signal),
             },
         }
     }
-    if let Some(gram) = shared {
-        of_shape = eliminated(&gram, here.len());
+    if let Some(shared) = shared {
+        total = shared.eliminated(here.len());
     }
-    let covariance = of_shape.partial_piv_lu().inverse();
+    let variances = total.variances();
     let mut stds = vec![None; parameters.len()];
     for (a, &j) in free.iter().enumerate() {
         let (low, high) = parameters[j].bounds;
         // A deviation as wide as the range says nothing.
-        stds[j] = Some(covariance[(a, a)].sqrt()).filter(|std| *std > 0.0 && *std < high - low);
+        let resolution = last_step(&parameters[j], found.shape[j]).powi(2) / 12.0;
+        let std = (variances[a] + resolution).sqrt();
+        stds[j] = Some(std).filter(|std| *std > 0.0 && *std < high - low);
     }
     stds
 }
@@ -84,12 +89,8 @@ fn slope<S: ResidualModel>(
 ) -> Vec<Vec<f64>> {
     let (low, high) = parameter.bounds;
     let value = found.shape[j];
-    let step = STEP
-        * if value == 0.0 {
-            high - low
-        } else {
-            value.abs()
-        };
+    // No wider: an oscillation would turn by more than its phase.
+    let step = last_step(parameter, value);
     let [below, above] = [(value - step).max(low), (value + step).min(high)];
     let predicted = |at: f64| -> Vec<Vec<f64>> {
         let mut shape = found.shape.clone();
@@ -120,11 +121,63 @@ fn slope<S: ResidualModel>(
         .collect()
 }
 
-/// Information on the last parameters with the first `count` free as well (Schur complement).
-fn eliminated(gram: &Mat<f64>, count: usize) -> Mat<f64> {
-    let rest = gram.nrows() - count;
-    let own = gram.submatrix(0, 0, count, count);
-    let mixed = gram.submatrix(0, count, count, rest);
-    let last = gram.submatrix(count, count, rest, rest);
-    last - mixed.transpose() * own.partial_piv_lu().inverse() * mixed
+/// Gram matrix of the parameters, and the score of each block of samples, one a column.
+struct Information {
+    gram: Mat<f64>,
+    scores: Mat<f64>,
+}
+
+impl Information {
+    fn zeros(parameters: usize) -> Self {
+        Self {
+            gram: Mat::zeros(parameters, parameters),
+            scores: Mat::zeros(parameters, BLOCKS),
+        }
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.gram += &other.gram;
+        self.scores += &other.scores;
+    }
+
+    /// That on the last parameters with the first `count` free as well (Schur complement).
+    fn eliminated(&self, count: usize) -> Self {
+        let last = self.gram.nrows() - count;
+        let own = self.gram.submatrix(0, 0, count, count);
+        let mixed = self.gram.submatrix(0, count, count, last);
+        let reduce = mixed.transpose() * own.partial_piv_lu().inverse();
+        Self {
+            gram: self.gram.submatrix(count, count, last, last) - &reduce * mixed,
+            scores: self.scores.submatrix(count, 0, last, BLOCKS)
+                - &reduce * self.scores.submatrix(0, 0, count, BLOCKS),
+        }
+    }
+
+    /// Variances of the parameters, the larger of two: `G^-1`, as for noise that is alike everywhere, and
+    /// `G^-1 (sum_b s_b s_b') G^-1`, which holds where the noise differs between blocks and signals share it.
+    ///
+    /// Source: White 1980, A heteroskedasticity-consistent covariance matrix estimator.
+    fn variances(&self) -> Vec<f64> {
+        let inverse = self.gram.partial_piv_lu().inverse();
+        let moved = &inverse * &self.scores;
+        let correction = BLOCKS as f64 / (BLOCKS - 1) as f64;
+        (0..inverse.nrows())
+            .map(|a| {
+                let squares: f64 = (0..BLOCKS).map(|b| moved[(a, b)].powi(2)).sum();
+                inverse[(a, a)].max(correction * squares)
+            })
+            .collect()
+    }
+}
+
+/// `weight sum x r` of each block, `r` of the samples that are known.
+fn block_scores(columns: &[&[f64]], left: &[f64], weight: f64) -> Mat<f64> {
+    let mut scores = Mat::zeros(columns.len(), BLOCKS);
+    for (i, r) in left.iter().enumerate().filter(|(_, r)| r.is_finite()) {
+        let block = i * BLOCKS / left.len();
+        for (a, column) in columns.iter().enumerate() {
+            scores[(a, block)] += weight * column[i] * r;
+        }
+    }
+    scores
 }

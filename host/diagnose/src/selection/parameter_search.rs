@@ -1,10 +1,26 @@
 //! Search of the nonlinear parameters of an effect.
 
-use crate::candidate_effect::Effect;
+use crate::candidate_effect::{Effect, NonlinearParameter};
 use crate::regression::cross_validation::{BaseModel, RegressionData};
 use crate::regression::design_matrix::columns;
 use crate::residual_model::ResidualModel;
 use crate::selection::score::CandidateScore;
+
+/// Times that the step of the search is made smaller.
+const ROUNDS: usize = 5;
+
+/// Factor on the step each time.
+const SMALLER: f64 = 0.4;
+
+/// Last step of the search about `value`: what explains most lies within half of it.
+pub(crate) fn last_step(parameter: &NonlinearParameter, value: f64) -> f64 {
+    let step = parameter.step * SMALLER.powi(ROUNDS as i32 - 1);
+    if parameter.logarithmic {
+        step * value.abs()
+    } else {
+        step
+    }
+}
 
 /// The shape that explains most beside `base`, by a pattern search from that of `best`.
 pub(crate) fn search_parameters<S: ResidualModel>(
@@ -14,7 +30,6 @@ pub(crate) fn search_parameters<S: ResidualModel>(
     effect: &dyn Effect<S>,
     mut best: CandidateScore,
 ) -> Vec<f64> {
-    const ROUNDS: usize = 5;
     best.log_evidence = f64::NEG_INFINITY;
     let overdispersion = best.overdispersion.clone();
     let evaluate = |shape: &[f64]| {
@@ -49,7 +64,7 @@ pub(crate) fn search_parameters<S: ResidualModel>(
                 }
             }
             if !moved {
-                step *= 0.4;
+                step *= SMALLER;
                 rounds += 1;
             }
         }

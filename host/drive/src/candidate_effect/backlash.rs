@@ -1,6 +1,6 @@
 //! Candidate effect, backlash: friction behind a gap, which reverses only once the gap is crossed.
 
-use crate::candidate_effect::{Effect, Motion, Scale, geometric};
+use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, ShapeUnit, geometric};
 use loadtwin_machine::Regime;
 
 /// `F r`, where `r` turns from -1 to 1 once the position has come back by the
@@ -22,8 +22,8 @@ impl Effect for Backlash {
         gaps.into_iter().map(|b| vec![b]).collect()
     }
 
-    fn shape_length(&self) -> usize {
-        1
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        const { &[ShapeParameter::new("gap", ShapeUnit::Travel)] }
     }
 
     fn refined(&self) -> &'static [usize] {

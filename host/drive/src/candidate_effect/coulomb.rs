@@ -1,6 +1,6 @@
 //! Candidate effect: Coulomb friction, a constant torque or force against the motion.
 
-use crate::candidate_effect::{Effect, Motion, Scale, friction_state};
+use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, ShapeUnit, friction_state};
 
 /// `F_c sgn(v)`, with a short distance `s` of sliding to build up; or, below a
 /// speed `v_r > 0`, fading to nothing at rest.
@@ -21,8 +21,13 @@ impl Effect for Coulomb {
             .collect()
     }
 
-    fn shape_length(&self) -> usize {
-        2
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        const {
+            &[
+                ShapeParameter::new("distance to build up", ShapeUnit::Travel),
+                ShapeParameter::new("speed below which it fades", ShapeUnit::Speed),
+            ]
+        }
     }
 
     fn refined(&self) -> &'static [usize] {

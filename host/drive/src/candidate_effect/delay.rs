@@ -1,7 +1,7 @@
 //! Candidate effect: delay of the drive signal against motion and loads, to first order: regression
 //! on the derivatives of the acceleration and of each load, with a coefficient for each.
 
-use crate::candidate_effect::{Effect, Motion, Scale};
+use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter};
 use loadtwin_machine::Regime;
 
 /// `-T J da/dt - T_j dL_j/dt`: a drive recorded late by `T` against the motion,
@@ -21,8 +21,8 @@ impl Effect for Delay {
         }
     }
 
-    fn shape_length(&self) -> usize {
-        0
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        &[]
     }
 
     fn columns(&self, motion: &Motion, _: &[f64]) -> Vec<Vec<f64>> {

@@ -1,6 +1,6 @@
 //! Candidate effect: viscous friction that is not the same in both directions.
 
-use crate::candidate_effect::{Effect, Motion, Scale, each};
+use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, each};
 
 /// `c |v|`: half the difference of the drags forward and backward.
 pub(crate) struct Directional;
@@ -18,8 +18,8 @@ impl Effect for Directional {
         }
     }
 
-    fn shape_length(&self) -> usize {
-        0
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        &[]
     }
 
     fn columns(&self, motion: &Motion, _: &[f64]) -> Vec<Vec<f64>> {

@@ -1,6 +1,6 @@
 //! Candidate effect, gravity torque of an arm or an unbalanced mass: cosine and sine of the angle.
 
-use crate::candidate_effect::{Effect, Motion, Scale, each};
+use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, each};
 use loadtwin_machine::Regime;
 
 /// `a cos(x) + b sin(x)`, `x` the angle [rad]: over less than a turn a polynomial
@@ -20,8 +20,8 @@ impl Effect for Gravity {
         }
     }
 
-    fn shape_length(&self) -> usize {
-        0
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        &[]
     }
 
     fn columns(&self, motion: &Motion, _: &[f64]) -> Vec<Vec<f64>> {

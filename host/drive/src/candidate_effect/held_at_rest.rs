@@ -1,7 +1,7 @@
 //! Candidate effect, a constant load that the drive carries in motion only: at rest a brake or a
 //! self-locking screw holds it.
 
-use crate::candidate_effect::{Effect, Motion, Scale, each};
+use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, ShapeUnit, each};
 
 /// `c |v| / sqrt(v^2 + v_r^2)`: a weight that a brake or a self-locking screw
 /// holds once the drive is at rest.
@@ -22,8 +22,13 @@ impl Effect for Standstill {
             .collect()
     }
 
-    fn shape_length(&self) -> usize {
-        1
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        const {
+            &[ShapeParameter::new(
+                "speed below which it is held",
+                ShapeUnit::Speed,
+            )]
+        }
     }
 
     fn refined(&self) -> &'static [usize] {

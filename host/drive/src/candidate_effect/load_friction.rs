@@ -1,6 +1,8 @@
 //! Candidate effect: friction that grows with the load.
 
-use crate::candidate_effect::{Effect, Motion, Scale, each, geometric, sliding_state, times};
+use crate::candidate_effect::{
+    Effect, Motion, Scale, ShapeParameter, ShapeUnit, each, geometric, sliding_state, times,
+};
 use loadtwin_machine::Regime;
 
 /// `mu |L| z`, with `z` the state of sliding over a distance `s`.
@@ -22,8 +24,13 @@ impl Effect for LoadFriction {
         distances.into_iter().map(|s| vec![s]).collect()
     }
 
-    fn shape_length(&self) -> usize {
-        1
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        const {
+            &[ShapeParameter::new(
+                "distance to build up",
+                ShapeUnit::Travel,
+            )]
+        }
     }
 
     fn refined(&self) -> &'static [usize] {

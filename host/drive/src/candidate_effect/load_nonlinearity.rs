@@ -1,7 +1,7 @@
 //! Candidate effect, nonlinearity of a measured load: a part of the drive in proportion to its
 //! signed square.
 
-use crate::candidate_effect::{Effect, Motion, Scale, each};
+use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, each};
 
 /// `b L |L|` for each measured load: saturation or hardening.
 pub(crate) struct LoadShape;
@@ -19,8 +19,8 @@ impl Effect for LoadShape {
         }
     }
 
-    fn shape_length(&self) -> usize {
-        0
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        &[]
     }
 
     fn columns(&self, motion: &Motion, _: &[f64]) -> Vec<Vec<f64>> {

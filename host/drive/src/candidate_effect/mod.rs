@@ -16,10 +16,13 @@ mod position_friction;
 mod position_ripple;
 mod position_torque;
 mod presliding;
+mod shape_parameter;
 mod stribeck;
 mod temperature_dependence;
 mod torque_ripple;
 mod warm_up;
+
+pub use shape_parameter::{ShapeParameter, ShapeUnit};
 
 use crate::smoothed_motion::Motion;
 use loadtwin_machine::Regime;
@@ -32,8 +35,8 @@ pub trait Effect: Sync {
     /// Shapes on trial for recordings of such a size; none where they cannot show the effect.
     fn shapes(&self, scale: &Scale) -> Vec<Vec<f64>>;
 
-    /// Length of a shape.
-    fn shape_length(&self) -> usize;
+    /// What each number of a shape is.
+    fn shape_parameters(&self) -> &'static [ShapeParameter];
 
     /// Which parts of a shape are positive numbers to be refined from the best on trial.
     fn refined(&self) -> &'static [usize] {

@@ -1,6 +1,6 @@
 //! Candidate effect: drag that is not proportional to speed.
 
-use crate::candidate_effect::{Effect, Motion, Scale, each};
+use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, ShapeUnit, each};
 
 /// `F (|v| / v_0)^n sgn(v)`: grease thins (`n < 1`), churned oil resists (`n > 1`).
 ///
@@ -21,8 +21,13 @@ impl Effect for Shear {
             .to_vec()
     }
 
-    fn shape_length(&self) -> usize {
-        2
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        const {
+            &[
+                ShapeParameter::new("exponent", ShapeUnit::Number),
+                ShapeParameter::new("speed that it is over", ShapeUnit::Speed),
+            ]
+        }
     }
 
     fn columns(&self, motion: &Motion, shape: &[f64]) -> Vec<Vec<f64>> {

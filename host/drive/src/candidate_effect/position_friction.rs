@@ -1,6 +1,8 @@
 //! Candidate effect: friction that changes over the travel.
 
-use crate::candidate_effect::{Effect, Motion, Scale, each, geometric, sliding_state, times};
+use crate::candidate_effect::{
+    Effect, Motion, Scale, ShapeParameter, ShapeUnit, each, geometric, sliding_state, times,
+};
 use loadtwin_machine::Regime;
 
 /// `sum_n c_n u^n z`, `u = (x - x_0) / h`, `n = 1..degree`, `z` the state of
@@ -27,8 +29,15 @@ impl Effect for PositionFriction {
         shapes
     }
 
-    fn shape_length(&self) -> usize {
-        4
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        const {
+            &[
+                ShapeParameter::new("distance to build up", ShapeUnit::Travel),
+                ShapeParameter::new("degree", ShapeUnit::Number),
+                ShapeParameter::new("centre", ShapeUnit::Travel),
+                ShapeParameter::new("half width", ShapeUnit::Travel),
+            ]
+        }
     }
 
     fn refined(&self) -> &'static [usize] {

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use crate::candidate_effect::{Effect, Motion, Scale, each, geometric};
+use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, ShapeUnit, each, geometric};
 use loadtwin_machine::Regime;
 
 /// `a cos(2 pi x / p) + b sin(2 pi x / p)`: gear teeth, balls, screw threads.
@@ -36,8 +36,8 @@ impl Effect for Wave {
             .collect()
     }
 
-    fn shape_length(&self) -> usize {
-        1
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        const { &[ShapeParameter::new("pitch", ShapeUnit::Travel)] }
     }
 
     fn refined(&self) -> &'static [usize] {

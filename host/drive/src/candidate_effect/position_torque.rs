@@ -1,6 +1,6 @@
 //! Candidate effect: a torque that changes smoothly over the travel.
 
-use crate::candidate_effect::{Effect, Motion, Scale, each};
+use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, ShapeUnit, each};
 use loadtwin_machine::Regime;
 
 /// `sum_n c_n u^n`, `u = (x - x_0) / h`, `n = 1..degree`: springs, cables that
@@ -23,8 +23,14 @@ impl Effect for PositionTorque {
         }
     }
 
-    fn shape_length(&self) -> usize {
-        3
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        const {
+            &[
+                ShapeParameter::new("degree", ShapeUnit::Number),
+                ShapeParameter::new("centre", ShapeUnit::Travel),
+                ShapeParameter::new("half width", ShapeUnit::Travel),
+            ]
+        }
     }
 
     fn columns(&self, motion: &Motion, shape: &[f64]) -> Vec<Vec<f64>> {

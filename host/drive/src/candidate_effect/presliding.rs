@@ -1,6 +1,8 @@
 //! Candidate effect: friction that builds up over a distance after a reversal.
 
-use crate::candidate_effect::{Effect, Motion, Scale, geometric, sliding_state};
+use crate::candidate_effect::{
+    Effect, Motion, Scale, ShapeParameter, ShapeUnit, geometric, sliding_state,
+};
 use loadtwin_machine::Regime;
 
 /// `F z`, `dz = (sgn(dx) - z) |dx| / s`: hysteresis over the position.
@@ -24,8 +26,13 @@ impl Effect for Presliding {
         distances.into_iter().map(|s| vec![s]).collect()
     }
 
-    fn shape_length(&self) -> usize {
-        1
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        const {
+            &[ShapeParameter::new(
+                "distance to build up",
+                ShapeUnit::Travel,
+            )]
+        }
     }
 
     fn refined(&self) -> &'static [usize] {

@@ -1,6 +1,8 @@
 //! Candidate effect: friction that falls with speed.
 
-use crate::candidate_effect::{Effect, Motion, Scale, each, friction_state, geometric, times};
+use crate::candidate_effect::{
+    Effect, Motion, Scale, ShapeParameter, ShapeUnit, each, friction_state, geometric, times,
+};
 
 /// `F_s exp(-(|v| / v_s)^d) sgn(v)`.
 ///
@@ -29,8 +31,15 @@ impl Effect for Stribeck {
         shapes
     }
 
-    fn shape_length(&self) -> usize {
-        4
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        const {
+            &[
+                ShapeParameter::new("speed over which it falls", ShapeUnit::Speed),
+                ShapeParameter::new("exponent", ShapeUnit::Number),
+                ShapeParameter::new("distance to build up", ShapeUnit::Travel),
+                ShapeParameter::new("speed below which it fades", ShapeUnit::Speed),
+            ]
+        }
     }
 
     fn refined(&self) -> &'static [usize] {

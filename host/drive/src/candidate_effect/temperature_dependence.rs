@@ -1,6 +1,8 @@
 //! Candidate effect: offset, friction and drag that change in proportion to temperature.
 
-use crate::candidate_effect::{Effect, Motion, Scale, each, sliding_state, times};
+use crate::candidate_effect::{
+    Effect, Motion, Scale, ShapeParameter, ShapeUnit, each, sliding_state, times,
+};
 
 /// `(T - T_0) (c_0 + c_1 sgn(v) + c_2 v)`.
 ///
@@ -23,8 +25,13 @@ impl Effect for Thermal {
             .collect()
     }
 
-    fn shape_length(&self) -> usize {
-        2
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        const {
+            &[
+                ShapeParameter::new("reference temperature", ShapeUnit::Temperature),
+                ShapeParameter::new("distance to build up", ShapeUnit::Travel),
+            ]
+        }
     }
 
     fn columns(&self, motion: &Motion, shape: &[f64]) -> Vec<Vec<f64>> {

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use crate::candidate_effect::{Effect, Motion, Scale, each};
+use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, ShapeUnit, each};
 use loadtwin_machine::Regime;
 
 /// `sum_n a_n cos(n theta) + b_n sin(n theta)`, `theta = 2 pi x / turn`, `n = 1..orders`.
@@ -34,8 +34,13 @@ impl Effect for Ripple {
         }
     }
 
-    fn shape_length(&self) -> usize {
-        2
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        const {
+            &[
+                ShapeParameter::new("orders", ShapeUnit::Number),
+                ShapeParameter::new("travel of one turn", ShapeUnit::Travel),
+            ]
+        }
     }
 
     fn columns(&self, motion: &Motion, shape: &[f64]) -> Vec<Vec<f64>> {

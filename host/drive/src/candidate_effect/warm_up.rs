@@ -1,7 +1,9 @@
 //! Candidate effect: friction that changes while the machine runs, where no temperature is
 //! recorded.
 
-use crate::candidate_effect::{Effect, Motion, Scale, each, sliding_state, times};
+use crate::candidate_effect::{
+    Effect, Motion, Scale, ShapeParameter, ShapeUnit, each, sliding_state, times,
+};
 use loadtwin_machine::Regime;
 
 /// `w (c_0 sgn(v) + c_1 v)`, `w = 1 - exp(-t / T)` from the start of a recording.
@@ -27,8 +29,13 @@ impl Effect for Drift {
         shapes
     }
 
-    fn shape_length(&self) -> usize {
-        2
+    fn shape_parameters(&self) -> &'static [ShapeParameter] {
+        const {
+            &[
+                ShapeParameter::new("time to warm up", ShapeUnit::Time),
+                ShapeParameter::new("distance to build up", ShapeUnit::Travel),
+            ]
+        }
     }
 
     fn columns(&self, motion: &Motion, shape: &[f64]) -> Vec<Vec<f64>> {

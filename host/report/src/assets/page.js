@@ -216,8 +216,39 @@ function seriesOptions(s, chart, i) {
   }
 }
 
-function yRange(plot) {
+// Rows that rule the vertical scale: neither flagged or not valid, nor with a band many times as wide as usual, as
+// while a filter settles. None where the plot says nothing of that.
+const WIDE_BAND = 4;
+function rulingRows(plot) {
+  if (plot.own || (!plot.shaded && !plot.band)) return null;
+  const column = c => timeColumns[c] ??= values(page.time.columns[c]);
+  const rules = new Uint8Array(dataOf(plot)[0].length).fill(1);
+  if (plot.band) {
+    const [upper, lower] = plot.band.map(column), widths = upper.map((v, i) => v === null || lower[i] === null ? null : v - lower[i]);
+    const known = widths.filter(w => w !== null).sort((a, b) => a - b), most = WIDE_BAND * known[known.length >> 1];
+    widths.forEach((w, i) => { if (w > most) rules[i] = 0; });
+  }
+  // Least and greatest of a bucket stand in rows of their own: a neighbour may be the one that is flagged.
+  if (plot.shaded) column(plot.shaded.column).forEach((flag, i) => { if (flag > 0) rules.fill(0, Math.max(i - 1, 0), i + 2); });
+  return rules;
+}
+// Values that rule the scale between two rows; what is known by other means rules it always.
+function ruling({ plot, data, rules }, from, to, shown = () => true) {
+  const of = keep => plot.series.flatMap((s, k) => shown(k) ? data[k + 1].slice(from, to + 1)
+    .filter((v, i) => v !== null && (keep(from + i) || s.role === "reference")) : []);
+  const found = of(i => rules[i] === 1);
+  return found.length ? found : of(() => true);
+}
+const extent = numbers => numbers.reduce(([low, high], v) => [v < low ? v : low, v > high ? v : high], [Infinity, -Infinity]);
+
+function yRange(chart) {
+  const { plot } = chart;
   return (u, low, high) => {
+    if (chart.rules && low !== null && low !== undefined) {
+      const [from, to] = u.series[0].idxs ?? [0, chart.data[0].length - 1];
+      const [least, most] = extent(ruling(chart, from, to, k => u.series[k + 1].show));
+      if (least <= most) [low, high] = [least, most];
+    }
     for (const { value } of plot.limits) { low = Math.min(low ?? value, value); high = Math.max(high ?? value, value); }
     if (plot.series.some(s => s.mark === "bars")) { low = Math.min(low ?? 0, 0); high = Math.max(high ?? 0, 0); }
     if (low === null || low === undefined) return plot.y.logarithmic ? [0.1, 10] : [0, 1];
@@ -314,8 +345,9 @@ function drawPlot(figure) {
   figure.dataset.done = "";
   let data = dataOf(plot);
   if (plot.y.logarithmic) data = data.map((c, i) => i ? c.map(v => v > 0 ? v : null) : c);
-  const group = groupOf(plot, index);
-  const chart = { plot, data, group, figure, prefix: prefixOf(plot.y.unit, data.slice(1)), xPrefix: prefixOf(plot.x.unit, [data[0]]), colours: colourNames(plot), handles: [] };
+  const group = groupOf(plot, index), rules = rulingRows(plot);
+  const ruled = rules ? [ruling({ plot, data, rules }, 0, data[0].length - 1)] : data.slice(1);
+  const chart = { plot, data, group, figure, rules, prefix: prefixOf(plot.y.unit, ruled), xPrefix: prefixOf(plot.x.unit, [data[0]]), colours: colourNames(plot), handles: [] };
   const [prefix, factor] = chart.prefix, [xPrefix, xFactor] = chart.xPrefix;
   if (data.slice(1).every(column => column.every(v => v === null))) {
     const p = document.createElement("p");
@@ -343,7 +375,7 @@ function drawPlot(figure) {
     width: Math.max(figure.clientWidth, 200), height: HEIGHT[plot.size],
     scales: {
       x: { time: false, distr: plot.x.logarithmic ? 3 : 1, min: start[0], max: start[1], range: (u, min, max) => [min ?? start[0], max ?? start[1]] },
-      y: { distr: plot.y.logarithmic ? 3 : 1, range: yRange(plot) },
+      y: { distr: plot.y.logarithmic ? 3 : 1, range: yRange(chart) },
     },
     axes: [
       { ...axis, label: label({ quantity: plot.x.quantity, unit: plot.x.unit && xPrefix + plot.x.unit }), size: 30,
