@@ -1,5 +1,5 @@
-//! Fits to recordings: gauge sensitivities ([`calibrate`]) and noise ([`tune`],
-//! [`rotor_tune`]).
+//! Identification from recordings: gauge sensitivities and noise of a drivetrain ([`calibrate`]),
+//! noise of its filter ([`tune`]) and of a rotor's ([`rotor_tune`]).
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),

@@ -1,5 +1,5 @@
-//! Load signals of a drivetrain in its model image: name, full scale on the bus, and the largest standard
-//! deviation of a valid estimate.
+//! Load signals of a drivetrain in its model image: name, full scale on the bus, and the largest
+//! standard deviation of a valid estimate.
 
 use heapless::Vec as FixedVec;
 use loadtwin_common::drivetrain::LOADS;

@@ -1,5 +1,5 @@
-//! Transfer of fitted offsets, sensitivities and noise of
-//! gauges into a machine, its map files and its description.
+//! Transfer of fitted offsets, sensitivities and noise of gauges into the machine, its map files
+//! and its written description.
 
 use std::path::{Path, PathBuf};
 

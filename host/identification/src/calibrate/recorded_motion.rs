@@ -1,4 +1,5 @@
-//! Carrier angle, speeds and loads of a recording, and what each channel senses.
+//! Carrier angle, speeds and loads of a recording over time, referred to the carrier, and what each
+//! channel senses by them: shaft torque, load, speed or drive torque.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;

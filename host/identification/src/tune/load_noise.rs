@@ -8,9 +8,10 @@ use loadtwin_common::image::{Image, Model};
 use rayon::prelude::*;
 
 use crate::tune::TuneError;
-use crate::tune::filter_trial::{Outcome, Training, Trial};
+use crate::tune::filter_trial::{Outcome, Trial};
 use crate::tune::frequency_response::{FrequencyResponse, Weighting};
 use crate::tune::pattern_search::pattern_search;
+use crate::tune::training_recordings::Training;
 use loadtwin_design::build::{self, Sensors};
 use loadtwin_design::gearbox::OperatingPoint;
 use loadtwin_machine::{Drivetrain, Machine};
