@@ -4,6 +4,7 @@
 use loadtwin_common::drivetrain::{GearboxModel, Role};
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::{Image, Model};
+use loadtwin_common::io::estimate::Estimate;
 
 use crate::tune::TuneError;
 use crate::tune::training_recordings::{Start, Training, starts};
@@ -80,16 +81,10 @@ impl<'a> Trial<'a> {
             *slot = *variance as f32;
         }
         model.gate_nis = f32::MAX;
-        let nominal: Vec<f64> = {
-            let first = model.scale.len() - model.load_noise.len();
-            model
-                .scale
-                .iter()
-                .skip(first)
-                .copied()
-                .map(f64::from)
-                .collect()
-        };
+        let first = model.scale.len() - model.load_noise.len();
+        let nominal: Vec<f64> = (model.scale.iter().skip(first).copied())
+            .map(f64::from)
+            .collect();
         let (mut sum, mut count) = (Outcome::default(), 0);
         let (mut errors, mut compared) = (0.0, 0_u32);
         for recording in &self.recordings {
@@ -104,17 +99,7 @@ impl<'a> Trial<'a> {
                     continue;
                 }
                 count += 1;
-                for (sensor, noise) in estimate.sensors.iter().zip(&self.noise) {
-                    let (nu, s) = (
-                        f64::from(sensor.innovation),
-                        f64::from(sensor.innovation_variance),
-                    );
-                    if s > 0.0 {
-                        // In units of the noise, so that channels of any unit add up.
-                        sum.misfit += 0.5 * ((s / (noise * noise)).ln() + nu * nu / s);
-                        sum.innovation += (nu / noise).powi(2);
-                    }
-                }
+                self.add_innovations(&estimate, &mut sum);
                 for (reference, j) in references.iter().zip(&self.load_of) {
                     if let Some(j) = *j
                         && let (Some(load), Some(nominal)) = (estimate.loads.get(j), nominal.get(j))
@@ -141,6 +126,21 @@ impl<'a> Trial<'a> {
             innovation: mean(sum.innovation),
             load: mean(sum.load),
             error_percent: (compared > 0).then(|| 100.0 * errors / f64::from(compared)),
+        }
+    }
+
+    /// Adds the innovations of one sample to misfit and innovation norm.
+    fn add_innovations(&self, estimate: &Estimate, sum: &mut Outcome) {
+        for (sensor, noise) in estimate.sensors.iter().zip(&self.noise) {
+            let (nu, s) = (
+                f64::from(sensor.innovation),
+                f64::from(sensor.innovation_variance),
+            );
+            if s > 0.0 {
+                // In units of the noise, so that channels of any unit add up.
+                sum.misfit += 0.5 * ((s / (noise * noise)).ln() + nu * nu / s);
+                sum.innovation += (nu / noise).powi(2);
+            }
         }
     }
 }
