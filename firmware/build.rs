@@ -1,5 +1,4 @@
-//! Gives the linker the memory of the board that is built; the flags stay out of
-//! the workspace's configuration, where they would concern the host too.
+//! Build script: gives the linker the memory layout of the board that is built.
 
 use std::env;
 use std::fs;

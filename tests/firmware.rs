@@ -1,4 +1,4 @@
-//! Builds the firmware's binaries for the boards.
+//! Build of the firmware's binaries for the boards by cargo, and the root of the project.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,4 +1,5 @@
-//! Shared parts of the tests that need more than one crate or a rig; see `tests/run`.
+//! Shared parts of the tests that need more than one crate or a rig: boards, emulator, machines and
+//! samples; length of a run from the environment.
 
 pub mod bench;
 pub mod descriptions;
@@ -6,6 +7,7 @@ pub mod emulator;
 pub mod firmware;
 pub mod gearbox;
 pub mod rotor;
+mod sample_faults;
 pub mod simulated;
 
 /// Length of a run on a board (s): `LOADTWIN_SECONDS`, or `usual`.

@@ -1,4 +1,5 @@
-//! Test rotor through its first critical speed: model image and raw samples with sensor faults.
+//! Test rotor in a run-up through its first critical speed: machine with random walks of the loads,
+//! model image, and raw samples with sensor faults.
 
 use std::path::Path;
 

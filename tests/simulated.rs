@@ -1,5 +1,5 @@
-//! Raw samples of a described machine: rotors, bearings and drivetrains from a scenario of `loadtwin::simulate`;
-//! drives as sines and steps, whatever the scenario.
+//! Raw samples of a described machine: rotors, bearings and drivetrains from a scenario of
+//! `loadtwin::simulate`; drives as sines and steps, whatever the scenario.
 
 use std::f64::consts::TAU;
 

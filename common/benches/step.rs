@@ -1,4 +1,4 @@
-//! Time of one filter step on the host.
+//! Benchmark of one filter step on the host: Kalman filter and unscented filter.
 //!
 //! `cargo bench -p loadtwin-common --bench step`; the full filter with 6
 //! states and 4 channels is to stay below 500 ns (2 million samples a second).

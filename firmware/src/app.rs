@@ -1,4 +1,5 @@
-//! The application: a model image and raw samples in, frames out.
+//! The application of a board: raw samples to CAN frames by the estimator of a model image, status
+//! frames with or without an image, and the counters of the board in them.
 
 use core::sync::atomic::Ordering::Relaxed;
 

@@ -1,4 +1,5 @@
-//! The model that a board runs: found in its slots at start, replaced over the bus.
+//! The model image that a board runs: chosen from its flash slots at start, replaced by an upload
+//! over the bus.
 
 use embedded_storage::nor_flash::NorFlash;
 use loadtwin_common::io::frame::Frame;

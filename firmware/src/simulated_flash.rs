@@ -1,5 +1,5 @@
-//! Simulated NOR flash in RAM: power failures within an operation, ECC errors, flipped and stuck
-//! bits.
+//! Simulated NOR flash in RAM, for tests of the store: power failures within an operation, ECC
+//! errors, flipped and stuck bits.
 //!
 //! It behaves as the flash of the STM32G4: words of 8 bytes that are programmed
 //! once after an erase, erased in pages. A cut leaves the word or the page that

@@ -1,4 +1,4 @@
-//! CAN frames as text on a serial line, as Linux's `slcan` driver speaks it.
+//! Encoder and decoder of CAN frames as text on a serial line, as Linux's `slcan` driver speaks it.
 //!
 //! `tIII8DDDDDDDDDDDDDDDD` and a carriage return: `t`, three hex digits of a
 //! standard identifier, the length, two hex digits a byte. Every frame of this

@@ -1,4 +1,5 @@
-//! `loadtwin diagnose` of bearings on recordings of an effect that it does not know.
+//! `loadtwin diagnose` of bearings on simulated recordings: nothing is named without an effect, a
+//! loose gauge is named.
 
 #[path = "web/appearance.rs"]
 mod appearance;

@@ -1,4 +1,5 @@
-//! A fixed part of the benchmark of `diagnose`, with the rates that it must reach.
+//! A fixed part of the benchmark of `diagnose`, with the rates that it must reach; and a check of
+//! the interval of a rate.
 
 #[path = "../examples/diagnose_benchmark/cases.rs"]
 mod cases;

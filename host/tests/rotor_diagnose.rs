@@ -1,4 +1,6 @@
-//! `loadtwin diagnose` of rotors on recordings of an effect that it does not know.
+//! `loadtwin diagnose` of rotors on recordings of an effect that it does not know: rates of the
+//! benchmark, gain error, runout, surface lobes, improved description, nothing named for a change
+//! of drive.
 
 #[path = "../examples/rotor_benchmark/cases.rs"]
 mod cases;

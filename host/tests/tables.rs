@@ -1,5 +1,5 @@
-//! `loadtwin tables` on an individual that no default was chosen on, against the published
-//! figures.
+//! `loadtwin tables` on an individual that no default was chosen on, against the published figures;
+//! mean and deviation by hand.
 
 use std::path::Path;
 

@@ -1,6 +1,6 @@
-//! Extended Kalman filter of one hypothesis, with both ball rows and all gauges in one state: prediction by one
-//! block, an update for each gauge from its harmonics, then, called apart, equilibrium and features at the new
-//! loads; and what the test of hypotheses does with one: mirror, reset, comparison, cost of the prior.
+//! Extended Kalman filter of one hypothesis, with both ball rows and all gauges in one state:
+//! prediction by one block, an update for each gauge from its harmonics, loads taken as known, and
+//! one Newton step of the equilibrium with the contact features at the estimated loads.
 //!
 //! States: phases of ball passing `theta_r` (rad) and slips `s_r` of both rows,
 //! loads (kN), preload (um), biases of the bulk strains [um/m].
@@ -13,6 +13,8 @@
 //!
 //! Sources: Kerst et al. 2019, eq. (1)-(3), in another form: here all gauges share
 //! the rows' phases.
+
+mod hypothesis_change;
 
 use nalgebra::{RowSVector, SVector};
 use serde::{Deserialize, Serialize};
@@ -35,9 +37,6 @@ pub const LOAD_INDEX: usize = 2 * ROWS;
 pub const PRELOAD_INDEX: usize = LOAD_INDEX + LOADS;
 /// Place of the first bias.
 pub const BIAS_INDEX: usize = PRELOAD_INDEX + 1;
-
-/// Phases further apart than this are not the same [rad].
-const APART: f32 = 0.6;
 
 /// Variance below which a phase is known [rad^2].
 pub(crate) const KNOWN_PHASE: f32 = 0.1;
@@ -147,39 +146,6 @@ impl JointEkf {
         }
     }
 
-    /// Turns the phase of a row.
-    pub fn shift_phase(&mut self, row: usize, by: f32) {
-        let theta = &mut self.gaussian.state[row % ROWS];
-        *theta = wrap_rad(*theta + by);
-    }
-
-    /// The mirror image: rows change places, and with them the signs of axial
-    /// force and moments. Local strain of gauges in the middle cannot tell the two apart.
-    pub fn swap_rows(&mut self) {
-        let x = &mut self.gaussian.state;
-        x.swap_rows(0, 1);
-        x.swap_rows(2, 3);
-        for i in [1, 3, 4] {
-            x[LOAD_INDEX + i] = -x[LOAD_INDEX + i];
-        }
-        let p = &mut self.gaussian.upper;
-        for i in (0..LOAD_INDEX).chain([1, 3, 4].map(|i| LOAD_INDEX + i)) {
-            decorrelate_state(p, i);
-        }
-    }
-
-    /// Starts with the loads anew, in the phases as they are.
-    pub fn reset_loads(&mut self, tuning: &Tuning) {
-        let p = &mut self.gaussian.upper;
-        for i in 0..LOADS {
-            let l = LOAD_INDEX + i;
-            self.gaussian.state[l] = tuning.load_mean[i];
-            decorrelate_state(p, l);
-            p[l][l] = 0.0;
-        }
-        self.inflate_loads(tuning, 1.0);
-    }
-
     /// Adds a share of the covariance of the expected loads.
     pub fn inflate_loads(&mut self, tuning: &Tuning, share: f32) {
         let l = &tuning.load_factor;
@@ -192,41 +158,6 @@ impl JointEkf {
                 self.gaussian.upper[LOAD_INDEX + j][LOAD_INDEX + i] += share * sum;
             }
         }
-    }
-
-    /// Whether the phases of two posteriors, where the first knows its own, are not the same.
-    pub fn phases_differ(&self, other: &Self) -> bool {
-        (0..ROWS)
-            .filter(|row| self.gaussian.upper[*row][*row] < KNOWN_PHASE)
-            .any(|row| wrap_rad(self.gaussian.state[row] - other.gaussian.state[row]).abs() > APART)
-    }
-
-    /// Minus twice the logarithm of the prior of what a posterior holds: biases,
-    /// slips, preload and loads in units of their standard deviations, squared.
-    ///
-    /// Two posteriors that explain the readings equally well may differ in what they had to assume for it.
-    pub fn prior_cost(&self, tuning: &Tuning) -> f32 {
-        let x = &self.gaussian.state;
-        let mut sum = 0.0;
-        for b in BIAS_INDEX..NX {
-            let part = x[b] / tuning.bias_std;
-            sum += part * part;
-        }
-        for row in 0..ROWS {
-            let part = x[ROWS + row] / tuning.slip_std;
-            sum += part * part;
-        }
-        let mut whitened = [0.0; LOADS];
-        for i in 0..LOADS {
-            let mut part = x[LOAD_INDEX + i] - tuning.load_mean[i];
-            for (l, w) in tuning.load_factor[i][..i].iter().zip(&whitened) {
-                part -= l * w;
-            }
-            whitened[i] = part / tuning.load_factor[i][i];
-            sum += whitened[i] * whitened[i];
-        }
-        let part = x[PRELOAD_INDEX] / tuning.preload_std;
-        sum + part * part
     }
 
     /// Takes the loads as known (kN).

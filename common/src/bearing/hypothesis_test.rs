@@ -7,8 +7,9 @@
 //! it is decided, and a moment that has passed near zero calls the next one.
 //!
 //! Wrong rows take up offsets that make them right. So each alternative starts with those that were
-//! learnt before, by rows that were distinguished from their mirror image, and so does a search that starts anew. So does each
-//! of two images once it has found its phases: on the way there it has taken offsets for what phases were.
+//! learnt before, by rows that were distinguished from their mirror image, and so does a search
+//! that starts anew. So does each of two images once it has found its phases: on the way there it
+//! has taken offsets for what phases were.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,12 +1,14 @@
 //! Detection of gauge faults from the slow states: a chi-squared test whether preload and biases
 //! have moved faster than their random walk allows.
 //!
-//! A gauge that loses a part of its response is explained by other loads, another preload and other biases: in a block of
-//! 10 ms the innovations hardly show it, as errors of the model are allowed for. The slow states show it: they leave the
-//! place where they were seconds ago, `q = d' (P_r + W tau)^-1 d`, `d = x - x_r`, `x_r` and `P_r` mean and covariance
-//! of the slow states with a low-pass of `tau`, `W` their random walk.
+//! A gauge that loses a part of its response is explained by other loads, another preload and other
+//! biases: in a block of 10 ms the innovations hardly show it, as errors of the model are allowed
+//! for. The slow states show it: they leave the place where they were seconds ago, `q = d' (P_r + W
+//! tau)^-1 d`, `d = x - x_r`, `x_r` and `P_r` mean and covariance of the slow states with a
+//! low-pass of `tau`, `W` their random walk.
 //!
-//! Source: Bar-Shalom, Li and Kirubarajan 2001, section 5.4: consistency of innovations over many steps.
+//! Source: Bar-Shalom, Li and Kirubarajan 2001, section 5.4: consistency of innovations over many
+//! steps.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,5 @@
-//! Counting of load cycles and of time at load, sample by sample, for years.
+//! Counting of load cycles (rainflow), time at level and revolutions at load, sample by sample, in
+//! bounded memory for years of operation; list of its modules.
 //!
 //! ```text
 //! load [N m, N] -> level 0..128 -> turning points (hysteresis gate) -> four-point rainflow -> counts

@@ -1,4 +1,5 @@
-//! Four-point rainflow counting with its residue.
+//! Four-point rainflow counting, turning point by turning point: closed cycles and the residue that
+//! is not yet closed.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! Counts as bytes, to continue them after a restart.
+//! Counts as bytes with version and checksum, to save them and to continue them after a restart.
 
 use super::load_counts::LoadCounts;
 use crate::Error;

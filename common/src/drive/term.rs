@@ -1,5 +1,6 @@
 //! Terms of a drive's balance of forces beside inertia, drag and loads, such as friction, cogging
-//! and gravity: a coefficient times a factor and a direction.
+//! and gravity: a coefficient times a factor and a direction, their checks, and the state of
+//! friction directions.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,8 +1,8 @@
 //! Consistency tests of redundant gauges: windowed residual cost of each fault hypothesis (parity
 //! space), and inflation of the variances where the gauges disagree.
 //!
-//! The gauges of a direction read `y_i = p_i + m_i e + f_i + v_i`: `p_i` as predicted, `e` the error
-//! of the prediction of what they sense, which they share, `f_i` a fault. With the weights
+//! The gauges of a direction read `y_i = p_i + m_i e + f_i + v_i`: `p_i` as predicted, `e` the
+//! error of the prediction of what they sense, which they share, `f_i` a fault. With the weights
 //! `w_i = 1 / t_i` the cost of a hypothesis that leaves the gauges `H` out is the least square of
 //! what the others contradict each other by,
 //!

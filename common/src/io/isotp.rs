@@ -1,4 +1,5 @@
-//! ISO-TP (ISO 15765-2): messages of up to 4095 bytes over classic CAN frames.
+//! ISO-TP (ISO 15765-2): state machines of a receiver and of a sender for messages of up to 4095
+//! bytes over classic CAN frames, with flow control and time-outs.
 //!
 //! Normal addressing; the caller filters by CAN identifier and hands in the data
 //! bytes. Time is a wrapping count of microseconds. Sent frames are padded to

@@ -7,11 +7,11 @@
 //! | `36 counter data` transfer data               | `76 counter`        |
 //! | `37` request transfer exit                    | `77`                |
 //!
-//! Big endian. The address is 0, the size that of the sealed image. `block` is
-//! the longest transfer request with its two leading bytes; every block but the
-//! last is that long. The counter starts at 1 and wraps from 255 to 0. A refused
-//! request is answered `7F service code`; code 0x78 means "still at work".
-//! What is wrong with an image comes as [`ImageError::code`](crate::io::signed_image::ImageError::code).
+//! Big endian. The address is 0, the size that of the sealed image. `block` is the longest transfer
+//! request with its two leading bytes; every block but the last is that long. The counter starts at
+//! 1 and wraps from 255 to 0. A refused request is answered `7F service code`; code 0x78 means
+//! "still at work". What is wrong with an image comes as
+//! [`ImageError::code`](crate::io::signed_image::ImageError::code).
 
 /// CAN identifier of requests to the board: the diagnostic standard's first
 /// physical address, so that common tools find it.

@@ -1,4 +1,5 @@
-//! Augmented Kalman filter, linear and extended.
+//! Augmented Kalman filter, linear and extended: prediction, scalar measurement update with a gate,
+//! and the traits of nonlinear transitions and observations.
 //!
 //! A step is `predict`, then one scalar [`update`] for each channel, or
 //! [`update_all`].

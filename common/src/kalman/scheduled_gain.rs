@@ -1,4 +1,5 @@
-//! Filter with gains computed beforehand, constant or over a periodic angle.
+//! Kalman filter with gains computed beforehand, constant or interpolated over a periodic angle:
+//! gain table, its place at an angle, and the correction of the state.
 
 use nalgebra::{SMatrix, SVector};
 

@@ -1,4 +1,5 @@
-//! Unscented Kalman filter for strongly nonlinear models.
+//! Unscented Kalman filter for strongly nonlinear models: sigma points, prediction and measurement
+//! update.
 #![expect(
     clippy::range_plus_one,
     reason = "an inclusive range carries a flag that keeps its loop from being unrolled"

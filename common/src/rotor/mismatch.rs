@@ -8,9 +8,10 @@
 //! while. A sensor that errs alone does not raise the level: the largest of the correlations is
 //! left out where there are three sensors or more.
 //!
-//! A level that has been consistent for long at one speed is established. A model that errs does so from the start, or
-//! as the speed changes: what then contradicts is a fault of several sensors, or a load that jumped. The loads are
-//! contradicted until a level that was allowed for before explains the readings again.
+//! A level that has been consistent for long at one speed is established. A model that errs does so
+//! from the start, or as the speed changes: what then contradicts is a fault of several sensors, or
+//! a load that jumped. The loads are contradicted until a level that was allowed for before
+//! explains the readings again.
 //!
 //! Source: Mehra, On the identification of variances and adaptive Kalman filtering, IEEE Trans.
 //! Autom. Control 15 (1970), section II; Page, Continuous inspection schemes, Biometrika 41 (1954).

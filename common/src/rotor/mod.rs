@@ -1,12 +1,12 @@
 //! Load estimator of a rotor: forces at the discs and modal displacements, from displacement
 //! sensors at a few nodes.
 //!
-//! A reduced finite-element model with the forces as states ([`filter`]), its
-//! matrices over the speed. The full recursion runs until its gain has
-//! converged; then the steady gain of the speed takes its place, until a
-//! reading is missing or refused. An estimate may lag by some samples, of which
-//! it knows more then ([`fixed_lag_smoother`]). Where the innovations contradict the model, the
-//! noise of the model is larger ([`mismatch`]); where one sensor contradicts the others, it is held out ([`votes`]).
+//! A reduced finite-element model with the forces as states ([`filter`]), its matrices over the
+//! speed. The full recursion runs until its gain has converged; then the steady gain of the speed
+//! takes its place, until a reading is missing or refused. An estimate may lag by some samples, of
+//! which it knows more then ([`fixed_lag_smoother`]). Where the innovations contradict the model,
+//! the noise of the model is larger ([`mismatch`]); where one sensor contradicts the others, it is
+//! held out ([`votes`]).
 //!
 //! Source: Rezende et al. 2023, section 2.
 

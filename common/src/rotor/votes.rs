@@ -1,11 +1,12 @@
 //! Fault isolation among the displacement sensors of a rotor: a sensor whose readings are
 //! repeatedly outside of the gate is excluded while such sensors are a minority.
 //!
-//! A reading outside of its gate is refused. A sensor whose readings are refused again and again
-//! is held out, until its readings have stayed inside for a while: passing through the right value
+//! A reading outside of its gate is refused. A sensor whose readings are refused again and again is
+//! held out, until its readings have stayed inside for a while: passing through the right value
 //! once a turn is no agreement. Sensors are held out only while they are a minority; where half of
-//! them contradict at once, the model errs and not they, and all readings are used. A prediction that
-//! has long been consistent has a vote of its own: half of the sensors are held out where it agrees with the others.
+//! them contradict at once, the model errs and not they, and all readings are used. A prediction
+//! that has long been consistent has a vote of its own: half of the sensors are held out where it
+//! agrees with the others.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,5 @@
-//! Angles, tables and filters of single signals.
+//! Processing of single signals: Butterworth filters, periodic look-up tables, angles as fractions
+//! of a turn, and fast trigonometry.
 
 pub mod butterworth;
 pub mod periodic_lookup;

@@ -5,8 +5,8 @@
 
 #[path = "emulated/exit.rs"]
 mod exit;
-#[path = "emulated/guard.rs"]
-mod guard;
+#[path = "boards/stack_guard.rs"]
+mod stack_guard;
 
 use core::hint::black_box;
 
@@ -25,7 +25,7 @@ fn deeper(depth: u32) -> u32 {
 
 #[entry]
 fn main() -> ! {
-    guard::forbid_below_stack();
+    stack_guard::forbid_below_stack();
     defmt::error!("came back from depth {=u32}", deeper(0));
     exit::success()
 }

@@ -1,4 +1,5 @@
-//! ADS131M04: four simultaneously sampling 24-bit delta-sigma converters on SPI.
+//! Driver of the ADS131M04, four simultaneously sampling 24-bit delta-sigma converters on SPI:
+//! configuration, reading with CRC, registers, stand-by.
 //!
 //! Every transfer is one frame of six 24-bit words, most significant byte
 //! first, SPI mode 1. Out: a command, its data, zeros. In: the status (or the

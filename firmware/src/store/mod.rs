@@ -1,4 +1,5 @@
-//! Two slots for sealed images in NOR flash, safe against loss of power.
+//! Store of two slots for sealed images in NOR flash, safe against loss of power: choice at start,
+//! checks, installation page by page, commit.
 //!
 //! A slot is a number of pages for the image and a last page for its commit
 //! records. An image is checked as a whole before anything is erased for it,

@@ -1,4 +1,5 @@
-//! `loadtwin build`: machine description to model image.
+//! Model image of a machine description with a set of sensors, as `loadtwin build` writes it:
+//! dispatch on the kind of machine.
 
 pub use crate::error::BuildError;
 pub use crate::sensor_set::{Filter, Sensors};

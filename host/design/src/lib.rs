@@ -1,4 +1,5 @@
-//! Design of estimators: machine description to model image.
+//! Design of estimators: machine description to model image, calibration of bearings, and
+//! finite-element strains to strain maps; list of its modules.
 //!
 //! [`build`] is the entry; one module for each machine kind has its mathematics.
 //! [`reduce`] makes strain maps from a finite-element model.

@@ -1,5 +1,5 @@
-//! Interface by which the diagnosis reads a recording of any machine kind: residual signals, nuisance
-//! parameters, regressors of effects, covariates.
+//! Interface by which the diagnosis reads a recording of any machine kind: residual signals,
+//! nuisance parameters, regressors of effects, covariates.
 
 use std::borrow::Cow;
 

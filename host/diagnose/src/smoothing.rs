@@ -1,4 +1,5 @@
-//! Smoothing without delay: moving means, and filters on the discrete cosine transform.
+//! Smoothing without delay: moving means, and low-pass and Wiener filters on the discrete cosine
+//! transform.
 
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;

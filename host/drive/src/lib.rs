@@ -1,5 +1,5 @@
 //! Diagnosis of a drive: identification of the effects that its balance of torque or force lacks,
-//! by regression on recordings.
+//! by regression on recordings. Here: request, error type and sequence.
 //!
 //! `drive = offset + inertia a + drag v + sum_j gain_j load_j + effects + rest`.
 //! The linear part is what a description starts with; each effect is a physical

@@ -1,5 +1,5 @@
-//! Zero-phase low-pass with Gaussian weights, and derivatives by a local cubic fit with the same
-//! weights; for regular and irregular sampling.
+//! Zero-phase smoothing with Gaussian weights (Savitzky-Golay): weighted mean as a low-pass,
+//! derivatives by a local cubic fit, gain of noise; for regular and irregular sampling.
 
 /// Width of a Gaussian that passes `cutoff_hz` with half the power, times the cut-off:
 /// `sqrt(ln 2) / (2 pi)`.

@@ -53,6 +53,40 @@ pub struct Motion {
     smoother: Smoother,
 }
 
+/// Times, values of each of `signals`, and the sample period (s), of the recording in `path`.
+fn read_signals(
+    machine: &Machine,
+    signals: &[&Signal],
+    path: &Path,
+) -> Result<(Vec<f64>, Vec<Vec<f64>>, f64), BalanceError> {
+    let wanted: Vec<Wanted<'_>> = signals
+        .iter()
+        .map(|s| Wanted {
+            name: &s.name,
+            unit: s.unit,
+            required: true,
+        })
+        .collect();
+    let mut reader = Reader::open(path, &machine.recording, &wanted)?;
+    if machine.recording.timing == Timing::Resample {
+        reader = reader.expect_period(1.0 / machine.rate_hz)?;
+    }
+    let period_s = reader.period_s();
+    let mut t = Vec::new();
+    let mut columns = vec![Vec::new(); signals.len()];
+    for block in reader {
+        let block = block?;
+        t.extend(block.t);
+        for (column, (values, signal)) in columns
+            .iter_mut()
+            .zip(block.columns.into_iter().zip(signals))
+        {
+            column.extend(values.into_iter().flatten().map(|v| signal.value(v)));
+        }
+    }
+    Ok((t, columns, period_s))
+}
+
 impl Motion {
     /// Reads the recording in `path`; what is explained of it is the drive below
     /// `cutoff_hz`.
@@ -66,31 +100,7 @@ impl Motion {
         cutoff_hz: f64,
     ) -> Result<Self, BalanceError> {
         let signals: Vec<&Signal> = balance.signals().map(|(_, signal)| signal).collect();
-        let wanted: Vec<Wanted<'_>> = signals
-            .iter()
-            .map(|s| Wanted {
-                name: &s.name,
-                unit: s.unit,
-                required: true,
-            })
-            .collect();
-        let mut reader = Reader::open(path, &machine.recording, &wanted)?;
-        if machine.recording.timing == Timing::Resample {
-            reader = reader.expect_period(1.0 / machine.rate_hz)?;
-        }
-        let period_s = reader.period_s();
-        let mut t = Vec::new();
-        let mut columns = vec![Vec::new(); signals.len()];
-        for block in reader {
-            let block = block?;
-            t.extend(block.t);
-            for (column, (values, signal)) in columns
-                .iter_mut()
-                .zip(block.columns.into_iter().zip(&signals))
-            {
-                column.extend(values.into_iter().flatten().map(|v| signal.value(v)));
-            }
-        }
+        let (t, mut columns, period_s) = read_signals(machine, &signals, path)?;
         // Rows of other regimes have no neighbours that they must be like.
         let spikes = if balance.regime == Regime::Moving {
             columns.iter_mut().map(|x| outliers::remove(x)).sum()

@@ -1,6 +1,7 @@
 //! Blind benchmark: `diagnose` on recordings of effects that it does not know.
 //!
-//! `cargo run --release -p loadtwin --example diagnose_benchmark -- [MACHINES] [SEED] [RESULTS.csv] [weak]`
+//! `cargo run --release -p loadtwin --example diagnose_benchmark -- [MACHINES] [SEED] [RESULTS.csv]
+//! [weak]`
 //!
 //! For each machine (a description with its parameters drawn anew) ten
 //! recordings: four with one effect, two fault-free, two with two effects, two with

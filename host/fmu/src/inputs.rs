@@ -1,4 +1,5 @@
-//! Inputs of an instance, and the raw sample that they make.
+//! Inputs of an FMU instance (channels, encoders, index pulse), and their conversion to a raw
+//! sample.
 
 use loadtwin_common::io::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
 use serde::{Deserialize, Serialize};

@@ -1,8 +1,8 @@
-//! The estimator as a co-simulation FMU (FMI 3.0 and 2.0): packed by `loadtwin build --fmu`, run by the
-//! shared library that this crate is too.
+//! The estimator as a co-simulation FMU (FMI 3.0 and 2.0), packed by `loadtwin build --fmu`; this
+//! crate is also the shared library that runs it.
 //!
-//! The machine is data: model image and description of the inputs lie in the FMU's resources, and one
-//! library serves every machine. `abi` has the C functions over [`instance::Instance`].
+//! The machine is data: model image and description of the inputs lie in the FMU's resources, and
+//! one library serves every machine. `abi` has the C functions over [`instance::Instance`].
 #![cfg_attr(
     not(test),
     deny(

@@ -1,5 +1,5 @@
-//! Finding and check of the shared library that every FMU carries: given by the caller or near the command, of
-//! this version, for a processor read from its ELF header.
+//! Shared library that every FMU carries: search by the caller's path or near the command, and
+//! check of its version and of the processor in its ELF header.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! Why an FMU refuses a call.
+//! Reasons why an FMU refuses a call (`Refusal`), the phase of an instance, and their messages.
 
 use loadtwin_common::io::signed_image::ImageError;
 use thiserror::Error;

@@ -1,5 +1,5 @@
-//! The files in an FMU's resources: model image and description of the inputs; the token that binds the
-//! model description to them.
+//! Files in the resources of an FMU: model image and description of the inputs; the token that
+//! binds the model description to them.
 
 use std::path::Path;
 

@@ -1,4 +1,5 @@
-//! What a variable of an FMU stands for, and the type that it has.
+//! Role of a variable of an FMU (time, reading, angle or index as inputs; load, sensor or shaft
+//! angle as outputs), and its type.
 
 /// What a variable stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,4 +1,5 @@
-//! Saved state of an instance: mark, state of the estimator with inputs and outputs (postcard), CRC-32.
+//! Byte format of the saved state of an FMU instance: mark, state of the estimator with inputs and
+//! outputs (postcard), CRC-32.
 
 use serde::{Deserialize, Serialize};
 

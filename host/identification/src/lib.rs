@@ -1,5 +1,6 @@
-//! Fits to recordings: gauge sensitivities ([`calibrate`]), noise ([`tune`], [`rotor_tune`]) and
-//! the error of the loads ([`error_band`]).
+//! Identification from recordings: gauge sensitivities and noise of a drivetrain ([`calibrate`]),
+//! noise of its filter ([`tune`]) and of a rotor's ([`rotor_tune`]), error of the loads
+//! ([`error_band`]).
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),

@@ -15,6 +15,7 @@ mod counts_table;
 mod damage;
 mod damage_interval;
 mod error;
+mod file_layout;
 mod first_pass;
 mod gear_torque;
 mod load_columns;

@@ -1,15 +1,12 @@
-//! Loads of a file to count, with their units, and the speed and shaft ratio beside them: loads named by the
-//! caller, else those with a standard deviation and a fault column.
+//! Columns of a file whose loads are to be counted, with their units, and the speed and shaft ratio
+//! beside them: loads named by the caller, else those with a standard deviation and a fault column.
 
 use std::path::Path;
 
-use loadtwin_recording::{CsvLayout, Unit, WrittenNan, columns};
+use loadtwin_recording::{Unit, columns};
 
 use crate::LoadFileError;
-
-/// Samples in a row that a file may lack; they are counted as missing. A file
-/// with a longer gap is to be split there.
-const LARGEST_GAP: u32 = 1_000_000;
+use crate::file_layout::layout;
 
 /// Which loads of a file, and the speed beside them.
 #[derive(Clone, Debug, PartialEq)]
@@ -74,14 +71,5 @@ impl Loads {
             speed: speed.map(Into::into),
             ratio,
         })
-    }
-}
-
-/// How the files are read.
-pub(crate) fn layout() -> CsvLayout {
-    CsvLayout {
-        written_nan: WrittenNan::Missing,
-        largest_gap: LARGEST_GAP,
-        ..CsvLayout::default()
     }
 }

@@ -8,7 +8,7 @@ use loadtwin_common::counting::SHAFTS;
 use loadtwin_common::io::fault::Fault;
 use loadtwin_recording::{Block, Reader, Unit, Wanted};
 
-use crate::load_columns::layout;
+use crate::file_layout::layout;
 use crate::{CountedLoad, LoadFileError, LoadSample, Loads};
 
 /// The loads in a file and how many samples they take.

@@ -1,5 +1,5 @@
-//! Description of a torsional drivetrain as a chain of lumped inertias and elastic shafts with unknown loads; its
-//! checks, nominal values and quantities referred to the main shaft, and the same chain with a gear more.
+//! Description of a torsional drivetrain as a chain of lumped inertias and elastic shafts with
+//! unknown loads; its checks, nominal values, and quantities referred to the main shaft.
 
 use std::collections::BTreeMap;
 
@@ -67,36 +67,6 @@ impl Drivetrain {
         (self.loads.iter())
             .map(|l| l.nominal_nm * self.ratio(&l.inertia).abs())
             .fold(0.0, f64::max)
-    }
-
-    /// The same chain with a gear in shaft `s`, between two equal halves of it, with the moment
-    /// `part` of the smaller neighbour's, half taken from each. The half behind the gear keeps the
-    /// shaft's name: a mesh, whose torque gauges sense, is behind its gear.
-    #[must_use]
-    pub fn with_gear(&self, s: usize, part: f64) -> Self {
-        let mut with = self.clone();
-        let neighbours = [s, s + 1].map(|i| self.inertias[i].referred_moment());
-        let moment = part * neighbours[0].min(neighbours[1]);
-        for neighbour in &mut with.inertias[s..=s + 1] {
-            neighbour.moment_kg_m2 -= 0.5 * moment / neighbour.speed_ratio.powi(2);
-        }
-        let gear = Inertia {
-            name: format!("{}_gear", self.shafts[s].name),
-            moment_kg_m2: moment,
-            speed_ratio: 1.0,
-            drag_nm_s_per_rad: 0.0,
-            friction: None,
-        };
-        with.inertias.insert(s + 1, gear);
-        let behind = &mut with.shafts[s];
-        behind.stiffness_nm_per_rad *= 2.0;
-        behind.damping_nm_s_per_rad *= 2.0;
-        let before = Shaft {
-            name: format!("{}_before_gear", behind.name),
-            ..behind.clone()
-        };
-        with.shafts.insert(s, before);
-        with
     }
 
     /// What a channel senses at nominal loads and speed [N m, rad/s].

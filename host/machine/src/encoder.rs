@@ -1,5 +1,5 @@
-//! Description of counting encoders and of the index pulse (latched count or level), with their checks;
-//! the hardware counter at an angle; the error of an eccentric encoder disc over the angle.
+//! Description of counting encoders and of the index pulse (latched count or level), with their
+//! checks; the hardware counter at an angle; the error of an eccentric encoder disc over the angle.
 
 use std::f64::consts::TAU;
 

@@ -1,4 +1,5 @@
-//! The machine description: what a person writes about a machine, in TOML.
+//! Machine description in TOML (`Machine`): sensor sets, segments and tuning; loading with
+//! validation, sensors by role, and the paths of the files that it names.
 //!
 //! Every unknown field is refused. Fields are checked for their range by
 //! [`Machine::load`], and each error names the file, the line, the field and

@@ -1,5 +1,5 @@
-//! Counts of load cycles as bytes: a replay adds to them, the next one continues them, damage
-//! follows from them.
+//! Counting of load cycles during a replay: counts as bytes that the next replay continues, and the
+//! damage that follows from them.
 
 use loadtwin::life::{Beyond, SnCurve, Spectrum, damage};
 use loadtwin::machine::Machine;

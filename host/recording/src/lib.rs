@@ -1,5 +1,5 @@
-//! Recordings of a machine: one row a sample, the time `t` and then channels,
-//! a unit for each.
+//! Recordings of a machine, in CSV, Parquet, MDF4 or Arrow: one row a sample, the time `t` and then
+//! channels, a unit for each; list of readers, writer and layout.
 //!
 //! | format | recognised by | unit of a column | read | written |
 //! |---|---|---|---|---|

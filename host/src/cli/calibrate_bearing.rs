@@ -1,5 +1,5 @@
-//! Part of `loadtwin calibrate` for bearings: fits a bearing to one recording on a rig, and writes its calibration and
-//! a page on it.
+//! Part of `loadtwin calibrate` for bearings: fits a bearing to one recording on a rig, and writes
+//! its calibration and a report page with physical parameters, gauges and loads.
 
 use std::time::Instant;
 

@@ -1,5 +1,5 @@
 //! `loadtwin` without a command: replays the two shipped recordings of a gearbox with every set of
-//! sensors and prints the errors; a page on the first recording with the first set.
+//! sensors, prints the errors, and writes a page on the first recording with the first set.
 
 use std::path::{Path, PathBuf};
 

@@ -125,20 +125,8 @@ impl Diagnose {
         };
         (diagnosis.selection.found, diagnosis.selection.nuisance) = (found, nuisance);
         if let Some(path) = &self.report {
-            let names: Vec<String> = self
-                .recordings
-                .iter()
-                .map(|r| r.display().to_string())
-                .collect();
             let innovations = innovations.as_deref().unwrap_or_default();
-            let page = diagnose::page(
-                machine,
-                &names.join(", "),
-                &diagnosis,
-                innovations,
-                filter.as_ref(),
-            );
-            with_origin(page, Some(&machine.path)).write(path)?;
+            self.write_page(machine, &diagnosis, innovations, filter.as_ref(), path)?;
         }
         if as_json {
             let mut out = diagnose::report(
@@ -154,17 +142,45 @@ impl Diagnose {
             }
             say!("{out}");
         } else {
-            print(&diagnosis);
-            if let Some(check) = &filter {
-                print_filter(check);
-            }
-            print_innovations(&innovations);
-            if self.validate.is_empty() {
-                say!("errors on the fitted recordings: give others with --validate");
-            }
-            say!("{:.1} s", started.elapsed().as_secs_f64());
+            self.print_all(&diagnosis, filter.as_ref(), &innovations, started);
         }
         Ok(())
+    }
+
+    fn write_page<S: Diagnosable>(
+        &self,
+        machine: &Machine,
+        diagnosis: &Diagnosis<S>,
+        innovations: &[Innovations],
+        filter: Option<&FilterCheck>,
+        path: &Path,
+    ) -> anyhow::Result<()> {
+        let names: Vec<String> = self
+            .recordings
+            .iter()
+            .map(|r| r.display().to_string())
+            .collect();
+        let page = diagnose::page(machine, &names.join(", "), diagnosis, innovations, filter);
+        with_origin(page, Some(&machine.path)).write(path)?;
+        Ok(())
+    }
+
+    fn print_all<S: Diagnosable>(
+        &self,
+        diagnosis: &Diagnosis<S>,
+        filter: Option<&FilterCheck>,
+        innovations: &Result<Vec<Innovations>, ReplayError>,
+        started: Instant,
+    ) {
+        print(diagnosis);
+        if let Some(check) = filter {
+            print_filter(check);
+        }
+        print_innovations(innovations);
+        if self.validate.is_empty() {
+            say!("errors on the fitted recordings: give others with --validate");
+        }
+        say!("{:.1} s", started.elapsed().as_secs_f64());
     }
 
     fn run_balance(&self, machine: &Machine, as_json: bool) -> anyhow::Result<()> {

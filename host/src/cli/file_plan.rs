@@ -1,6 +1,6 @@
-//! Declaration of the inputs and outputs of a command, with the option `--force`, and their check before
-//! the command runs: `-` as an input, hold-outs that are fitted and outputs that may not be written are
-//! refused; text goes to standard error where an output takes standard output.
+//! Declaration of the inputs and outputs of a command, with the option `--force`, and their check
+//! before it runs: refusal of `-` as an input, of hold-outs that are fitted and of outputs that may
+//! not be written; text goes to standard error where an output takes standard output.
 
 use std::path::{Path, PathBuf};
 

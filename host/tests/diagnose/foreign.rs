@@ -1,4 +1,5 @@
-//! `calibrate` and `diagnose` on a bench that shares no code with loadtwin, with heavy-tailed noise.
+//! `loadtwin calibrate` and `diagnose` on recordings of a simulated bench that shares no code with
+//! the project, with heavy-tailed noise: the injected effect is named.
 
 use std::path::Path;
 use std::process::Command;

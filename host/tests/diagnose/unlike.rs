@@ -1,4 +1,5 @@
-//! `loadtwin diagnose` on machines and sensor sets that differ from the example's.
+//! `loadtwin diagnose` on machines and sensor sets that differ from the example's: noise of
+//! references, wrong inertias, eccentric encoders, thermometer with lag, creep over decades.
 
 use std::path::{Path, PathBuf};
 

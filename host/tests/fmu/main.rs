@@ -1,5 +1,5 @@
-//! The estimator as an FMU in `FMPy`, another implementation of the standard: its validation, the bits of
-//! `replay` on recordings of every kind of machine, states, what is refused; what the command refuses.
+//! The estimator as an FMU in `FMPy`, another implementation of the standard: validation, the bits
+//! of `replay` for every kind of machine, saved states, refused calls; refusals of the command.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -1,5 +1,5 @@
-//! `loadtwin init`: descriptions that are begun from recordings are valid, and replay to the figures
-//! of the shipped descriptions once the marked places are filled in.
+//! `loadtwin init`: descriptions that are begun from recordings are valid, and replay to the
+//! figures of the shipped descriptions once the marked places are filled in.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! Time stamps: jitter, drift, gaps, other rates, other origins.
+//! Time stamps of a recording: jitter, coarse steps, drift, gaps, other rates and origins give the
+//! estimates of the plain recording, or are refused with their place.
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

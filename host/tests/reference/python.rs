@@ -1,4 +1,5 @@
-//! Runs the Python of `tests/requirements.txt`, for comparisons with other libraries.
+//! Python with the packages of `tests/requirements.txt` for tests that compare with other
+//! libraries: its path, and the output of a script.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};

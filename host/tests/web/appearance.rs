@@ -1,4 +1,5 @@
-//! How a page looks: pictures of it, and what is wrong with them.
+//! Checks of the page in a browser, for the tests of pages: pictures at several widths, in light
+//! and dark and on paper; overlaps and text that cannot be read; rules of accessibility (axe-core).
 
 use std::path::{Path, PathBuf};
 

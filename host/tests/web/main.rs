@@ -1,4 +1,5 @@
-//! What people look at, in a real browser: `monitor --web` here, the pages of reports in `pages`.
+//! Test program of pages in a real browser: here the live page of `monitor --web` (values, bits,
+//! reconnection); pages of reports in `pages`.
 
 mod appearance;
 #[expect(dead_code, reason = "other test programs use the rest")]

@@ -1,6 +1,5 @@
-//! Pages that the commands write, in a real browser: for a drive of 500 Nm, a gearbox of 312 kNm and a tool of
-//! 0.03 Nm, a rotor and the torque balance of a feed drive. Those of a bearing and of a tuned rotor are checked where
-//! their slow commands are tested.
+//! Report pages of the commands in a real browser, for drives, gearboxes and rotors of several
+//! sizes: no fault of appearance, size of the file, time to the first paint.
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,5 @@
-//! The emulated Cortex-M4F and the checks on the firmware's binaries: one binary,
-//! so that two boards run at a time.
+//! Test program of the emulated Cortex-M4F and of the firmware's binaries: bits, faults, uploads,
+//! stack, panics, instructions.
 
 mod campaign;
 mod descriptions;

@@ -1,5 +1,5 @@
-//! Link test that no panic is reachable from the step of the application at a data-ready interrupt (the queue to
-//! the bus left out), and that one would be found.
+//! Link test that no panic is reachable from the step of the application at a data-ready interrupt
+//! (the queue to the bus left out), and that one would be found.
 
 use std::process::{Command, Output};
 

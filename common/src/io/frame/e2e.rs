@@ -1,4 +1,5 @@
-//! End-to-end check of a payload: AUTOSAR E2E profile 5.
+//! End-to-end protection of a payload by AUTOSAR E2E profile 5 (CRC, data ID and counter), and
+//! classification of received counters: in order, repeated or lost.
 //!
 //! Byte 0 and 1: CRC, low byte first; byte 2: counter; then the data. The CRC
 //! is CRC-16-CCITT-FALSE (polynomial 0x1021, start 0xFFFF) over everything

@@ -1,4 +1,5 @@
-//! The application on an emulated Cortex-M4F: `qemu-system-arm -M mps2-an386`.
+//! The application on an emulated Cortex-M4F (`qemu-system-arm -M mps2-an386`): board, interrupts
+//! and main loop, with samples and frames over two serial lines.
 //!
 //! UART0 carries what the sensors see ([`stimulus`](loadtwin_firmware::stimulus)),
 //! UART1 is the CAN bus as slcan text, a timer is the sample clock, the log
@@ -10,7 +11,8 @@
 mod cmsdk;
 mod exit;
 mod flash;
-mod guard;
+#[path = "../boards/stack_guard.rs"]
+mod stack_guard;
 
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering::Relaxed};
 
@@ -164,7 +166,7 @@ fn main() -> ! {
     static SENSORS_CELL: StaticCell<Sensors> = StaticCell::new();
     static BUS_CELL: StaticCell<Bus> = StaticCell::new();
 
-    guard::forbid_below_stack();
+    stack_guard::forbid_below_stack();
     let mut flash = flash::powered();
     let identity = flash::identity(&mut flash);
     let models = MODELS.init_with(|| {

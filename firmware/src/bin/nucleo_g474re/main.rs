@@ -1,4 +1,5 @@
-//! The application on a NUCLEO-G474RE with an ADS131M04 and an encoder.
+//! The application on a NUCLEO-G474RE with an ADS131M04 and an encoder: board, clocks, interrupts,
+//! CAN, tasks of upload and watchdog.
 //!
 //! | signal            | pin  | connector |
 //! |-------------------|------|-----------|
@@ -21,8 +22,8 @@
 #![no_main]
 
 mod flash;
-#[path = "../emulated/guard.rs"]
-mod guard;
+#[path = "../boards/stack_guard.rs"]
+mod stack_guard;
 
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering::Relaxed};
 
@@ -200,7 +201,7 @@ async fn main(thread: Spawner) {
     static SAMPLER_CELL: StaticCell<Sampler> = StaticCell::new();
     static MODELS: StaticCell<BoardModels> = StaticCell::new();
 
-    guard::forbid_below_stack();
+    stack_guard::forbid_below_stack();
     let p = embassy_stm32::init(clocks());
     let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
     watchdog.unleash();

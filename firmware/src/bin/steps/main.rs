@@ -1,4 +1,5 @@
-//! Instructions per step of each filter on the emulated Cortex-M4F.
+//! Benchmark on the emulated Cortex-M4F: instructions for a step of each filter, Butterworth
+//! low-pass and whole estimator, and those of other filters.
 //!
 //! Prints `name instructions`, one line each: the mean over 1000 steps with
 //! the harness subtracted. Exact and repeatable under

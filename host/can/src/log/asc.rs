@@ -1,7 +1,7 @@
 //! Reader of ASC, the text log of CAN buses by Vector's tools.
 //!
-//! Classic: `   0.000200 1  109             Rx   d 8 2C CB 01 00 0F 6A FE FF`, FD:
-//! `   0.000400 CANFD   1 Rx        10F   1 0 d 32 00 ...`; an `x` behind the identifier is 29 bits.
+//! Classic: `   0.000200 1  109             Rx   d 8 2C CB 01 00 0F 6A FE FF`, FD: `   0.000400
+//! CANFD   1 Rx        10F   1 0 d 32 00 ...`; an `x` behind the identifier is 29 bits.
 
 use super::line_parsing::{Line, Parsed, bytes_of, number, time_us};
 use crate::bus_frame::{BusFrame, FrameKind};

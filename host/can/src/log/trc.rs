@@ -1,7 +1,7 @@
 //! Reader of TRC, the text log of CAN buses by PEAK's tools, versions 1.0 to 2.1.
 //!
-//! `     1)       0.200  1  Rx        0109  -  8    2C CB ...` (1.3) or
-//! `      1       0.200 DT  1      0109 Rx -  8    2C CB ...` (2.1, by `;$COLUMNS=N,O,T,B,I,d,R,L,D`).
+//! `     1)       0.200  1  Rx        0109  -  8    2C CB ...` (1.3) or `      1       0.200 DT  1
+//! 0109 Rx -  8    2C CB ...` (2.1, by `;$COLUMNS=N,O,T,B,I,d,R,L,D`).
 
 use super::line_parsing::{Line, Parsed, bytes_of, hex, time_us};
 use crate::bus_frame::{BusFrame, FrameKind};

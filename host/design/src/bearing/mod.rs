@@ -1,4 +1,5 @@
-//! Design-time model of the wheel bearing: estimator and calibration.
+//! Wheel bearing at design time: calibration on a rig, model image, and the published algorithms to
+//! compare with; list of its modules.
 
 pub mod baseline;
 mod calibration_file;

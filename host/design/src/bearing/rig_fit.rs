@@ -1,4 +1,5 @@
-//! Calibration of a bearing on a rig whose loads are known.
+//! Calibration of a bearing on a rig whose loads are known: tracking of phases, fit of the gauge
+//! responses and fit of the physical parameters in turn, and the baseline algorithms of the paper.
 //!
 //! The filter itself follows the phases with the loads given; for given phases and
 //! contacts, the response of a gauge is linear in its coefficients, so that their fit is

@@ -1,4 +1,5 @@
-//! Sensitivity and noise of a channel over the carrier angle, as the image holds them.
+//! Tables of a channel's sensitivity and noise variance over the carrier angle, as the model image
+//! holds them (lengths of powers of two, little endian).
 
 use crate::error::BuildError;
 use loadtwin_machine::{Drivetrain, MAP_ENTRIES, Machine, resampled};

@@ -1,4 +1,6 @@
-//! Process noise of the drivetrain from the uncertainty of its parameters.
+//! Process noise of the drivetrain from the uncertainty of its parameters: change of one step when
+//! each parameter moves by its standard deviation, at operating points with the loads in balance
+//! and with each load alone.
 
 use faer::Mat;
 

@@ -1,4 +1,5 @@
-//! CSV tables with units in their header: load cases, and strains of any FE package.
+//! Reader of CSV tables with units in their header: rows and columns of any such table, and from it
+//! the strains of any FE package.
 
 use std::collections::HashMap;
 use std::fs::File;

@@ -1,4 +1,5 @@
 //! `loadtwin reduce`: finite-element strains for unit loads to strain maps over the carrier angle.
+//! Here: candidate nodes of a gauge (`Node`), and reading of the nodes at which strains are known.
 //!
 //! The housing is linear and quasi-static: the strain of a gauge is the sum of
 //! its strains under unit loads, each times the force that the equilibrium of

@@ -4,8 +4,8 @@
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale};
 
-use crate::rotor::guyan_reduction::motion;
 use crate::rotor::modal_truncation::ModalModel;
+use crate::rotor::undamped_mode_reduction::motion;
 use loadtwin_math::exponential::exponential;
 
 /// Smallest part of a mode's speed that must appear in its next displacement.

@@ -1,5 +1,5 @@
-//! Standard deviations of the estimated displacements of a rotor at every node, sample by sample in a
-//! replay: the covariance of the filter and the model error that is allowed for, by noise level and
+//! Standard deviations of a rotor's estimated displacements at every node, sample by sample in a
+//! replay: from the covariance of the filter and the allowed model error, by noise level and
 //! interpolated over speed.
 
 use faer::Mat;

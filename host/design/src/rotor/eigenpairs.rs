@@ -6,7 +6,7 @@ use faer::{Mat, c64};
 
 use crate::rotor::RotorError;
 use crate::rotor::fe_model::RotorModel;
-use crate::rotor::guyan_reduction::Reduced;
+use crate::rotor::undamped_mode_reduction::Reduced;
 
 /// Time after which free motion counts less: undamped motion has no end [s].
 const COUNTS_S: f64 = 10.0;

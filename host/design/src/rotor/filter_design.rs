@@ -12,10 +12,10 @@ use crate::rotor::discretisation::{
 };
 use crate::rotor::fe_model::RotorModel;
 use crate::rotor::gain_convergence::triangle;
-use crate::rotor::guyan_reduction::ReductionError;
 use crate::rotor::modal_truncation::{Coordinates, ModalModel, Ports, truncated};
 use crate::rotor::model_image::bytes;
 use crate::rotor::stability::Instability;
+use crate::rotor::undamped_mode_reduction::ReductionError;
 use loadtwin_machine::{Channel, Drift, LoadKind, Machine, Rotor, Senses};
 
 /// Speeds of the tables where the machine has a range of them.

@@ -8,7 +8,7 @@ use faer::{Accum, Mat, Par, Scale, unzip, zip};
 
 use crate::rotor::RotorError;
 use crate::rotor::fe_model::RotorModel;
-use crate::rotor::guyan_reduction::Reduced;
+use crate::rotor::undamped_mode_reduction::Reduced;
 use loadtwin_machine::{Channel, Rotor, Senses};
 use loadtwin_math::exponential::exponential;
 

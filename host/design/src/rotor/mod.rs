@@ -1,5 +1,5 @@
 //! Rotor at design time: finite-element model, modes, responses, model reduction, design of the
-//! filter and its model image.
+//! filter and its model image. Here: the error type, and the list of modules.
 
 mod beam_element;
 mod discretisation;
@@ -9,7 +9,6 @@ mod fe_model;
 mod filter_design;
 mod forced_simulation;
 mod gain_convergence;
-mod guyan_reduction;
 mod harmonic_response;
 mod modal_truncation;
 mod model_image;
@@ -18,6 +17,7 @@ mod phasor_inversion;
 mod stability;
 mod time_response;
 mod tolerance_covariance;
+mod undamped_mode_reduction;
 
 use thiserror::Error;
 
@@ -28,12 +28,12 @@ pub use crate::rotor::forced_simulation::{ForcedRotor, ShaftRotation, Synchronou
 pub use crate::rotor::displacement_deviation::{NodeDeviations, Uncertainty};
 pub use crate::rotor::fe_model::RotorModel;
 pub use crate::rotor::filter_design::RotorFilterDesign;
-pub use crate::rotor::guyan_reduction::{Reduced, ReductionError};
 pub use crate::rotor::harmonic_response::{Unbalance, unbalance_response};
 pub use crate::rotor::modes::{Mode, UndampedModes, campbell, modes, undamped_modes};
 pub use crate::rotor::phasor_inversion::PhasorInversion;
 pub use crate::rotor::stability::Instability;
 pub use crate::rotor::time_response::TimeResponse;
+pub use crate::rotor::undamped_mode_reduction::{Reduced, ReductionError};
 
 /// Why a rotor cannot be computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]

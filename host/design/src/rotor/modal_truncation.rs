@@ -10,8 +10,8 @@ use rayon::prelude::*;
 use crate::rotor::RotorError;
 use crate::rotor::eigenpairs::Eigenpairs;
 use crate::rotor::fe_model::RotorModel;
-use crate::rotor::guyan_reduction::{Reduced, over, project};
 use crate::rotor::harmonic_response::forced_response;
+use crate::rotor::undamped_mode_reduction::{Reduced, over, project};
 
 /// Undamped modes beyond four times the eigenpairs kept that these are computed in.
 const SPARE: usize = 24;

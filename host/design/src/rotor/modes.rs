@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::rotor::RotorError;
 use crate::rotor::fe_model::{BAND, RotorModel};
-use crate::rotor::guyan_reduction::project;
+use crate::rotor::undamped_mode_reduction::project;
 
 /// Modes beyond those asked for that the first guess is made of.
 const SPARE: usize = 14;

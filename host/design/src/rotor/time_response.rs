@@ -4,7 +4,7 @@
 use faer::Mat;
 
 use crate::rotor::fe_model::RotorModel;
-use crate::rotor::guyan_reduction::Reduced;
+use crate::rotor::undamped_mode_reduction::Reduced;
 use loadtwin_math::exponential::exponential;
 
 /// A reduced rotor under given forces, exact for forces that run straight from

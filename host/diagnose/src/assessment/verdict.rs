@@ -1,5 +1,6 @@
-//! Verdict of a diagnosis: no effect, named effects, effects that the data do not separate, or
-//! unknown; by the excess that remains and the evidence of faulty samples.
+//! Verdict of a diagnosis (no effect, named effects, effects that the data do not separate, or
+//! unknown) by the excess that remains; log-odds of faulty samples; search of an effect by its
+//! name; effects that the recordings cannot show.
 
 use crate::assessment::residual_excess::ResidualExcess;
 use crate::assessment::residual_tests::{ResidualTests, Test, TestResult};

@@ -1,4 +1,6 @@
-//! Bearings: residuals of strain and of the cages' rates given the loads measured by references.
+//! Diagnosis of bearings: the types of its residual signals (bulk and local strain of each gauge,
+//! slip of each cage, given the measured loads), of a recording, and of the description that an
+//! effect changes.
 //!
 //! Phases are followed as on the rig, with the loads given. Of each gauge there is then the
 //! mean strain less its prediction by the calibration (bulk), and the strain that goes with the

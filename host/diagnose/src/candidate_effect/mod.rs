@@ -1,4 +1,6 @@
-//! A physical effect that a model may lack: its interface to regression and selection.
+//! Interface of a candidate effect, a physical effect that a model may lack (`Effect`): names,
+//! linear and nonlinear parameters, regressors, model error, change of the description, and
+//! experiment that shows it.
 
 pub mod fitted;
 

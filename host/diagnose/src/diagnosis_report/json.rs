@@ -1,4 +1,5 @@
-//! The object that `diagnose --json` prints.
+//! JSON object of `diagnose --json`: verdict, effects found, ranking of candidates, excess and
+//! tests of residuals, innovations and check of the filter.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! Standard deviations of the nonlinear parameters of a fitted effect.
+//! Standard deviations of the nonlinear parameters of a fitted effect, by the numerical derivatives
+//! of its prediction (Gauss-Newton) with the linear parameters eliminated.
 
 use faer::Mat;
 use faer::linalg::solvers::DenseSolveCore;

@@ -1,7 +1,9 @@
-//! Response of the torsional chain to the torques known from a recording: torque and twist of each
-//! shaft, their sensitivities to uncertain parameters, and initial vibrations.
+//! Response of the torsional chain, with or without backlash or a further gear, to the torques
+//! known from a recording: torque and twist of each shaft, rows of encoders, sensitivities to
+//! uncertain parameters, and initial vibrations.
 
 use crate::drivetrain::backlash_response::BacklashSimulation;
+use crate::drivetrain::inserted_gear::with_gear;
 use loadtwin_design::gearbox::Torsion;
 use loadtwin_machine::{Drivetrain, Senses};
 
@@ -133,10 +135,10 @@ impl DrivenChain {
         driven
     }
 
-    /// The same with [`Drivetrain::with_gear`].
+    /// The same with [`inserted_gear`](crate::drivetrain::inserted_gear).
     pub fn with_gear(&self, s: usize, part: f64) -> Self {
         let mut driven = self.clone();
-        driven.drivetrain = self.drivetrain.with_gear(s, part);
+        driven.drivetrain = with_gear(&self.drivetrain, s, part);
         driven.outside.insert(s + 1, vec![0.0; driven.speed.len()]);
         for encoders in &mut driven.encoders {
             encoders.signs.insert(s + 1, encoders.signs[s]);

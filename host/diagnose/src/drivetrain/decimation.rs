@@ -1,5 +1,5 @@
-//! Resampling: decimation by block means, periodic interpolation of maps over the angle, forward
-//! filling of missing values.
+//! Resampling: decimation of signals and residuals by block means, periodic interpolation of maps
+//! over the angle, forward filling of missing values.
 
 /// Fewer samples: means of so many.
 pub(crate) struct Decimator {

@@ -1,4 +1,5 @@
-//! Drivetrains: residuals of gauges, torque balance and encoders given the shaft torque.
+//! Diagnosis of drivetrains: residuals of gauges, torque balance and encoders given the shaft
+//! torque; list of its modules.
 
 pub mod backlash_response;
 pub mod candidate_effect;
@@ -9,6 +10,7 @@ pub mod decimation;
 pub mod diagnosable;
 pub mod gauge_median;
 pub mod improved_description;
+mod inserted_gear;
 pub mod inverse_dynamics;
 pub mod known_torques;
 pub mod load_error;

@@ -1,4 +1,7 @@
-//! Rotors: residuals of displacement sensors given the unbalance that explains them best.
+//! Diagnosis of rotors: the types of its residual signals (displacement sensors, given the
+//! unbalance that explains them best), of a recording, and of the description that an effect
+//! changes; and the response of a sensor to the forces of an effect, without what an unbalance
+//! explains.
 //!
 //! An unbalance is not measured, so that it is a nuisance. The contributions of unbalances at the
 //! loads, of the motion before the first sample and of uncertain parameters are projected out of

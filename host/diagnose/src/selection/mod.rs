@@ -1,4 +1,5 @@
-//! Stepwise selection of effects by cross-validated evidence: gives no verdict.
+//! Stepwise selection of effects by cross-validated evidence: ranking, search of parameters,
+//! equivalence, relevance and hold-out of candidates. The verdict is in `assessment`.
 
 pub mod candidates;
 pub mod equivalence;

@@ -1,4 +1,5 @@
-//! Relevance of an effect: the part of the nominal load by which it changes what a sensor says of the load.
+//! Relevance of an effect: the part of the nominal load by which it changes what a sensor says of
+//! the load.
 
 use crate::candidate_effect::fitted::FittedEffect;
 use crate::regression::design_matrix::columns;

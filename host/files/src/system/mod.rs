@@ -1,5 +1,5 @@
-//! File functions that differ between Linux, other Unix and other systems: unnamed files, write
-//! permission, owner, identity of files, and the standard streams.
+//! File functions that differ between Linux, other Unix and other systems, one module for each:
+//! unnamed files, write permission, owner, identity of files, and the standard streams.
 
 #[cfg(not(unix))]
 mod other;

@@ -1,5 +1,5 @@
-//! FMI 2.0: the functions of co-simulation that this FMU has, saved states included; those that it refuses are in
-//! `unsupported`.
+//! C functions of FMI 2.0 for co-simulation: instance, experiment, step, variables, saved states.
+//! Those that are refused are in `unsupported`.
 
 use std::ffi::{CString, c_char, c_int, c_void};
 

@@ -1,4 +1,5 @@
-//! FMI 3.0: the functions of co-simulation.
+//! C functions of FMI 3.0 for co-simulation: instance, initialisation, step, variables,
+//! dependencies, saved states.
 
 use std::ffi::{CString, c_char, c_void};
 use std::path::Path;

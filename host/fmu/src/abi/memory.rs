@@ -1,4 +1,5 @@
-//! Checked access to what a caller's pointers point at.
+//! Checked access to the memory at a caller's pointers: input and output arrays, single values,
+//! text.
 
 use std::ffi::{CStr, c_char};
 use std::mem::MaybeUninit;

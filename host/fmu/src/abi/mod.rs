@@ -1,7 +1,7 @@
 //! The C interfaces of FMI 3.0 and 2.0 over [`Instance`]: the only part of the crate with `unsafe`.
 //!
-//! No panic leaves a function. Null and misaligned pointers are refused; that others point at what the
-//! standard says, and that an instance is used by one thread at a time, is up to the caller.
+//! No panic leaves a function. Null and misaligned pointers are refused; that others point at what
+//! the standard says, and that an instance is used by one thread at a time, is up to the caller.
 #![allow(unsafe_code, reason = "a C interface; each block says why it is sound")]
 
 mod fmi2;

@@ -1,4 +1,5 @@
-//! Values as the C types of FMI 3.0 and 2.0.
+//! Conversion of values of an FMU to and from the C types of FMI 3.0 and 2.0: floats, bytes,
+//! integers.
 
 use std::ffi::c_int;
 

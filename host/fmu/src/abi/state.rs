@@ -1,4 +1,5 @@
-//! States of instances: a pointer at bytes, which are what is serialised.
+//! C functions for the states of FMU instances: save, restore, free, and conversion to and from
+//! bytes.
 
 use std::ffi::c_void;
 

@@ -1,8 +1,9 @@
-//! Functions of the standards that this FMU does not have: each is an error with a message. The standard
-//! wants them all to be there.
+//! Functions of the standards that this FMU does not have: each is an error with a message. The
+//! standard wants them all to be there.
 //!
-//! Only their first argument is looked at. The C calling conventions of the platforms for which there
-//! are FMUs (System V and Microsoft on x86-64, AAPCS64) leave further arguments to the caller.
+//! Only their first argument is looked at. The C calling conventions of the platforms for which
+//! there are FMUs (System V and Microsoft on x86-64, AAPCS64) leave further arguments to the
+//! caller.
 
 use std::ffi::c_void;
 

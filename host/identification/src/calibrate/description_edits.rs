@@ -1,5 +1,5 @@
-//! Edits of a machine description that keep the comments and the format of the file, and the maps
-//! beside it.
+//! Edits of a machine description that keep the comments and the format of the file: setting,
+//! insertion and removal of fields, and writing of the file with the maps beside it.
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,5 @@
-//! Transfer of fitted offsets, sensitivities and noise of
-//! gauges into a machine, its map files and its description.
+//! Transfer of fitted offsets, sensitivities and noise of gauges into the machine, its map files
+//! and its written description.
 
 use std::path::{Path, PathBuf};
 
@@ -135,36 +135,7 @@ impl Description {
                 self.remove("channel", name, "sensitivity_map");
                 self.set_number("channel", name, "sensitivity", sensitivity);
             }
-            if is.bending != was.bending {
-                self.set_number("channel", name, "bending", is.bending);
-            }
-            if is.nonlinearity != was.nonlinearity {
-                self.set_number("channel", name, "nonlinearity", is.nonlinearity);
-            }
-            if is.late_s != was.late_s {
-                self.set_number("channel", name, "late_s", is.late_s);
-            }
-            if is.creep != was.creep
-                && let Some(Creep { at_nominal, time_s }) = is.creep
-            {
-                let numbers = [("at_nominal", at_nominal), ("time_s", time_s)];
-                self.set_numbers("channel", name, "creep", numbers.into_iter());
-            }
-            if is.hysteresis != was.hysteresis
-                && let Some(Hysteresis { half_width, level }) = is.hysteresis
-            {
-                let numbers = [("half_width", half_width), ("level", level)];
-                self.set_numbers("channel", name, "hysteresis", numbers.into_iter());
-            }
-            if is.thermal != was.thermal
-                && let Some(Thermal {
-                    zero_per_k,
-                    gain_per_k,
-                }) = is.thermal
-            {
-                let numbers = [("zero_per_k", zero_per_k), ("gain_per_k", gain_per_k)];
-                self.set_numbers("channel", name, "thermal", numbers.into_iter());
-            }
+            self.set_response(was, is);
             if is.noise_std != was.noise_std {
                 self.set_number("channel", name, "noise_std", is.noise_std);
             }
@@ -182,6 +153,41 @@ impl Description {
             .chain(noises)
             .chain([description])
             .collect())
+    }
+
+    /// Sets what changed of a channel's response beyond its sensitivity.
+    fn set_response(&mut self, was: &Channel, is: &Channel) {
+        let name = &was.name;
+        if is.bending != was.bending {
+            self.set_number("channel", name, "bending", is.bending);
+        }
+        if is.nonlinearity != was.nonlinearity {
+            self.set_number("channel", name, "nonlinearity", is.nonlinearity);
+        }
+        if is.late_s != was.late_s {
+            self.set_number("channel", name, "late_s", is.late_s);
+        }
+        if is.creep != was.creep
+            && let Some(Creep { at_nominal, time_s }) = is.creep
+        {
+            let numbers = [("at_nominal", at_nominal), ("time_s", time_s)];
+            self.set_numbers("channel", name, "creep", numbers.into_iter());
+        }
+        if is.hysteresis != was.hysteresis
+            && let Some(Hysteresis { half_width, level }) = is.hysteresis
+        {
+            let numbers = [("half_width", half_width), ("level", level)];
+            self.set_numbers("channel", name, "hysteresis", numbers.into_iter());
+        }
+        if is.thermal != was.thermal
+            && let Some(Thermal {
+                zero_per_k,
+                gain_per_k,
+            }) = is.thermal
+        {
+            let numbers = [("zero_per_k", zero_per_k), ("gain_per_k", gain_per_k)];
+            self.set_numbers("channel", name, "thermal", numbers.into_iter());
+        }
     }
 }
 

@@ -195,28 +195,8 @@ impl Observations {
                 .zip(&words)
                 .zip(&block.columns)
                 .for_each(|((job, words), column)| {
-                    let Some(column) = column else { return };
-                    let (channel, answered) = (job.channel, &job.answered);
-                    let stuck_after = match channel.stuck_after() {
-                        0 => (gauge_fault::STUCK_AFTER_S * machine.rate_hz) as u32,
-                        words => u32::from(words),
-                    };
-                    for (i, value) in column.iter().enumerate() {
-                        let y = if *words {
-                            channel.reading(*value)
-                        } else {
-                            *value
-                        };
-                        job.moments.watch(y, stuck_after);
-                        let k = row + i;
-                        if !y.is_nan() && k < answered.angle.len() {
-                            let (angle, bent) = (answered.angle[k], answered.bent[k]);
-                            let y = y - answered.zero[k];
-                            job.moments.push(angle, bent, y);
-                            let turn = (angle / std::f64::consts::TAU).floor();
-                            job.turn_parity[usize::from(turn.rem_euclid(2.0) == 1.0)]
-                                .push(angle, bent, y);
-                        }
+                    if let Some(column) = column {
+                        job.push(column, *words, row, machine.rate_hz);
                     }
                 });
             row += block.len();
@@ -237,6 +217,33 @@ struct Reading<'a> {
     moments: &'a mut Moments,
     turn_parity: &'a mut [Moments; 2],
     answered: Answered<'a>,
+}
+
+impl Reading<'_> {
+    /// Adds the values of a block, whose first one is sample `row`.
+    fn push(&mut self, column: &[f64], is_words: bool, row: usize, rate_hz: f64) {
+        let (channel, answered) = (self.channel, &self.answered);
+        let stuck_after = match channel.stuck_after() {
+            0 => (gauge_fault::STUCK_AFTER_S * rate_hz) as u32,
+            words => u32::from(words),
+        };
+        for (i, value) in column.iter().enumerate() {
+            let y = if is_words {
+                channel.reading(*value)
+            } else {
+                *value
+            };
+            self.moments.watch(y, stuck_after);
+            let k = row + i;
+            if !y.is_nan() && k < answered.angle.len() {
+                let (angle, bent) = (answered.angle[k], answered.bent[k]);
+                let y = y - answered.zero[k];
+                self.moments.push(angle, bent, y);
+                let turn = (angle / std::f64::consts::TAU).floor();
+                self.turn_parity[usize::from(turn.rem_euclid(2.0) == 1.0)].push(angle, bent, y);
+            }
+        }
+    }
 }
 
 /// Temperature rise of each sample of `recording` above the reference temperature [K]; none where
@@ -365,29 +372,7 @@ pub fn calibrate(
         ));
     }
     for (_, channel, moments, map, _) in &jobs {
-        let total = moments.total();
-        if total.n == 0.0 {
-            continue;
-        }
-        if map.len() > 1 && moments.coverage() < 1.0 {
-            return Err(refused(format!(
-                "the carrier covered {:.0} % of a turn (channel {}); at least one full turn is needed",
-                100.0 * moments.coverage(),
-                channel.name
-            )));
-        }
-        let mean_square = total.ss / total.n;
-        let variation = (1.0 - (total.s / total.n).powi(2) / mean_square)
-            .max(0.0)
-            .sqrt();
-        if variation < LEAST_VARIATION {
-            return Err(refused(format!(
-                "what channel {} senses varies by {:.1} % of its root mean square; at least {:.0} % is needed to tell offset from sensitivity: add a recording with torque ramps",
-                channel.name,
-                100.0 * variation,
-                100.0 * LEAST_VARIATION
-            )));
-        }
+        check_observed(channel, moments, map).map_err(refused)?;
     }
     let mut gauges: Vec<Gauge> = jobs
         .par_iter()
@@ -425,6 +410,34 @@ pub fn calibrate(
         .collect();
     name_swapped(machine, &jobs, &mut gauges);
     Ok(gauges)
+}
+
+/// Refuses a channel whose load does not vary, or of which part of the turn was not observed.
+fn check_observed(channel: &Channel, moments: &Moments, map: &[f64]) -> Result<(), String> {
+    let total = moments.total();
+    if total.n == 0.0 {
+        return Ok(());
+    }
+    if map.len() > 1 && moments.coverage() < 1.0 {
+        return Err(format!(
+            "the carrier covered {:.0} % of a turn (channel {}); at least one full turn is needed",
+            100.0 * moments.coverage(),
+            channel.name
+        ));
+    }
+    let mean_square = total.ss / total.n;
+    let variation = (1.0 - (total.s / total.n).powi(2) / mean_square)
+        .max(0.0)
+        .sqrt();
+    if variation < LEAST_VARIATION {
+        return Err(format!(
+            "what channel {} senses varies by {:.1} % of its root mean square; at least {:.0} % is needed to tell offset from sensitivity: add a recording with torque ramps",
+            channel.name,
+            100.0 * variation,
+            100.0 * LEAST_VARIATION
+        ));
+    }
+    Ok(())
 }
 
 impl Gauge {

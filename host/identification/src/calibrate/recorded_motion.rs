@@ -1,4 +1,5 @@
-//! Carrier angle, speeds and loads of a recording, and what each channel senses.
+//! Carrier angle, speeds and loads of a recording over time, referred to the carrier, and what each
+//! channel senses by them: shaft torque, load, speed or drive torque.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -35,6 +36,33 @@ pub struct Motion {
     homed: bool,
 }
 
+/// The encoder whose angle the maps are over: that of the index pulse, else the first.
+fn angle_sensors(machine: &Machine) -> Option<Sensors> {
+    let encoder = (machine.homed_encoder()).or(machine.encoders.first());
+    Some(Sensors {
+        channels: Vec::new(),
+        encoders: vec![encoder?.clone()],
+        name: String::new(),
+        filter: Filter::default(),
+        walks: BTreeMap::new(),
+    })
+}
+
+/// For each reference, the load that it measures.
+fn load_of(machine: &Machine, drivetrain: &Drivetrain) -> Vec<usize> {
+    machine
+        .references
+        .iter()
+        .map(|r| {
+            drivetrain
+                .loads
+                .iter()
+                .position(|l| l.name == r.load)
+                .unwrap_or(0)
+        })
+        .collect()
+}
+
 impl Motion {
     /// Reads encoder, index pulse and references of `recording`; reports the part
     /// read so far, 0 to 1.
@@ -54,21 +82,10 @@ impl Motion {
             .drivetrain
             .as_ref()
             .ok_or(CalibrateError::NoDrivetrain)?;
-        let encoders: Vec<_> = machine.encoders.iter().take(1).cloned().collect();
-        if encoders.is_empty() {
-            return Err(refused(
-                "the machine has no encoder, and the maps are over its angle",
-            ));
-        }
-        // The counter of the index's encoder is the one that is homed.
-        let (homing, error) = (machine.homed_encoder().cloned(), machine.homed_error());
-        let sensors = Sensors {
-            channels: Vec::new(),
-            encoders: homing.map_or(encoders, |encoder| vec![encoder]),
-            name: String::new(),
-            filter: Filter::default(),
-            walks: BTreeMap::new(),
-        };
+        let sensors = angle_sensors(machine).ok_or_else(|| {
+            refused("the machine has no encoder, and the maps are over its angle")
+        })?;
+        let error = machine.homed_error();
         let payload = build::image(machine, &sensors).map_err(ReplayError::from)?;
         let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
         let model = image.model.gearbox().ok_or(CalibrateError::NoDrivetrain)?;
@@ -78,17 +95,7 @@ impl Motion {
             .map(|encoder| encoder.counter)
             .collect();
 
-        let load_of: Vec<usize> = machine
-            .references
-            .iter()
-            .map(|r| {
-                drivetrain
-                    .loads
-                    .iter()
-                    .position(|l| l.name == r.load)
-                    .unwrap_or(0)
-            })
-            .collect();
+        let load_of = load_of(machine, drivetrain);
         let mut motion = Self {
             dt_s: 1.0 / machine.rate_hz,
             angle: Vec::new(),
@@ -113,12 +120,8 @@ impl Motion {
                         // Earlier readings are shifted by as much.
                         moved = moved.wrapping_sub(by.0);
                         let by = by.0 as i64 as f64 * TURNS_PER_PHASE * TAU;
-                        for angle in &mut motion.angle {
-                            *angle += by;
-                            *angle -= error(*angle);
-                        }
+                        motion.home(by, &error);
                         angle += by;
-                        motion.homed = true;
                     }
                     step = moved as i64 as f64 * TURNS_PER_PHASE * TAU;
                     last = Some(phase.0);
@@ -126,14 +129,7 @@ impl Motion {
                 angle += step;
                 motion.angle.push(angle);
                 motion.usable.push(phase.is_some());
-                for load in &mut motion.loads {
-                    load.push(f64::NAN);
-                }
-                for (value, load) in sample.references.iter().zip(&load_of) {
-                    if let (false, Some(slot)) = (value.is_nan(), motion.loads[*load].last_mut()) {
-                        *slot = *value;
-                    }
-                }
+                motion.push_loads(sample.references, &load_of);
             })?;
             progress(samples.progress());
             if !more {
@@ -146,6 +142,27 @@ impl Motion {
         }
         motion.refer_to_carrier(machine, drivetrain, &sensors.encoders[0].inertia);
         Ok(motion)
+    }
+
+    /// Shifts the angles before the first index pulse by `by`, and subtracts the encoder's error.
+    fn home(&mut self, by: f64, error: impl Fn(f64) -> f64) {
+        for angle in &mut self.angle {
+            *angle += by;
+            *angle -= error(*angle);
+        }
+        self.homed = true;
+    }
+
+    /// Adds the loads of one sample: references that were measured, else NaN.
+    fn push_loads(&mut self, references: &[f64], load_of: &[usize]) {
+        for load in &mut self.loads {
+            load.push(f64::NAN);
+        }
+        for (value, load) in references.iter().zip(load_of) {
+            if let (false, Some(slot)) = (value.is_nan(), self.loads[*load].last_mut()) {
+                *slot = *value;
+            }
+        }
     }
 
     /// Speed and acceleration from differences of moving means of the angle;

@@ -1,4 +1,5 @@
-//! The page on a calibration: ranking, surfaces, simulated against measured, Pareto fronts.
+//! Report page of a calibration: ranking of gauges, surfaces over torque and angle, simulated
+//! against measured sensitivity, Pareto fronts of the gauge selection.
 
 use crate::calibrate::{BINS, Candidate, Gauge, MapSource, Observations, fine, fronts};
 use loadtwin_machine::{Channel, Machine};

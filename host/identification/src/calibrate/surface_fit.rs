@@ -1,4 +1,5 @@
-//! The surface fit of a gauge: reading over torque and carrier angle.
+//! Surface of a gauge: its reading over torque and carrier angle, piecewise linear in the angle
+//! with a number of nodes by the Bayesian information criterion; and the sensitivity that follows.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};

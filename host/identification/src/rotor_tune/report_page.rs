@@ -1,4 +1,4 @@
-//! The page on the tuning of a rotor: the methods side by side.
+//! Report page of the tuning of a rotor: chosen noise and evaluation of each method side by side.
 
 use crate::rotor_tune::{Choice, Evaluation};
 use loadtwin_machine::Machine;

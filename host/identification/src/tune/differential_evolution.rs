@@ -1,4 +1,5 @@
-//! A minimiser that needs neither gradients nor a start.
+//! Differential evolution (Storn and Price, DE/rand/1/bin): minimisation of a function over a box
+//! without gradients or a start.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -1,51 +1,19 @@
-//! Recordings to tune on and the part of each that is used; trial runs of an estimator with a given load noise on
-//! their first samples, no reading left out: likelihood of the innovations, innovation and solution norm, load
-//! error.
-
-use std::path::PathBuf;
+//! Trial runs of a drivetrain's estimator with a given load noise on recordings in memory:
+//! likelihood of the innovations, innovation and solution norm, load error.
 
 use loadtwin_common::drivetrain::{GearboxModel, Role};
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::{Image, Model};
-use loadtwin_common::io::raw::RawSample;
+use loadtwin_common::io::estimate::Estimate;
 
 use crate::tune::TuneError;
+use crate::tune::training_recordings::{Start, Training, starts};
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::Machine;
-use loadtwin_replay::{ReplayError, Samples};
-
-/// Samples of each recording that are tried.
-const SAMPLES: usize = 20_000;
-
-/// Recordings to tune on.
-#[derive(Clone, Copy, Debug)]
-pub struct Training<'a> {
-    /// The recordings.
-    pub recordings: &'a [PathBuf],
-    /// The first part of each that is used, above 0 up to 1; the remainder is held out.
-    pub part: f64,
-}
-
-impl<'a> Training<'a> {
-    /// All of `recordings`.
-    pub fn whole(recordings: &'a [PathBuf]) -> Self {
-        Self {
-            recordings,
-            part: 1.0,
-        }
-    }
-}
+use loadtwin_replay::ReplayError;
 
 /// Time after the start that does not count [s].
 const SETTLING_S: f64 = 2.0;
-
-/// The first samples of a recording.
-pub(crate) struct Start {
-    /// What a board would have taken.
-    pub raw: Vec<RawSample>,
-    /// Each reference of each sample, in the load's unit; NaN where there is none.
-    pub references: Vec<Vec<f64>>,
-}
 
 /// Recordings in memory, and the image that is tried on them.
 pub struct Trial<'a> {
@@ -113,16 +81,10 @@ impl<'a> Trial<'a> {
             *slot = *variance as f32;
         }
         model.gate_nis = f32::MAX;
-        let nominal: Vec<f64> = {
-            let first = model.scale.len() - model.load_noise.len();
-            model
-                .scale
-                .iter()
-                .skip(first)
-                .copied()
-                .map(f64::from)
-                .collect()
-        };
+        let first = model.scale.len() - model.load_noise.len();
+        let nominal: Vec<f64> = (model.scale.iter().skip(first).copied())
+            .map(f64::from)
+            .collect();
         let (mut sum, mut count) = (Outcome::default(), 0);
         let (mut errors, mut compared) = (0.0, 0_u32);
         for recording in &self.recordings {
@@ -137,17 +99,7 @@ impl<'a> Trial<'a> {
                     continue;
                 }
                 count += 1;
-                for (sensor, noise) in estimate.sensors.iter().zip(&self.noise) {
-                    let (nu, s) = (
-                        f64::from(sensor.innovation),
-                        f64::from(sensor.innovation_variance),
-                    );
-                    if s > 0.0 {
-                        // In units of the noise, so that channels of any unit add up.
-                        sum.misfit += 0.5 * ((s / (noise * noise)).ln() + nu * nu / s);
-                        sum.innovation += (nu / noise).powi(2);
-                    }
-                }
+                self.add_innovations(&estimate, &mut sum);
                 for (reference, j) in references.iter().zip(&self.load_of) {
                     if let Some(j) = *j
                         && let (Some(load), Some(nominal)) = (estimate.loads.get(j), nominal.get(j))
@@ -176,6 +128,21 @@ impl<'a> Trial<'a> {
             error_percent: (compared > 0).then(|| 100.0 * errors / f64::from(compared)),
         }
     }
+
+    /// Adds the innovations of one sample to misfit and innovation norm.
+    fn add_innovations(&self, estimate: &Estimate, sum: &mut Outcome) {
+        for (sensor, noise) in estimate.sensors.iter().zip(&self.noise) {
+            let (nu, s) = (
+                f64::from(sensor.innovation),
+                f64::from(sensor.innovation_variance),
+            );
+            if s > 0.0 {
+                // In units of the noise, so that channels of any unit add up.
+                sum.misfit += 0.5 * ((s / (noise * noise)).ln() + nu * nu / s);
+                sum.innovation += (nu / noise).powi(2);
+            }
+        }
+    }
 }
 
 /// Standard deviation of each reading, the mean over the carrier angle [SI].
@@ -191,31 +158,6 @@ fn noise(model: &GearboxModel<'_>) -> Vec<f64> {
     channels
         .chain(model.encoders.iter().map(|e| f64::from(e.variance).sqrt()))
         .collect()
-}
-
-/// The first samples of each recording that are tried: of the part to tune on, 20 000 at most.
-pub(crate) fn starts(
-    machine: &Machine,
-    sensors: &Sensors,
-    training: Training<'_>,
-) -> Result<Vec<Start>, ReplayError> {
-    // So many that the part of them is not less than what is tried.
-    let enough = (SAMPLES as f64 / training.part).ceil() as usize;
-    let start = |recording: &PathBuf| {
-        let mut samples = Samples::open(machine, sensors, recording)?;
-        let (mut raw, mut references) = (Vec::new(), Vec::new());
-        while raw.len() < enough
-            && samples.next_block(|sample| {
-                raw.push(sample.raw);
-                references.push(sample.references.to_vec());
-            })?
-        {}
-        let used = SAMPLES.min((training.part * raw.len() as f64) as usize);
-        raw.truncate(used);
-        references.truncate(used);
-        Ok(Start { raw, references })
-    };
-    training.recordings.iter().map(start).collect()
 }
 
 /// For each reference of `machine`, the load that it measures.

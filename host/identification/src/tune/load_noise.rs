@@ -8,9 +8,10 @@ use loadtwin_common::image::{Image, Model};
 use rayon::prelude::*;
 
 use crate::tune::TuneError;
-use crate::tune::filter_trial::{Outcome, Training, Trial};
+use crate::tune::filter_trial::{Outcome, Trial};
 use crate::tune::frequency_response::{FrequencyResponse, Weighting};
 use crate::tune::pattern_search::pattern_search;
+use crate::tune::training_recordings::Training;
 use loadtwin_design::build::{self, Sensors};
 use loadtwin_design::gearbox::OperatingPoint;
 use loadtwin_machine::{Drivetrain, Machine};
@@ -159,25 +160,10 @@ pub fn tune_loads(
     let described: Vec<f64> = (model.load_noise.iter().take(nominal.len()))
         .map(|variance| f64::from(*variance))
         .collect();
-    let starts = [standard.as_slice(), described.as_slice()];
     let mut found = Vec::new();
     for (k, method) in methods.iter().enumerate() {
         progress((k as f64 + 0.5) / (methods.len() as f64 + 0.5));
-        let variance = match (method, &trial) {
-            (Method::FrfPerBand, _) => responses.tuned(Weighting::PerBand),
-            (Method::Innovation, Some(trial)) => search(&starts, |q| trial.run(q).innovation),
-            (Method::Likelihood, Some(trial)) => search(&starts, |q| trial.run(q).misfit),
-            (Method::Reference, Some(trial)) => {
-                if trial.run(&described).error_percent.is_none() {
-                    return Err(TuneError::NoReference);
-                }
-                search(&starts, |q| {
-                    trial.run(q).error_percent.unwrap_or(f64::INFINITY)
-                })
-            }
-            (Method::LCurve, Some(trial)) => corner(&standard, trial),
-            _ => standard.clone(),
-        };
+        let variance = variance(*method, trial.as_ref(), &responses, &standard, &described)?;
         let qd = |j: usize| variance[j] * nominal[j] * nominal[j];
         let noise = LoadNoise {
             walk: (0..nominal.len())
@@ -199,6 +185,33 @@ pub fn tune_loads(
         tuned.response = tuned.response_with(&noise.walk);
     }
     Ok(tuned)
+}
+
+/// Variances of the loads, parts of nominal, by one method.
+fn variance(
+    method: Method,
+    trial: Option<&Trial<'_>>,
+    responses: &Responses,
+    standard: &[f64],
+    described: &[f64],
+) -> Result<Vec<f64>, TuneError> {
+    let starts = [standard, described];
+    let found = match (method, trial) {
+        (Method::FrfPerBand, _) => responses.tuned(Weighting::PerBand),
+        (Method::Innovation, Some(trial)) => search(&starts, |q| trial.run(q).innovation),
+        (Method::Likelihood, Some(trial)) => search(&starts, |q| trial.run(q).misfit),
+        (Method::Reference, Some(trial)) => {
+            if trial.run(described).error_percent.is_none() {
+                return Err(TuneError::NoReference);
+            }
+            search(&starts, |q| {
+                trial.run(q).error_percent.unwrap_or(f64::INFINITY)
+            })
+        }
+        (Method::LCurve, Some(trial)) => corner(standard, trial),
+        _ => standard.to_vec(),
+    };
+    Ok(found)
 }
 
 /// Frequency responses of the filter over the carrier angle.

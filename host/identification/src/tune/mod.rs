@@ -1,5 +1,5 @@
 //! `loadtwin tune` for a drivetrain: process noise of the parameters, random walks of the loads,
-//! measurement noise, hold-out comparison; the minimisers.
+//! measurement noise, hold-out comparison; two minimisers; the error type.
 
 mod differential_evolution;
 mod filter_trial;
@@ -9,19 +9,21 @@ mod load_noise;
 mod parameter_noise;
 mod pattern_search;
 mod report_page;
+mod training_recordings;
 
 use thiserror::Error;
 
 pub use crate::calibrate::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
 pub use crate::tune::differential_evolution::Evolution;
-pub(crate) use crate::tune::filter_trial::starts;
-pub use crate::tune::filter_trial::{Outcome, Training, Trial};
+pub use crate::tune::filter_trial::{Outcome, Trial};
 pub use crate::tune::frequency_response::{FrequencyResponse, Weighting};
 pub use crate::tune::holdout_comparison::{Check, Descriptions, HOLDOUT_PART, Holdout};
 pub use crate::tune::load_noise::{LoadNoise, Method, Tuned, common_walk, tune_loads};
 pub use crate::tune::parameter_noise::sampled_process_noise;
 pub use crate::tune::pattern_search::pattern_search;
 pub use crate::tune::report_page::{page, reached_hz};
+pub use crate::tune::training_recordings::Training;
+pub(crate) use crate::tune::training_recordings::starts;
 
 use crate::calibrate::CalibrateError;
 use loadtwin_design::build::BuildError;

@@ -1,4 +1,5 @@
-//! A gradient-free minimiser for a few parameters.
+//! Pattern search (Hooke and Jeeves, exploratory moves): minimisation of a function of a few
+//! parameters from a start, without gradients.
 
 use rayon::prelude::*;
 

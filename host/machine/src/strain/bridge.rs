@@ -1,4 +1,5 @@
-//! Wheatstone bridge with strain gauges: output ratio to strain and back.
+//! Wheatstone bridge with strain gauges: fields of its description, output ratio to strain and
+//! back, lead resistance, record of its calibration, and their checks.
 
 use super::MV_PER_V;
 use schemars::JsonSchema;

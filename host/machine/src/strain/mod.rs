@@ -1,7 +1,7 @@
 //! Strain measurement: Wheatstone bridges, their zero and shunt calibration, rosettes.
 //!
-//! Inside the program strain is in m/m and a bridge's output is a ratio in V/V. People write
-//! µm/m and mV/V: multiply by [`MICROSTRAIN`] and [`MV_PER_V`] on the way in, divide on the way out.
+//! Inside the program strain is in m/m and a bridge's output is a ratio in V/V. People write µm/m
+//! and mV/V: multiply by [`MICROSTRAIN`] and [`MV_PER_V`] on the way in, divide on the way out.
 
 mod bridge;
 mod rosette;

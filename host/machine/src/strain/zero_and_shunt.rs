@@ -1,4 +1,5 @@
-//! Zero (tare) and shunt calibration of a bridge.
+//! Zero (tare) and shunt calibration of a bridge: offset, adjusted gauge factor, and the readings
+//! that are refused.
 
 use super::bridge::{Calibration, StrainBridge, is_iso_date};
 use super::{MICROSTRAIN, MV_PER_V};

@@ -1,4 +1,5 @@
-//! Consistency of the filter: normalised innovations squared and their chi-squared bounds.
+//! Consistency of the filter: mean normalised innovation squared (NIS) of a recording and its
+//! chi-squared bounds; quantiles of the chi-squared distribution.
 
 use special::Gamma;
 

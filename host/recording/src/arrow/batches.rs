@@ -1,5 +1,5 @@
-//! A recording as record batches of Arrow that are read once, from memory or from a stream: a look at the first
-//! ones, reading as rows, writing as Parquet.
+//! A recording as Arrow record batches that can be read once, from memory or from a stream: look at
+//! the first batches, reading as rows, writing as Parquet.
 
 use std::fmt;
 use std::fs::File;

@@ -2,8 +2,8 @@
 //! pulses, and the likely cause of a disagreement.
 //!
 //! Summed up from the innovations of each sensor: the part of its readings beyond three standard
-//! deviations. Where that is more than noise makes, causes are tested as hypotheses: the recording is
-//! read as each of them says, and the one with the highest likelihood is named if it restores
+//! deviations. Where that is more than noise makes, causes are tested as hypotheses: the recording
+//! is read as each of them says, and the one with the highest likelihood is named if it restores
 //! consistency.
 
 mod cause_search;

@@ -1,4 +1,5 @@
-//! The plant against what follows by hand.
+//! Unit tests of the drivetrain plant against results by hand: natural frequency, energy and
+//! momentum, steady load with friction, backlash, step length, speed control.
 
 use crate::chain_parameters::Shaft;
 use crate::drivetrain_plant::*;

@@ -1,4 +1,5 @@
-//! Loads from the bulk strain by a regression, with a thermal offset.
+//! Baseline of Kerst et al. 2019: loads from the bulk strain by a nonlinear regression with a
+//! thermal offset; its fit to calibration samples, and its run sample by sample.
 
 use loadtwin_common::bearing::GAUGES;
 use loadtwin_common::signal::butterworth::{Butterworth, ButterworthState};

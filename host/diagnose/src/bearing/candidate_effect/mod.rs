@@ -1,5 +1,5 @@
-//! List of the effects that the description and calibration of a bearing may lack, one file each. A new effect is
-//! an `impl` of [`crate::candidate_effect::Effect`] and a line in `LIBRARY`.
+//! List of the effects that the description and calibration of a bearing may lack, one file each. A
+//! new effect is an `impl` of [`crate::candidate_effect::Effect`] and a line in `LIBRARY`.
 
 mod cage_slip;
 mod loose_gauge;

@@ -1,4 +1,6 @@
-//! Candidate effect, backlash: lost motion in a mesh.
+//! Candidate effect, backlash: lost motion in the mesh of a shaft. Change of the shaft torques that
+//! the chain with a gap carries; where its loads are not known, a jump of the twist with the sign
+//! of the torque.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::drivetrain::candidate_effect::friction::SETS_OFF;

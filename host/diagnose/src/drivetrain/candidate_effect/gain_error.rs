@@ -1,4 +1,4 @@
-//! Candidate effect: a gauge that responds more or less than described.
+//! Candidate effect, gain error: a gauge responds more or less than described, in proportion.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, Scope};
 use crate::drivetrain::candidate_effect::{GaugeModel, one_shape};

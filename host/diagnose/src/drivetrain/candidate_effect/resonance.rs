@@ -3,6 +3,7 @@
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::drivetrain::candidate_effect::backlash::SHAFT;
+use crate::drivetrain::inserted_gear::with_gear;
 use crate::drivetrain::residual_signals::{DrivetrainResiduals, Regressor};
 use loadtwin_machine::{MOST_INERTIAS, Machine};
 
@@ -84,7 +85,7 @@ impl Effect<DrivetrainResiduals> for Resonance {
         };
         // The frequency of the vibration determines the inertia; the small gear that is in the
         // model anyway takes a part of the amplitude.
-        let with = chain.with_gear(s, shape[1]);
+        let with = with_gear(chain, s, shape[1]);
         // A gear that an earlier diagnosis put there has the name already.
         let is_new = (chain.inertias.iter()).all(|i| i.name != with.inertias[s + 1].name);
         let fits = with.inertias.len() <= MOST_INERTIAS && parameters[0] > LEAST;

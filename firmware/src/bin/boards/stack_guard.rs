@@ -1,5 +1,5 @@
-//! Stack guard of the emulated and the Nucleo board: an MPU region without access below the stack, so that a
-//! stack overflow faults.
+//! Stack guard of every board: an MPU region without access below the stack, so that a stack
+//! overflow faults.
 //!
 //! The stack is the lowest part of the memory, but what is below is not empty on
 //! every board: on the STM32G4 it is option bytes, on the emulator a device that
