@@ -3,7 +3,6 @@
 
 #[path = "web/appearance.rs"]
 mod appearance;
-#[expect(dead_code, reason = "other test programs use the rest")]
 #[path = "web/browser.rs"]
 mod browser;
 

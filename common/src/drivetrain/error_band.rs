@@ -94,7 +94,7 @@ impl Movement {
         self.peak
     }
 
-    pub(crate) fn peak(&self) -> f32 {
+    pub(crate) fn peak(self) -> f32 {
         self.peak
     }
 }

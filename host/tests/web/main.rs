@@ -2,7 +2,6 @@
 //! reconnection); pages of reports in `pages`.
 
 mod appearance;
-#[expect(dead_code, reason = "other test programs use the rest")]
 mod browser;
 mod pages;
 
