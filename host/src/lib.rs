@@ -35,6 +35,7 @@ pub use loadtwin_life as life;
 pub use loadtwin_machine as machine;
 pub use loadtwin_machine::strain;
 pub use loadtwin_math::{exponential, metrics, riccati};
+pub use loadtwin_record as record;
 pub use loadtwin_recording as recording;
 pub use loadtwin_replay as replay;
 pub use loadtwin_report as report;

@@ -376,7 +376,10 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
     /// How fast load `j` moves beside its random walk: its squared distance from its mean over that
     /// which the walk has; 0 where no error band was measured.
     pub fn load_movement(&self, state: &DrivetrainState<NX>, j: usize) -> f32 {
-        state.movements.get(j).map_or(0.0, |movement| movement.peak())
+        state
+            .movements
+            .get(j)
+            .map_or(0.0, |movement| movement.peak())
     }
 
     fn load(

@@ -53,12 +53,22 @@ pub struct Motion {
     smoother: Smoother,
 }
 
-/// Times, values of each of `signals`, and the sample period (s), of the recording in `path`.
+/// Columns of a recording as they were read.
+struct Signals {
+    /// Time [s].
+    t: Vec<f64>,
+    /// Values of each signal.
+    columns: Vec<Vec<f64>>,
+    /// Sample period [s].
+    period_s: f64,
+}
+
+/// Reads each of `signals` from the recording in `path`.
 fn read_signals(
     machine: &Machine,
     signals: &[&Signal],
     path: &Path,
-) -> Result<(Vec<f64>, Vec<Vec<f64>>, f64), BalanceError> {
+) -> Result<Signals, BalanceError> {
     let wanted: Vec<Wanted<'_>> = signals
         .iter()
         .map(|s| Wanted {
@@ -84,7 +94,11 @@ fn read_signals(
             column.extend(values.into_iter().flatten().map(|v| signal.value(v)));
         }
     }
-    Ok((t, columns, period_s))
+    Ok(Signals {
+        t,
+        columns,
+        period_s,
+    })
 }
 
 impl Motion {
@@ -100,7 +114,11 @@ impl Motion {
         cutoff_hz: f64,
     ) -> Result<Self, BalanceError> {
         let signals: Vec<&Signal> = balance.signals().map(|(_, signal)| signal).collect();
-        let (t, mut columns, period_s) = read_signals(machine, &signals, path)?;
+        let Signals {
+            t,
+            mut columns,
+            period_s,
+        } = read_signals(machine, &signals, path)?;
         // Rows of other regimes have no neighbours that they must be like.
         let spikes = if balance.regime == Regime::Moving {
             columns.iter_mut().map(|x| outliers::remove(x)).sum()

@@ -4,7 +4,7 @@
 mod build;
 mod calibrate;
 mod calibrate_bearing;
-mod can_commands;
+mod can;
 mod demo;
 mod diagnose;
 mod diagnose_drive;
@@ -76,19 +76,21 @@ enum Command {
     /// Make a key pair that signs model images.
     Key(key::Key),
     /// Stand in for the microcontroller on a CAN bus.
-    Node(can_commands::Node),
+    Node(can::Node),
     /// Put a recording's raw samples on a CAN bus.
-    Send(can_commands::Send),
+    Send(can::Send),
     /// Recompute what a machine sends on a CAN bus and compare it bit for bit.
-    Twin(can_commands::Twin),
+    Twin(can::Twin),
     /// Watch a machine's frames on a CAN bus.
-    Monitor(can_commands::Monitor),
+    Monitor(can::Monitor),
+    /// Record a machine on a CAN bus into an archive, and publish its loads over MQTT.
+    Record(can::record::Record),
     /// As twin, on a log taken earlier: candump, ASC, BLF, TRC.
-    Prove(can_commands::Prove),
+    Prove(can::Prove),
     /// Send a signed model image to a board.
-    Upload(can_commands::Upload),
+    Upload(can::Upload),
     /// Print the DBC file that describes the frames.
-    Dbc(can_commands::Dbc),
+    Dbc(can::Dbc),
     /// Print the JSON schema of the machine description.
     Schema,
     /// Print shell completions.
@@ -140,6 +142,7 @@ impl Cli {
             Some(Command::Send(send)) => send.run(json),
             Some(Command::Twin(twin)) => twin.run(json),
             Some(Command::Monitor(monitor)) => monitor.run(json),
+            Some(Command::Record(record)) => record.run(json),
             Some(Command::Prove(prove)) => prove.run(json),
             Some(Command::Upload(upload)) => upload.run(json),
             Some(Command::Dbc(dbc)) => dbc.run(),

@@ -1,6 +1,8 @@
 //! The commands for CAN buses and their logs: arguments and execution of `loadtwin node`, `send`,
 //! `twin`, `monitor`, `prove`, `upload` and `dbc`.
 
+pub(super) mod record;
+
 use std::collections::VecDeque;
 use std::error::Error;
 use std::path::{Path, PathBuf};
