@@ -470,24 +470,18 @@ fn complete(
     let loads: Vec<&str> = load_names(machine).collect();
     for (name, walk) in chosen {
         let walks = || loads.iter().copied().zip(walk.iter().copied());
-        match name {
-            Some(name) => {
-                description.set_numbers("sensor_set", name, "walk_nm_per_sqrt_s", walks());
-                for set in &mut changed.sensor_sets {
-                    if set.name == *name {
-                        let own = walks().map(|(load, walk)| (load.to_owned(), walk));
-                        set.walk_nm_per_sqrt_s = own.collect();
-                    }
-                }
+        if let Some(name) = name {
+            description.set_numbers("sensor_set", name, "walk_nm_per_sqrt_s", walks());
+            let own = walks().map(|(load, walk)| (load.to_owned(), walk));
+            let mut sets = changed.sensor_sets.iter_mut();
+            if let Some(set) = sets.find(|set| set.name == *name) {
+                set.walk_nm_per_sqrt_s = own.collect();
             }
-            None => {
-                for (load, walk) in walks() {
-                    description.set_number("drivetrain.load", load, "walk_nm_per_sqrt_s", walk);
-                }
-                let drivetrain = changed.drivetrain.iter_mut();
-                for (load, walk) in drivetrain.flat_map(|d| &mut d.loads).zip(*walk) {
-                    load.walk_nm_per_sqrt_s = Some(*walk);
-                }
+        } else {
+            let drivetrain = changed.drivetrain.iter_mut();
+            for (load, walk) in drivetrain.flat_map(|d| &mut d.loads).zip(*walk) {
+                description.set_number("drivetrain.load", &load.name, "walk_nm_per_sqrt_s", *walk);
+                load.walk_nm_per_sqrt_s = Some(*walk);
             }
         }
     }

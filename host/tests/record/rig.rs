@@ -162,13 +162,12 @@ fn pass_on(mut from: TcpStream, mut into: TcpStream, cut: &AtomicBool) {
                     break;
                 }
             }
-            Ok(_) => break,
             Err(e) if e.kind() == std::io::ErrorKind::WouldBlock => {
                 if has_lost && !cut.load(SeqCst) {
                     break;
                 }
             }
-            Err(_) => break,
+            Ok(_) | Err(_) => break,
         }
     }
     let _ = from.shutdown(std::net::Shutdown::Both);
