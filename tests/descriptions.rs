@@ -89,7 +89,7 @@ fn descriptions() -> Vec<PathBuf> {
 }
 
 impl Variant {
-    /// `seconds` of what the machine's board would see, [`with_faults`].
+    /// `seconds` of what the machine's board would see, with faults.
     ///
     /// # Panics
     /// Where the machine cannot be simulated.

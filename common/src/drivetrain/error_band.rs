@@ -74,14 +74,6 @@ pub(crate) struct Movement {
 }
 
 impl Movement {
-    /// That of a load of which nothing but `load` is known.
-    pub(crate) fn at(load: f32) -> Self {
-        Self {
-            mean: load,
-            peak: 0.0,
-        }
-    }
-
     /// Takes the next estimate in, of a load with the step variance `q`; 0 where nothing was measured.
     pub(crate) fn follow(&mut self, load: f32, q: f32, band: &ErrorBand) -> f32 {
         if band.variance > 0.0 {
@@ -131,7 +123,10 @@ mod tests {
     #[test]
     fn a_load_at_rest_does_not_move_and_a_ramp_does() {
         let q = 0.16;
-        let mut movement = Movement::at(3.0);
+        let mut movement = Movement {
+            mean: 3.0,
+            peak: 0.0,
+        };
         assert_eq!(movement.follow(3.0, q, &BAND), 0.0);
         // A mean over 1 / a = 100 samples lags a ramp of 0.1 a sample by 99 steps of it.
         let mut last = 0.0;

@@ -287,11 +287,7 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         state.turned = 0.0;
         state.started = true;
         state.steady = false;
-        for (movement, load) in
-            (state.movements.iter_mut()).zip(self.initial.state.iter().skip(NX - LOADS))
-        {
-            *movement = Movement::at(*load);
-        }
+        state.movements = [Movement::default(); LOADS];
         if let Some(Ok(angle)) = m.angles.first() {
             state.posterior.state[0] = angle.to_rad();
         }
@@ -376,10 +372,7 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
     /// How fast load `j` moves beside its random walk: its squared distance from its mean over that
     /// which the walk has; 0 where no error band was measured.
     pub fn load_movement(&self, state: &DrivetrainState<NX>, j: usize) -> f32 {
-        state
-            .movements
-            .get(j)
-            .map_or(0.0, |movement| movement.peak())
+        state.movements[j % LOADS].peak()
     }
 
     fn load(
