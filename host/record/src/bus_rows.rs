@@ -12,7 +12,7 @@ use super::own_files::day_of;
 use super::part_writer::{Kind, Part};
 use super::sample_clock::{SampleClock, Step};
 
-/// Longest gap that is rows with empty cells [s]; a longer one begins a new file.
+/// Longest gap that is rows with empty cells (s); a longer one begins a new file.
 const LONGEST_GAP_S: f64 = 1.0;
 
 /// Column of ticks.

@@ -20,7 +20,7 @@ pub struct LoadStatistics {
 pub struct LoadMessage<'a> {
     /// Number of the message; a reader knows duplicates by it.
     pub sequence: u64,
-    /// Begin of the second [s] since the epoch.
+    /// Begin of the second (s) since the epoch.
     pub t: u64,
     /// Name.
     pub load: &'a str,

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use chrono::DateTime;
 
-/// Name of the file with `sequence` whose first row is at `t` [s].
+/// Name of the file with `sequence` whose first row is at `t` (s).
 pub fn file_name(sequence: u64, t: f64, recorder: &str) -> String {
     let time = DateTime::from_timestamp_micros((t * 1e6) as i64).unwrap_or_default();
     format!(
@@ -19,7 +19,7 @@ pub fn file_name(sequence: u64, t: f64, recorder: &str) -> String {
     )
 }
 
-/// Day of `t` [s], UTC.
+/// Day of `t` (s), UTC.
 pub fn day_of(t: f64) -> String {
     let time = DateTime::from_timestamp_micros((t * 1e6) as i64).unwrap_or_default();
     time.format("%Y-%m-%d").to_string()

@@ -36,7 +36,7 @@ impl Kind {
 pub struct Part {
     /// Which.
     pub kind: Kind,
-    /// Times [s].
+    /// Times (s).
     pub t: Vec<f64>,
     /// As described.
     pub columns: Vec<Vec<f64>>,

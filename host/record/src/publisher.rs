@@ -21,7 +21,7 @@ const WINDOW: usize = 50;
 /// Ping interval; a broker that does not answer within it is gone.
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 
-/// Longest time for a connection [s].
+/// Longest time for a connection (s).
 const CONNECTION_S: u64 = 5;
 
 /// Pause before the next attempt.

@@ -2,17 +2,17 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Largest distance between the time by ticks and the clock of this host [s]: at 50 ppm it is
+/// Largest distance between the time by ticks and the clock of this host (s): at 50 ppm it is
 /// reached after two weeks. Beyond it the machine has started anew, or its time is set anew.
 const TOLERANCE_S: f64 = 60.0;
 
-/// Distance of a repeated sample from its first one [s].
+/// Distance of a repeated sample from its first one (s).
 const REPEATED_S: f64 = 0.5;
 
 /// Time of tick 0 and the last tick.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SampleClock {
-    /// Time of tick 0 [s] since the epoch.
+    /// Time of tick 0 (s) since the epoch.
     pub zero_s: f64,
     /// Tick of the last sample, counted on where the tick on the bus wraps.
     pub tick: u64,
@@ -38,12 +38,12 @@ impl SampleClock {
         }
     }
 
-    /// Time of the last sample [s].
+    /// Time of the last sample (s).
     pub fn t(&self, rate_hz: f64) -> f64 {
         self.time_of(self.tick, rate_hz)
     }
 
-    /// Time of `tick` [s].
+    /// Time of `tick` (s).
     pub fn time_of(&self, tick: u64, rate_hz: f64) -> f64 {
         self.zero_s + tick as f64 / rate_hz
     }

@@ -9,7 +9,7 @@ use super::bus_rows::Load;
 use super::load_statistics::LoadStatistics;
 use super::publisher::{Shared, locked};
 
-/// Longest time between two messages of health [s].
+/// Longest time between two messages of health (s).
 const HEALTH_S: u64 = 10;
 
 /// Loads and sensors of a machine since the last messages.
