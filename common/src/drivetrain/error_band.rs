@@ -16,7 +16,7 @@ const MOST_MOVEMENT: f32 = 1e6;
 ///
 /// `sigma^2 = f^2 P + max((s - s_0) P, (1 - f^2) (P - P_0), 0)`.
 ///
-/// `s` is the movement of the load over that of the walk (see [`Movement`]), `s_0` that of the
+/// `s` is the movement of the load over that of the walk (`Movement`), `s_0` that of the
 /// calibration: the error of a filter is linear in the noise that moves the load (Mehra 1970, IEEE
 /// TAC 15-2). What `P` has beyond that of the calibration, `P_0`, is uncertainty of another
 /// kind: a start, a sensor that is missing.
