@@ -21,7 +21,7 @@ use crate::calibrate::{
     page, select,
 };
 use crate::error_band::with_error_bands;
-use crate::machine::{Kind, Machine, resampled};
+use crate::machine::{ErrorBand, Kind, Machine, resampled};
 use crate::origin::with_origin;
 use crate::report::PAGE;
 use crate::tune::{NOISE_BINS, rms};
@@ -148,14 +148,7 @@ impl Calibrate {
             for (group, sets) in &selection {
                 say!("{group}: {}", sets.as_str().unwrap_or(&sets.to_string()));
             }
-            for (load, sets) in &bands {
-                for (set, band) in sets {
-                    let part = band.error_over_std;
-                    say!(
-                        "{load} with {set}: error {part:.2} times the standard deviation of the filter"
-                    );
-                }
-            }
+            print_bands(&machine, &bands);
             say!("{:.0} turns, {:.1} s", observations.turns, seconds);
         }
         Ok(())
@@ -304,6 +297,24 @@ fn report(machine: &Machine, gauge: &Gauge, source: MapSource) -> Value {
 }
 
 /// A line for each channel, the most sensitive first.
+/// A line for each set of sensors with the error of each load.
+fn print_bands(machine: &Machine, bands: &BTreeMap<String, BTreeMap<String, ErrorBand>>) {
+    for set in &machine.sensor_sets {
+        let of_load = |(load, sets): (&String, &BTreeMap<String, ErrorBand>)| {
+            let band = sets.get(&set.name)?;
+            Some(format!("{load} {:.2}", band.error_over_std))
+        };
+        let loads: Vec<String> = bands.iter().filter_map(of_load).collect();
+        if !loads.is_empty() {
+            say!(
+                "{:<16}error over the standard deviation of the filter: {}",
+                set.name,
+                loads.join(", ")
+            );
+        }
+    }
+}
+
 fn print(machine: &Machine, gauges: &[Gauge], source: MapSource) {
     let response = |g: &Gauge| g.surface.as_ref().map_or(0.0, |s| s.sensitivity().abs());
     let mut ranked: Vec<&Gauge> = gauges.iter().collect();
