@@ -33,7 +33,7 @@ def calibrated(loadtwin, bench, seed, folder):
     for i, profile in enumerate(["constant", "cycle", "staircase"]):
         recordings.append(folder / f"calibration_{i}.parquet")
         plant.record(bench, profile, {}, seed + i, recordings[-1])
-    run(loadtwin, "calibrate", machine, *recordings, "-o", folder / "calibrated.toml")
+    run(loadtwin, "calibrate", machine, *recordings, "--error-bands", "-o", folder / "calibrated.toml")
     return folder / "calibrated.toml"
 
 

@@ -149,7 +149,7 @@ pub struct Load {
     /// a fifth of the nominal torque where absent.
     pub walk_nm_per_sqrt_s: Option<f64>,
     /// Measured error by sensor set (`all` without sets), beside what the filter states.
-    /// `loadtwin calibrate` and `loadtwin tune` find it from reference loads; without it the
+    /// `loadtwin tune` and `loadtwin calibrate --error-bands` find it; without it the
     /// covariance of the filter is stated, which a calm load is well inside of.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub error_bands: BTreeMap<String, ErrorBand>,

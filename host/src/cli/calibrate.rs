@@ -49,6 +49,11 @@ pub struct Calibrate {
     /// Write a page with surfaces, ranking, simulated against measured, and Pareto fronts.
     #[arg(long, value_name = "FILE.html")]
     pub(super) report: Option<PathBuf>,
+    /// Also measure the error of each load with each sensor set, and write it to the output: the stated
+    /// standard deviation then holds the error, where it is otherwise that of a load that moves as
+    /// fast as its random walk.
+    #[arg(long, requires = "output")]
+    error_bands: bool,
     /// How far a gauge without `patch_map` may sit from its described angle [degrees of
     /// the carrier].
     #[arg(long, value_name = "DEGREES", default_value_t = 6.0)]
@@ -120,7 +125,11 @@ impl Calibrate {
         if let Some(output) = &self.output {
             let folder = crate::files::scratch::Scratch::new()?;
             let calibrated = calibrated(&machine, &gauges, source, folder.path())?;
-            let calibrated = with_error_bands(&calibrated, &self.recordings, 1.0);
+            let calibrated = if self.error_bands {
+                with_error_bands(&calibrated, &self.recordings, 1.0)
+            } else {
+                calibrated
+            };
             files = Description::read(&machine.path)?.with_gauges(&machine, &calibrated, output)?;
             bands = (calibrated.drivetrain.into_iter().flat_map(|d| d.loads))
                 .map(|load| (load.name, load.error_bands))
