@@ -28,4 +28,12 @@ fn a_bench_of_another_make_is_diagnosed() {
     );
     assert!(lines[3].starts_with("0 bursts -> unknown"), "{said}");
     assert!(!said.contains("dropped-bits"), "{said}");
+    // Both loads with both sets: the stated standard deviation holds the error.
+    let band = said
+        .lines()
+        .find(|line| line.starts_with("two-sigma band of"));
+    assert!(
+        band.is_some_and(|line| line.contains("  4 of   4")),
+        "{said}"
+    );
 }
