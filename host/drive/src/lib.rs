@@ -1,11 +1,12 @@
 //! Diagnosis of a drive: identification of the effects that its balance of torque or force lacks,
-//! by regression on recordings. Here: request, error type and sequence.
+//! by regression on recordings. Here: request, error type, sequence, and the check of the
+//! effects that a description lists.
 //!
 //! `drive = offset + inertia a + drag v + sum_j gain_j load_j + effects + rest`.
 //! The linear part is what a description starts with; each effect is a physical
 //! term with a few parameters ([`candidate_effect`]). Effects are added one by one where
-//! they predict what took no part in the fit, and the result is reported on
-//! recordings that took no part at all.
+//! they predict what took no part in the fit, and the result is reported on data that took no
+//! part at all: the recordings for validation, or a held-out third of the data without these.
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),

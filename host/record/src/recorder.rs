@@ -1,4 +1,6 @@
-//! Recorder: receives the frames of a machine, and hands rows and messages to the threads that write and publish.
+//! Recorder: receives the frames of a machine, and hands rows and messages to the threads that
+//! write and publish. Also here: the command-line options, the lock on the folder, and the start
+//! and end of the threads.
 
 use std::fs::{self, File, TryLockError};
 use std::path::PathBuf;

@@ -1,5 +1,7 @@
 //! Residuals of one rotor recording, with unbalances, initial motion and uncertain parameters
-//! projected out; and the responses to forces from which effects are computed.
+//! projected out after repeated linearisation about the estimates of these parameters; the
+//! responses to forces from which effects are computed; and the difference of the residuals from
+//! those with a changed rotor.
 
 use std::sync::Arc;
 

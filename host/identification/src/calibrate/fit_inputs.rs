@@ -1,5 +1,6 @@
-//! Inputs of the calibration fit of one channel, from the sensed load and the temperature: delayed
-//! carrier angle, nonlinear load term, zero shift by creep, hysteresis and temperature.
+//! Inputs of the calibration fit of one channel, delayed as the channel is: carrier angle,
+//! nonlinear load term with its gain by temperature, and zero shift by creep, hysteresis and
+//! temperature.
 
 use std::borrow::Cow;
 
