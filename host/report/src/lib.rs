@@ -1,5 +1,6 @@
 //! Report page: one HTML file with tables and interactive plots that is complete without a network.
-//! Here: the types of its contents, and plots of autocorrelation and histogram.
+//! Here: the types of its contents, plots of autocorrelation and histogram, a table of named
+//! figures, and the choice of the prefix of a unit.
 //!
 //! Drawing is by uPlot 1.6.32 (MIT, from the npm registry, unchanged, beside this file with its
 //! licence): 51 kB against 4.8 MB for plotly.js 4.1.2, which leaves the page's 8 MB to the data.

@@ -1,5 +1,5 @@
-//! Model images on the emulated board: choice between two slots, upload over the bus, damaged
-//! images.
+//! Model images on the emulated board: choice between two slots, upload over the bus and restart,
+//! refusal of images that are damaged, signed by another key, or not newer.
 
 use std::time::Duration;
 

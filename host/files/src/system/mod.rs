@@ -1,5 +1,5 @@
-//! File functions that differ between Linux, other Unix and other systems, one module for each:
-//! unnamed files, write permission, owner, identity of files, and the standard streams.
+//! File functions that differ between systems, in two pairs of modules. Linux or not: unnamed files
+//! and their link. Unix or not: write permission, owner, identity of files, standard streams.
 
 #[cfg(not(unix))]
 mod other;

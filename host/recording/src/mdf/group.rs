@@ -1,5 +1,5 @@
-//! Channel groups of an MDF4 file: their time stamps and median period, and the choice of the
-//! groups of one rate that follow each other in time and form one recording.
+//! Channel groups of an MDF4 file: their time stamps, median period and declared number of samples,
+//! and the choice of the groups of one rate that follow each other in time and form one recording.
 use falcon_mdf::{Channel, ChannelGroup, Mf4Error, Mf4File};
 
 use super::damaged;

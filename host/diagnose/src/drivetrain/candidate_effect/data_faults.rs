@@ -1,5 +1,5 @@
-//! Faulty samples, counted and not fitted: dropped bits (single outliers) and stuck values
-//! (repeated words).
+//! Candidate effects of faulty samples, not fitted: log-odds in proportion to the number of dropped
+//! bits (single outliers) or stuck values (repeated words) that a signal already counts.
 
 use crate::candidate_effect::{Effect, EffectInfo, Scope};
 use crate::drivetrain::residual_signals::{DrivetrainResiduals, Regressor, ResidualSignal};
