@@ -216,7 +216,6 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         if let Some(gains) = steady {
             self.try_enter_steady(gains, state, &m, &estimate);
         }
-        self.follow_loads(state);
         for (j, signal) in self.model.loads.iter().enumerate() {
             let load = self.load(state, j, signal, variances, estimate.homed, m.slipped);
             let _ = estimate.loads.push(load);
@@ -226,15 +225,6 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
             && libm::fabsf(state.turned) <= self.model.consistency.most_turn
             && !state.tracks.iter().any(|track| track.lost);
         estimate
-    }
-
-    /// Follows how fast the loads move.
-    fn follow_loads(&self, state: &mut DrivetrainState<NX>) {
-        for j in 0..LOADS {
-            let load = state.posterior.state[NX - LOADS + j];
-            let (q, band) = (self.model.load_noise[j], &self.model.bands[j]);
-            state.movements[j].follow(load, q, band);
-        }
     }
 
     /// Follows the temperature: as far as it is off at start, then smoothed; where it is
@@ -377,7 +367,7 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
 
     fn load(
         &self,
-        state: &DrivetrainState<NX>,
+        state: &mut DrivetrainState<NX>,
         j: usize,
         signal: &LoadSignal,
         variances: [f32; LOADS],
@@ -387,10 +377,13 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         let d = NX - LOADS + j % LOADS;
         let scale = self.model.scale.get(d).copied().unwrap_or(1.0);
         let value = state.posterior.state[d] * scale;
-        let directions = self.directions.len();
-        let (factor, added) = self.voting.deviation(&state.vote, directions);
-        let variance = self.model.bands[j % LOADS]
-            .stated_variance(variances[j % LOADS], state.movements[j % LOADS].peak());
+        let (factor, added) = self.voting.deviation(&state.vote, self.directions.len());
+        let (band, q) = (
+            &self.model.bands[j % LOADS],
+            self.model.load_noise[j % LOADS],
+        );
+        let movement = state.movements[j % LOADS].follow(state.posterior.state[d], q, band);
+        let variance = band.stated_variance(variances[j % LOADS], movement);
         let std = libm::sqrtf(variance * factor + added) * scale;
         if !(value.is_finite() && std.is_finite()) {
             return LoadEstimate {

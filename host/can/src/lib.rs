@@ -115,7 +115,10 @@ pub enum CanError {
 }
 
 /// A duration from the command line.
-fn seconds(text: &str) -> Result<Duration, String> {
+///
+/// # Errors
+/// What is allowed, where it is none.
+pub fn seconds(text: &str) -> Result<Duration, String> {
     let seconds = text.parse().ok();
     seconds
         .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())

@@ -49,6 +49,15 @@ impl Filter {
 const ALL: &str = "all";
 
 impl Sensors {
+    /// Names of the sets of `machine`; `all` where it describes none.
+    pub fn set_names(machine: &Machine) -> Vec<&str> {
+        let names = machine.sensor_sets.iter().map(|set| set.name.as_str());
+        match machine.sensor_sets.len() {
+            0 => vec![ALL],
+            _ => names.collect(),
+        }
+    }
+
     /// The sensors of the set called `name`, of the first set where there is
     /// no name, or all where there are no sets.
     ///

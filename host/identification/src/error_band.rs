@@ -12,7 +12,7 @@ use loadtwin_common::io::estimate::Estimate;
 
 use crate::calibrate::Description;
 use loadtwin_design::build::Sensors;
-use loadtwin_machine::{ErrorBand, Load, Machine, six_digits};
+use loadtwin_machine::{ErrorBand, Machine, six_digits};
 use loadtwin_replay::{ReplayError, Sample, run_line};
 
 /// Share of normal errors inside two standard deviations.
@@ -36,14 +36,7 @@ pub fn with_error_bands(machine: &Machine, recordings: &[PathBuf], part: f64) ->
     for load in &mut drivetrain.loads {
         load.error_bands.clear();
     }
-    let mut sets: Vec<&str> = machine
-        .sensor_sets
-        .iter()
-        .map(|s| s.name.as_str())
-        .collect();
-    if sets.is_empty() {
-        sets.push("all");
-    }
+    let sets = Sensors::set_names(machine);
     let plain = changed.clone();
     let measured: Vec<_> = sets
         .par_iter()
@@ -92,8 +85,7 @@ fn widest(
     recordings: &[PathBuf],
     part: f64,
 ) -> Vec<Option<ErrorBand>> {
-    let loads = machine.drivetrain.iter().flat_map(|d| &d.loads).count();
-    let mut widest = vec![None; loads];
+    let mut widest = vec![None; machine.loads().len()];
     for recording in recordings {
         // A set that this recording has no columns of is measured on the others.
         let Ok(measured) = measure(machine, set, recording) else {
@@ -156,11 +148,8 @@ fn quantile(values: &mut [f32]) -> f64 {
 
 fn measure(machine: &Machine, set: &str, path: &Path) -> Result<Vec<Errors>, ReplayError> {
     let sensors = Sensors::choose(machine, Some(set))?;
-    let loads: Vec<&Load> = machine.drivetrain.iter().flat_map(|d| &d.loads).collect();
-    let load_of: Vec<Option<usize>> = (machine.references.iter())
-        .map(|r| loads.iter().position(|load| load.name == r.load))
-        .collect();
-    let mut errors = vec![Errors::default(); loads.len()];
+    let load_of = machine.load_of_references();
+    let mut errors = vec![Errors::default(); machine.loads().len()];
     let each = |sample: &Sample<'_>, estimate: &Estimate, line: &Estimator<'_>, _| {
         for (reference, j) in sample.references.iter().zip(&load_of) {
             let Some(j) = *j else { continue };
@@ -182,9 +171,9 @@ fn measure(machine: &Machine, set: &str, path: &Path) -> Result<Vec<Errors>, Rep
 impl Description {
     /// Writes the error bands of `changed` where they differ from those of `described`.
     pub(crate) fn set_error_bands(&mut self, described: &Machine, changed: &Machine) {
-        let loads =
-            |machine: &'_ Machine| machine.drivetrain.clone().map_or(Vec::new(), |d| d.loads);
-        for (was, is) in loads(described).iter().zip(&loads(changed)) {
+        let [was, is] =
+            [described, changed].map(|machine| machine.drivetrain.iter().flat_map(|d| &d.loads));
+        for (was, is) in was.zip(is) {
             if is.error_bands.is_empty() {
                 self.remove("drivetrain.load", &is.name, "error_bands");
             } else if is.error_bands != was.error_bands {

@@ -41,6 +41,14 @@ impl Machine {
         drivetrain.or_else(rotor).or_else(bearing).or_else(drive)
     }
 
+    /// For each reference, the place of the load that it measures in [`Self::loads`].
+    pub fn load_of_references(&self) -> Vec<Option<usize>> {
+        let loads = self.loads();
+        (self.references.iter())
+            .map(|r| loads.iter().position(|load| load.name == r.load))
+            .collect()
+    }
+
     /// The loads in the order of the estimates.
     pub fn loads(&self) -> Vec<NamedLoad<'_>> {
         match self.kind() {

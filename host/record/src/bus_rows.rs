@@ -8,12 +8,14 @@ use loadtwin_machine::Machine;
 use loadtwin_recording::{OutputColumn, Unit};
 
 use super::counts::Counts;
-use super::own_files::day_of;
 use super::part_writer::{Kind, Part};
 use super::sample_clock::{SampleClock, Step};
 
 /// Longest gap that is rows with empty cells (s); a longer one begins a new file.
 const LONGEST_GAP_S: f64 = 1.0;
+
+/// Length of a day of UTC (s).
+const DAY_S: f64 = 86_400.0;
 
 /// Column of ticks.
 pub const TICK: &str = "tick";
@@ -46,9 +48,8 @@ impl Rows {
     }
 
     fn is_of_another_day(&self, t: f64) -> bool {
-        self.t
-            .first()
-            .is_some_and(|first| day_of(*first) != day_of(t))
+        let day = |t: f64| (t / DAY_S).floor();
+        self.t.first().is_some_and(|first| day(*first) != day(t))
     }
 }
 

@@ -66,7 +66,7 @@ pub struct MessageStore {
 }
 
 impl MessageStore {
-    /// Opens the store in `folder`, with what is left of an earlier run.
+    /// Opens the store in `folder`, with the messages of an earlier run.
     ///
     /// # Errors
     /// When it cannot be read or written.

@@ -27,7 +27,7 @@ const CONNECTION_S: u64 = 5;
 /// Pause before the next attempt.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// Time for what is left at the end.
+/// Time for the remaining messages at the end.
 const END: Duration = Duration::from_secs(3);
 
 /// Largest message [bytes].

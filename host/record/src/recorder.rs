@@ -11,7 +11,7 @@ use std::thread;
 use std::time::Duration;
 
 use loadtwin_can::bus::{Bus, BusError, Link, Received};
-use loadtwin_can::{CanError, Model, standard};
+use loadtwin_can::{CanError, Model, seconds, standard};
 use loadtwin_common::io::frame::{self, Message, RawAssembler, RawCounts, Rejected};
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::Machine;
@@ -61,13 +61,6 @@ pub struct RecordArgs {
     /// End after so many seconds without a frame, once one has come
     #[arg(long, value_parser = seconds, value_name = "SECONDS")]
     pub idle: Option<Duration>,
-}
-
-fn seconds(text: &str) -> Result<Duration, String> {
-    let seconds = text.parse().ok();
-    seconds
-        .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
-        .ok_or_else(|| "allowed: seconds, 0 and above".to_owned())
 }
 
 fn gigabytes(text: &str) -> Result<f64, String> {

@@ -61,9 +61,7 @@ impl Course {
         let loads: Vec<(String, f64)> = (machine.loads().iter())
             .map(|load| (load.name.to_owned(), load.nominal))
             .collect();
-        let load_of: Vec<Option<usize>> = (machine.references.iter())
-            .map(|r| loads.iter().position(|(name, _)| *name == r.load))
-            .collect();
+        let load_of = machine.load_of_references();
         let per_block = ((BLOCK_S * machine.rate_hz) as usize).max(1);
         let settling = (SETTLING_S * machine.rate_hz) as usize;
         let mut course = Self {

@@ -71,16 +71,8 @@ impl Figures {
                 (load.name.to_owned(), load.nominal, error)
             })
             .collect();
-        let position = |name: &str| {
-            loads
-                .iter()
-                .position(|(load, ..)| load == name)
-                .unwrap_or(0)
-        };
-        let reference_of = machine
-            .references
-            .iter()
-            .map(|r| position(&r.load))
+        let reference_of = (machine.load_of_references().into_iter())
+            .map(Option::unwrap_or_default)
             .collect();
         Self {
             bands: vec![Band::default(); loads.len()],

@@ -48,21 +48,6 @@ fn angle_sensors(machine: &Machine) -> Option<Sensors> {
     })
 }
 
-/// For each reference, the load that it measures.
-fn load_of(machine: &Machine, drivetrain: &Drivetrain) -> Vec<usize> {
-    machine
-        .references
-        .iter()
-        .map(|r| {
-            drivetrain
-                .loads
-                .iter()
-                .position(|l| l.name == r.load)
-                .unwrap_or(0)
-        })
-        .collect()
-}
-
 impl Motion {
     /// Reads encoder, index pulse and references of `recording`; reports the part
     /// read so far, 0 to 1.
@@ -95,7 +80,9 @@ impl Motion {
             .map(|encoder| encoder.counter)
             .collect();
 
-        let load_of = load_of(machine, drivetrain);
+        let load_of: Vec<usize> = (machine.load_of_references().into_iter())
+            .map(Option::unwrap_or_default)
+            .collect();
         let mut motion = Self {
             dt_s: 1.0 / machine.rate_hz,
             angle: Vec::new(),

@@ -58,7 +58,7 @@ impl<'a> Trial<'a> {
         Ok(Self {
             noise: noise(model),
             recordings: starts(machine, sensors, training)?,
-            load_of: load_of(machine),
+            load_of: machine.load_of_references(),
             skip: (SETTLING_S * machine.rate_hz) as usize,
             image,
         })
@@ -157,13 +157,5 @@ fn noise(model: &GearboxModel<'_>) -> Vec<f64> {
     });
     channels
         .chain(model.encoders.iter().map(|e| f64::from(e.variance).sqrt()))
-        .collect()
-}
-
-/// For each reference of `machine`, the load that it measures.
-fn load_of(machine: &Machine) -> Vec<Option<usize>> {
-    let loads = machine.loads();
-    (machine.references.iter())
-        .map(|r| loads.iter().position(|load| load.name == r.load))
         .collect()
 }

@@ -330,21 +330,12 @@ pub(super) fn every_set(
     recording: &Path,
     filter: Filter,
 ) -> anyhow::Result<Vec<Outcome>> {
-    let names: Vec<Option<&str>> = if machine.sensor_sets.is_empty() {
-        vec![None]
-    } else {
-        machine
-            .sensor_sets
-            .iter()
-            .map(|set| Some(set.name.as_str()))
-            .collect()
-    };
-    names
+    Sensors::set_names(machine)
         .into_iter()
         .map(|name| {
             one_set(
                 machine,
-                &Sensors::choose(machine, name)?.filtered_by(filter),
+                &Sensors::choose(machine, Some(name))?.filtered_by(filter),
                 (recording, Part::default()),
                 None,
                 |_, _, _| (),
