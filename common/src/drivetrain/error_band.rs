@@ -58,7 +58,9 @@ impl ErrorBand {
         let measured = self.error_over_std * self.error_over_std;
         let moving = (s - self.movement) * p;
         let beyond = (1.0 - measured) * (p - self.variance);
-        p * measured + moving.max(beyond).max(0.0)
+        // Compared, since a Cortex-M4 calls a function for `max`.
+        let wider = if moving > beyond { moving } else { beyond };
+        p * measured + if wider > 0.0 { wider } else { 0.0 }
     }
 }
 
