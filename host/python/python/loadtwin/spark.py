@@ -29,8 +29,11 @@ from .archive.options import Options, given, parser, results_folder
 from .archive.run import prepared, replay_machine
 from .archive.text import program
 
-#: Partitions for each task that runs at once, so that cores with short machines take more of them.
-_PARTITIONS = 8
+#: Partitions for each task that runs at once: the more, the less the last of them runs alone.
+_PARTITIONS = 32
+
+#: Java only hands out machines: its optimising compiler and concurrent collector take the cores of the estimators.
+_JAVA = "-XX:TieredStopAtLevel=1 -XX:+UseSerialGC"
 
 
 def run(
@@ -50,7 +53,7 @@ def run(
     archive, results, options
         As for :func:`loadtwin.archive.run`.
     partitions : int, optional
-        Partitions of the machines; 8 for each task that runs at once where absent.
+        Partitions of the machines; 32 for each task that runs at once where absent.
 
     Returns
     -------
@@ -94,6 +97,7 @@ def _session(arguments: argparse.Namespace) -> SparkSession:
     if arguments.master:
         builder = builder.master(arguments.master)
     builder = builder.config("spark.ui.showConsoleProgress", "false")
+    builder = builder.config("spark.driver.extraJavaOptions", _JAVA)
     for setting in arguments.conf:
         key, _, value = setting.partition("=")
         builder = builder.config(key, value)
