@@ -21,6 +21,10 @@ const MAX_SPREAD_RATIO: f64 = 3.0;
 /// whatever the model errors.
 const CLEARED_RATIO: f64 = 0.1;
 
+/// Largest relative deviation of the parameters of two effects in the gauges, in the mean square, where
+/// they are proportional: as far as the parameters of one effect depart where its time law is another.
+const PROPORTIONAL: f64 = 0.1;
+
 /// Model errors of the effects found.
 pub(crate) struct ModelErrors<'a, S: ResidualModel> {
     data: &'a RegressionData,
@@ -75,6 +79,9 @@ impl<'a, S: ResidualModel> ModelErrors<'a, S> {
             .map(|(k, gain)| self.explained(k, gain.max(0.0)))
             .collect();
         let model_errors = self.model_errors(trial, times > 1.0, &explained);
+        let follows = times > 1.0
+            && (self.found.iter())
+                .any(|f| are_proportional(&candidate.parameters, &f.parameters, &trial.per_signal));
         let (mut score, mut brought, mut before) = (trial.log_evidence, 0.0, 0.0);
         for (k, gain) in trial.per_signal.iter().enumerate() {
             if *gain <= 0.02 * most {
@@ -90,7 +97,7 @@ impl<'a, S: ResidualModel> ModelErrors<'a, S> {
                 remaining_excess(Scope::Machine),
             );
             let by_itself = by_own + if alone { by_shared } else { 0.0 };
-            if clears_excess(trial.excess[k], part) {
+            if !follows && clears_excess(trial.excess[k], part) {
                 brought += explained;
             } else if explained < by_itself {
                 score -= gain;
@@ -202,6 +209,28 @@ fn clears_excess(excess: f64, explained: f64) -> bool {
         && remaining_excess(excess, explained) < CLEARED_RATIO * excess + MEAN_SQUARE_TOLERANCE
 }
 
+/// Whether a candidate has in each gauge the same multiple of the first parameter of an effect found,
+/// weighted by the evidence of the candidate in that gauge.
+fn are_proportional(candidate: &[Vec<f64>], found: &[Vec<f64>], evidence: &[f64]) -> bool {
+    let most = evidence.iter().copied().fold(0.0, f64::max);
+    let (mut gauges, mut weights, mut sum, mut squares) = (0, 0.0, 0.0, 0.0);
+    for ((own, other), weight) in candidate.iter().zip(found).zip(evidence) {
+        if *weight <= 0.02 * most {
+            continue;
+        }
+        let Some(other) = other.first().filter(|other| **other != 0.0) else {
+            return false;
+        };
+        let ratio = own.first().map_or(0.0, |own| own / other);
+        gauges += 1;
+        weights += weight;
+        sum += weight * ratio;
+        squares += weight * ratio * ratio;
+    }
+    let relative_variance = squares * weights / (sum * sum) - 1.0;
+    gauges > 1 && relative_variance < PROPORTIONAL * PROPORTIONAL
+}
+
 /// Octaves of the prediction of an effect for each signal; empty where it does not act.
 fn spectra<S: ResidualModel>(
     recordings: &[S],
@@ -265,6 +294,25 @@ fn spectral_overlap(a: &[f64], b: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn parameters_in_one_ratio_are_proportional() {
+        let of = |values: [f64; 3]| values.map(|value| vec![value]).to_vec();
+        let evidence = [100.0, 200.0, 1.0];
+        let found = of([0.10, -0.12, 0.15]);
+        // The third gauge shows next to nothing.
+        assert!(are_proportional(&of([5.0, -6.3, 0.0]), &found, &evidence));
+        assert!(!are_proportional(&of([5.0, 6.3, 7.5]), &found, &evidence));
+        assert!(!are_proportional(&of([5.0, -8.0, 7.5]), &found, &evidence));
+        let elsewhere = [vec![0.1], vec![], vec![]];
+        assert!(!are_proportional(
+            &of([5.0, 6.0, 0.0]),
+            &elsewhere,
+            &evidence
+        ));
+        let one = [100.0, 1.0, 1.0];
+        assert!(!are_proportional(&of([5.0, -6.3, 0.0]), &found, &one));
+    }
 
     #[test]
     fn what_is_left_is_known_only_roughly() {
