@@ -1,5 +1,6 @@
 //! Stepwise selection of the effects that the balance of a drive lacks: addition of the best
-//! significant candidate or pair, refinement of shapes, elimination, and alternatives.
+//! significant candidate or pair, refinement of shapes, elimination; alternatives to each effect,
+//! and the experiment that distinguishes them.
 
 use rayon::prelude::*;
 
