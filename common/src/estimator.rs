@@ -1,5 +1,6 @@
 //! Estimator of any machine, built from a model image: one raw sample in and one estimate out for
-//! each step; saving and restoring of its state.
+//! each step; saving and restoring of its state; lag of the estimates, and states and covariance of
+//! a rotor.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;

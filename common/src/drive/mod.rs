@@ -1,5 +1,5 @@
-//! Load estimator of a drive without strain gauges: the load on one axis, from its driving
-//! torque or force and its motion.
+//! Load estimator of a drive without strain gauges: the load on one axis, from its driving torque
+//! or force and its motion; or that torque or force itself, where it is not measured.
 //!
 //! ```text
 //! states    x, v, a, d    position, speed, acceleration, unknown load
