@@ -1,5 +1,6 @@
-//! The response of a gauge as a linear least-squares problem: given phases and contacts, its
-//! strain is linear in its coefficients.
+//! Linear least-squares problem of a gauge's response: features of the contacts in equilibrium with
+//! the loads of each block, rows of coefficients with their weights, normal equations and their
+//! solution.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};

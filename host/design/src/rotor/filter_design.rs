@@ -1,5 +1,6 @@
 //! Design of a rotor's filter: reduced models over a grid of speeds, scales of the states, discrete
-//! transitions, observation rows, process noise, displacement maps of all nodes.
+//! transitions, observation rows, process noise, displacement maps of all nodes; error of the
+//! reduction, and instability.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
