@@ -1,4 +1,5 @@
-//! Stepwise selection: the best significant effect is added, superfluous ones are eliminated.
+//! Stepwise selection: the best significant effect is added, superfluous ones are eliminated; and
+//! its result (`Selection`).
 
 use crate::candidate_effect::Effect;
 use crate::candidate_effect::fitted::{FittedEffect, is_free_signal};

@@ -1,4 +1,4 @@
-//! Candidate effect: drift of a gauge's offset over time.
+//! Candidate effect: drift of a gauge's offset in proportion to time.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, Scope};
 use crate::drivetrain::candidate_effect::one_shape;

@@ -1,4 +1,5 @@
-//! Candidate effect: a gauge whose response is not proportional to the torque.
+//! Candidate effect: a gauge whose sensitivity changes in proportion to the torque, or to its
+//! absolute value.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::drivetrain::candidate_effect::{GaugeModel, each};
