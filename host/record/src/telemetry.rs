@@ -1,4 +1,5 @@
-//! What is published of a machine: a message a second for each load, and its health.
+//! What is published of a machine: a message a second for each load, and the health of the board
+//! and its sensors where it changes.
 
 use std::io;
 
