@@ -1,5 +1,6 @@
-//! Description of an analogue channel: sensitivity, conversion of words to readings, drift, creep,
-//! hysteresis, temperature response, runout. Reference and auxiliary columns.
+//! Description of an analogue channel: what it senses, sensitivity, conversion of words to
+//! readings, delay, drift, creep, hysteresis, temperature response, runout; and of reference and
+//! auxiliary columns.
 
 use std::borrow::Cow;
 use std::path::PathBuf;

@@ -1,5 +1,5 @@
-//! Scenarios of the drivetrain's test bench: torque and speed over time, built in or from a
-//! recorded machine.
+//! Scenarios of the drivetrain's test bench: torque and speed over time, relative to nominal, built
+//! in or as a recorded machine moved; and random waves with the spectrum of turbulent wind.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
