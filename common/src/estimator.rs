@@ -31,6 +31,7 @@ pub const STATE_VERSION: u16 = 1;
 /// bits 10.
 pub const MAX_STATE_BYTES: usize = 3 * size_of::<Kind<'static>>() / 2 + 64;
 
+/// Version and error names of a saved state.
 const STATE: Seal = Seal {
     version: STATE_VERSION,
     name: "saved state",

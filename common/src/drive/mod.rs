@@ -42,9 +42,17 @@ pub use model::{DriveModel, MAX_KNOWN, MAX_UNIT, PositionSensor, Signal};
 
 /// Position, speed, acceleration, unknown load.
 const STATES: usize = 4;
+
+/// Index of the position (rad, m).
 const POSITION: usize = 0;
+
+/// Index of the speed (rad/s, m/s).
 const SPEED: usize = 1;
+
+/// Index of the acceleration (rad/s^2, m/s^2).
 const ACCELERATION: usize = 2;
+
+/// Index of the unknown load (N m, N).
 const LOAD: usize = 3;
 
 /// Standard deviations of a reading that its noise spans: three to either side.

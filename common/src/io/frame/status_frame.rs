@@ -113,6 +113,7 @@ pub(crate) struct Pages {
 }
 
 impl Pages {
+    /// Number of pages.
     const COUNT: u32 = 6;
 
     /// Those of a board without image.
