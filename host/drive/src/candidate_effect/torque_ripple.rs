@@ -13,7 +13,7 @@ use loadtwin_machine::Regime;
 /// based characterization.
 pub(crate) struct TorqueRipple;
 
-/// Orders up to which it is tried.
+/// Highest orders that are tried, harmonics of one turn.
 const ORDERS: [f64; 7] = [2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0];
 
 impl Effect for TorqueRipple {
