@@ -33,7 +33,7 @@ pub struct Friction {
     pub presliding_rad: f64,
 }
 
-/// Part of nominal speed below which the direction of a friction counts as open.
+/// `w_0` as part of nominal speed: over it the direction of friction reverses (regularisation).
 pub const CREEP: f64 = 0.003;
 
 impl Friction {
