@@ -255,6 +255,7 @@ fn triangle(phase: f64) -> f64 {
 pub(crate) struct Waves(Vec<[f64; 3]>);
 
 impl Waves {
+    /// Number of waves in the sum.
     const COUNT: usize = 48;
 
     pub(crate) fn new(lowest_hz: f64, highest_hz: f64, rng: &mut impl rand::Rng) -> Self {
