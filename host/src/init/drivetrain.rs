@@ -6,8 +6,10 @@ use super::column_kind::{Look, LookedAt};
 use super::sensor_tables::{channel, nominal, references as write_references};
 use super::toml_text::{Text, number, quoted, rounded_up};
 
-/// Channels and encoders of a sensor set.
+/// Most channels of a sensor set.
 const CHANNELS: usize = loadtwin_common::io::raw::MAX_CHANNELS;
+
+/// Most encoders of a sensor set.
 const ENCODERS: usize = loadtwin_common::io::raw::MAX_ENCODERS;
 
 /// The two inertias, until the machine's are filled in.
