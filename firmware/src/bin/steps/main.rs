@@ -80,6 +80,7 @@ static HEAP: Heap = Heap::empty();
 /// For a peer's builder and the bearing's samples [bytes].
 const HEAP_LEN: usize = 1024 * 1024;
 
+/// Steps over which instructions are averaged.
 const STEPS: u32 = 1000;
 
 /// CMSDK timer 0 of the board: control, value, reload.
