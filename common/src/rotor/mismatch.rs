@@ -1,5 +1,5 @@
 //! Detection of model error by the whiteness of a rotor's innovations: choice of the noise level,
-//! and whether the loads are contradicted.
+//! the model error that is allowed for, and whether the loads are contradicted.
 //!
 //! Where the model holds, an innovation says nothing of the next one, however noisy the sensors
 //! are; where the model errs, neighbouring innovations share its error. The image has a bank of
