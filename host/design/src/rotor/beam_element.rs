@@ -1,4 +1,5 @@
-//! Mass, stiffness and gyroscopic matrices of a cylindrical Timoshenko beam element.
+//! Mass, stiffness and gyroscopic matrices of a cylindrical Timoshenko beam element, with its area,
+//! second moment of area and shear coefficient.
 
 /// Degrees of freedom of a node: `x`, `y`, `alpha` about x, `beta` about y.
 pub const NODE: usize = 4;
