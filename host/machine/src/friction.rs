@@ -1,5 +1,5 @@
 //! Dry friction of an inertia: Coulomb, load-dependent and Stribeck torque with pre-sliding. Fields
-//! of the description, their checks, and the torque over a given motion.
+//! of the description, their checks, the torque over a given motion; frictions scaled and added.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,5 +1,5 @@
 //! Torques of the simulated test bench: which torque acts on which inertia, so that torque and
-//! speed follow the scenario.
+//! speed follow the scenario; the torques that references and drives measure, and the power.
 
 use loadtwin_machine::{Drivetrain, Load, Machine, Senses};
 
