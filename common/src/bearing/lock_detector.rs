@@ -1,5 +1,8 @@
 //! Lock detection for the primary hypothesis from unexplained local strain, NIS and prior cost:
 //! confirmed, suspect or lost.
+//!
+//! The limits were tuned on simulated bearings 1 to 4, 101 to 120 and 201 to 216; 121 to 130 took no
+//! part (docs/lab/results.md).
 
 use serde::{Deserialize, Serialize};
 
@@ -27,7 +30,8 @@ const MAX_PRIOR_COST: f32 = 80.0;
 /// Blocks of 10 ms under suspicion after which the search starts anew, 0.4 s.
 const PATIENCE: u16 = 40;
 
-/// Part of a gauge's resting variance that is not taken for strain left unexplained.
+/// Mean square of a gauge, in its resting variances, that is not taken for unexplained strain. The
+/// six readings of a block of 20 samples leave 0.3 on average.
 const NOISE_SHARE: f32 = 2.7;
 
 /// What speaks for and against a posterior.
