@@ -1,6 +1,8 @@
 //! Verdict of a diagnosis (no effect, named effects, effects that the data do not separate, or
 //! unknown) by the excess that remains; log-odds of faulty samples; search of an effect by its
 //! name; effects that the recordings cannot show.
+//!
+//! The limits were set with benchmark seeds up to 243; 257 and 263 took no part (docs/lab/results.md).
 
 use crate::assessment::residual_excess::ResidualExcess;
 use crate::assessment::residual_tests::{ResidualTests, Test, TestResult};
