@@ -5,7 +5,7 @@ use crate::drivetrain::candidate_effect::one_shape;
 use crate::drivetrain::residual_signals::{DrivetrainResiduals, Regressor};
 
 /// `scale a (t - t0)`.
-pub struct Drift;
+pub struct GaugeDrift;
 
 const INFO: EffectInfo = EffectInfo {
     name: "gauge-drift",
@@ -19,7 +19,7 @@ const INFO: EffectInfo = EffectInfo {
     recommended_experiment: "standstill without load for as long as the recording",
 };
 
-impl Effect<DrivetrainResiduals> for Drift {
+impl Effect<DrivetrainResiduals> for GaugeDrift {
     fn info(&self) -> &EffectInfo {
         &INFO
     }

@@ -11,7 +11,7 @@ use crate::drivetrain::residual_signals::{
 const BOTH_WAYS: f64 = 0.1;
 
 /// `reading level g` or `reading |level| g`: a response that grows or falls with torque.
-pub struct Nonlinearity;
+pub struct StrainNonlinearity;
 
 const INFO: EffectInfo = EffectInfo {
     name: "strain-nonlinearity",
@@ -31,7 +31,7 @@ const INFO: EffectInfo = EffectInfo {
     recommended_experiment: "slow torque ramps through zero to both ends",
 };
 
-impl Effect<DrivetrainResiduals> for Nonlinearity {
+impl Effect<DrivetrainResiduals> for StrainNonlinearity {
     fn info(&self) -> &EffectInfo {
         &INFO
     }
