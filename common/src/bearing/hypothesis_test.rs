@@ -28,12 +28,12 @@ pub(crate) const CANDIDATES: u8 = 16;
 const BEFORE_MIRROR: u8 = CANDIDATES - 1;
 
 /// Blocks of 10 ms that a test lasts at most.
-const TEST: u16 = 24;
+const TEST_BLOCKS: u16 = 24;
 
 /// Blocks at the start of a test that do not count, while the alternative converges.
 const BURN_IN: u16 = 10;
-/// As [`TEST`], before the primary has passed its first test.
-const FIRST_TEST: u16 = 14;
+/// As [`TEST_BLOCKS`], before the primary has passed its first test.
+const FIRST_TEST_BLOCKS: u16 = 14;
 
 /// As [`BURN_IN`], before the primary has passed its first test.
 const FIRST_BURN_IN: u16 = 6;
@@ -55,7 +55,7 @@ const ACCEPT_MIRROR: f32 = 100.0;
 const MIRROR_BURN_IN: u16 = 100;
 
 /// Blocks of a mirror test, 5 s, after which [`ACCEPT`] is enough.
-const LONGEST_TEST: u16 = 500;
+const LONGEST_TEST_BLOCKS: u16 = 500;
 
 /// Block of the mirror test, 0.5 s, at which both images learn their offsets anew: those taken up
 /// while phases and loads were being found are off by many of their standard deviations. 0.35 and
@@ -135,11 +135,11 @@ impl BearingEstimator {
             state.alternative.inflate_loads(&self.model.tuning, 1.0);
         }
         let (length, burn_in) = if undecided && mirror && state.lock.is_confirmed() {
-            (LONGEST_TEST, MIRROR_BURN_IN)
+            (LONGEST_TEST_BLOCKS, MIRROR_BURN_IN)
         } else if test.tests_passed > 0 {
-            (TEST, BURN_IN)
+            (TEST_BLOCKS, BURN_IN)
         } else {
-            (FIRST_TEST, FIRST_BURN_IN)
+            (FIRST_TEST_BLOCKS, FIRST_BURN_IN)
         };
         test.log_likelihood_ratio = if test.blocks > burn_in {
             test.log_likelihood_ratio + alternative - primary
@@ -149,7 +149,7 @@ impl BearingEstimator {
         let prior = state.alternative.prior_cost(&self.model.tuning)
             - state.primary.prior_cost(&self.model.tuning);
         let verdict = test.log_likelihood_ratio + prior;
-        let decisive = if test.blocks < LONGEST_TEST {
+        let decisive = if test.blocks < LONGEST_TEST_BLOCKS {
             ACCEPT_MIRROR
         } else {
             ACCEPT
