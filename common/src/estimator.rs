@@ -1,5 +1,6 @@
 //! Estimator of any machine, built from a model image: one raw sample in and one estimate out for
-//! each step; saving and restoring of its state.
+//! each step; saving and restoring of its state; lag of the estimates, and states and covariance of
+//! a rotor.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -30,6 +31,7 @@ pub const STATE_VERSION: u16 = 1;
 /// bits 10.
 pub const MAX_STATE_BYTES: usize = 3 * size_of::<Kind<'static>>() / 2 + 64;
 
+/// Version and error names of a saved state.
 const STATE: Seal = Seal {
     version: STATE_VERSION,
     name: "saved state",

@@ -10,6 +10,7 @@ use crate::Error;
 /// Bytes of the CRC at the end.
 const CRC_LEN: usize = 4;
 
+/// CRC-32 (ISO-HDLC), as of the sealed image.
 const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
 /// A kind of bytes.

@@ -1,5 +1,6 @@
-//! Mean and covariance of the preload and the gauge biases: transfer between posteriors,
-//! chi-squared distance, low-pass; prediction of the biases with correlated drift.
+//! Mean and covariance of the preload and the gauge biases (`BiasPrior`): expected at first, taken
+//! from one posterior and put into another, chi-squared distance, low-pass; prediction of the
+//! biases with correlated drift.
 
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};

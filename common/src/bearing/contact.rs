@@ -38,10 +38,12 @@ pub const INPUTS: usize = LOADS + 1;
 /// Longest step of Newton's method [um].
 const LONGEST_STEP: f32 = 15.0;
 
-/// Load of a row at which its cage follows the loaded contact angle [kN].
+/// Weight of the unloaded contact angle in the mean that sets the rate of a cage [kN]: counts only
+/// where a row carries next to nothing.
 const UNLOADED: f32 = 0.01;
 
-/// Over which approach a contact begins to carry [um].
+/// Approach over which the onset of contact is rounded off [um]: an unloaded contact keeps a small
+/// slope, so that the filter can return to load.
 const SMOOTHING_UM: f32 = 1.0;
 
 /// Dimensions of the bearing in the units of the filter.

@@ -8,22 +8,23 @@ use crate::bearing::harmonic_block::HarmonicBlock;
 use crate::bearing::{BASIS, GAUGES, GaugeModel};
 use crate::io::fault::Fault;
 
-/// Blocks of a window over which a gauge is judged.
+/// Blocks of a window over which a gauge is evaluated, a quarter of a second.
 const WINDOW: u16 = 25;
 
 /// Consecutive windows in which a stuck gauge is silent: a filter that has not converged may predict
 /// wrongly for one.
 const PATIENCE: u8 = 2;
 
-/// Thresholds of the mean square of local strain over that of noise: below `DEAD_RATIO` a gauge is
-/// silent, above `ALIVE_RATIO` it is live. Silence counts where the filter predicts at least `EXPECTED`,
-/// three times the standard deviation of noise: without a moment a live gauge may be silent for half a
-/// second.
-///
-/// Noise scatters by `sqrt(2 / 150) = 0.12` over the window's 25 blocks of six readings: `DEAD_RATIO` is
-/// four of these above it.
+/// Mean square of local strain over that of noise below which a gauge is silent. Noise scatters by
+/// `sqrt(2 / 150) = 0.12` over the window's 25 blocks of six readings: four of these above 1.
 const DEAD_RATIO: f32 = 1.5;
+
+/// Mean square of local strain over that of noise above which a gauge is live: eight such scatters
+/// above 1.
 const ALIVE_RATIO: f32 = 2.0;
+
+/// Mean square of the predicted strain over that of noise from which silence counts, three standard
+/// deviations of noise: without a moment a live gauge may be silent for half a second.
 const EXPECTED: f32 = 9.0;
 
 /// What is known of the gauges, judged four times a second.

@@ -10,6 +10,9 @@
 //! learnt before, by rows that were distinguished from their mirror image, and so does a search
 //! that starts anew. So does each of two images once it has found its phases: on the way there it
 //! has taken offsets for what phases were.
+//!
+//! The limits were tuned on simulated bearings 1 to 4, 101 to 120 and 201 to 216; 121 to 130 took no
+//! part (docs/lab/results.md).
 
 use serde::{Deserialize, Serialize};
 
@@ -24,26 +27,39 @@ pub(crate) const CANDIDATES: u8 = 16;
 /// The one that swapped labels follow.
 const BEFORE_MIRROR: u8 = CANDIDATES - 1;
 
-/// Blocks of a test, and those at its start that do not count.
-const DUEL: u16 = 24;
+/// Blocks of 10 ms that a test lasts at most.
+const TEST_BLOCKS: u16 = 24;
+
+/// Blocks at the start of a test that do not count, while the alternative converges.
 const BURN_IN: u16 = 10;
-/// The same before the primary has met its first test.
-const FIRST_DUEL: u16 = 14;
+/// As [`TEST_BLOCKS`], before the primary has passed its first test.
+const FIRST_TEST_BLOCKS: u16 = 14;
+
+/// As [`BURN_IN`], before the primary has passed its first test.
 const FIRST_BURN_IN: u16 = 6;
 
-/// By how much the alternative's cost must be lower, and by how much it may be
-/// higher before the test is over.
+/// Cost by which the alternative must be lower to replace the primary: sum of NIS and prior cost,
+/// minus twice a log-likelihood. 30 is a likelihood ratio of e^15.
 const ACCEPT: f32 = 30.0;
+
+/// Cost by which the alternative may be higher before the test ends early: a likelihood ratio of
+/// e^200, which no test makes good.
 const REJECT: f32 = 400.0;
 
-/// Difference in cost that settles which of two mirror images is true, the blocks that do not
-/// count for it, as an image has yet to find its loads, and those after which `ACCEPT` is enough.
+/// Difference in cost that settles which of two mirror images is true, and by which an alternative
+/// replaces the primary before the end of its test: a likelihood ratio of e^50, as errors of the
+/// model last for many blocks.
 const ACCEPT_MIRROR: f32 = 100.0;
-const MIRROR_BURN_IN: u16 = 100;
-const LONGEST_DUEL: u16 = 500;
 
-/// Block of that test at which both images learn their offsets anew: those taken up while phases and loads were being
-/// found are off by many of their standard deviations.
+/// Blocks of a mirror test that do not count, 1 s, as an image has yet to find its loads.
+const MIRROR_BURN_IN: u16 = 100;
+
+/// Blocks of a mirror test, 5 s, after which [`ACCEPT`] is enough.
+const LONGEST_TEST_BLOCKS: u16 = 500;
+
+/// Block of the mirror test, 0.5 s, at which both images learn their offsets anew: those taken up
+/// while phases and loads were being found are off by many of their standard deviations. 0.35 and
+/// 0.7 s were worse on the development bearings (docs/lab/tried.md).
 const FOUND: u16 = 50;
 
 /// Standard deviations by which a moment is off zero when its sign is known.
@@ -119,11 +135,11 @@ impl BearingEstimator {
             state.alternative.inflate_loads(&self.model.tuning, 1.0);
         }
         let (length, burn_in) = if undecided && mirror && state.lock.is_confirmed() {
-            (LONGEST_DUEL, MIRROR_BURN_IN)
+            (LONGEST_TEST_BLOCKS, MIRROR_BURN_IN)
         } else if test.tests_passed > 0 {
-            (DUEL, BURN_IN)
+            (TEST_BLOCKS, BURN_IN)
         } else {
-            (FIRST_DUEL, FIRST_BURN_IN)
+            (FIRST_TEST_BLOCKS, FIRST_BURN_IN)
         };
         test.log_likelihood_ratio = if test.blocks > burn_in {
             test.log_likelihood_ratio + alternative - primary
@@ -133,7 +149,7 @@ impl BearingEstimator {
         let prior = state.alternative.prior_cost(&self.model.tuning)
             - state.primary.prior_cost(&self.model.tuning);
         let verdict = test.log_likelihood_ratio + prior;
-        let decisive = if test.blocks < LONGEST_DUEL {
+        let decisive = if test.blocks < LONGEST_TEST_BLOCKS {
             ACCEPT_MIRROR
         } else {
             ACCEPT

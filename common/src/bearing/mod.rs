@@ -64,6 +64,8 @@ const LONGEST_GAP: u32 = 1000;
 
 /// Jobs of a block: primary, alternative, assessment.
 const STAGES: u16 = 2 * STAGES_PER_HYPOTHESIS + 1;
+
+/// Jobs of a block for one hypothesis, in the order of `run_stage`.
 const STAGES_PER_HYPOTHESIS: u16 = 8;
 
 /// The estimator of a bearing, fixed after start.

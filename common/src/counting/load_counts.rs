@@ -1,5 +1,6 @@
 //! Counter of one load, sample by sample: rainflow cycles, time at level, shaft revolutions by
-//! load, extremes, valid and missing samples; level crossings derived from the cycles.
+//! load, extremes, valid and missing samples, gaps and restarts; level crossings derived from the
+//! cycles; appending of later counts.
 
 use heapless::Deque;
 use serde::{Deserialize, Serialize};

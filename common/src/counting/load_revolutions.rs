@@ -1,4 +1,5 @@
-//! Load-revolution distribution: revolutions of a shaft by the load at which they were made.
+//! Load-revolution distribution: revolutions of a shaft by the load at which they were made, and
+//! revolutions without a valid load.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,6 @@
 //! Counting of load cycles (rainflow), time at level and revolutions at load, sample by sample, in
-//! bounded memory for years of operation; list of its modules.
+//! bounded memory for years of operation. Here: numbers of levels and bins, and the list of
+//! modules.
 //!
 //! ```text
 //! load [N m, N] -> level 0..128 -> turning points (hysteresis gate) -> four-point rainflow -> counts

@@ -1,5 +1,5 @@
-//! Four-point rainflow counting, turning point by turning point: closed cycles and the residue that
-//! is not yet closed.
+//! Four-point rainflow counting, turning point by turning point: closed cycles, the residue that is
+//! not yet closed, and the ranges between its points.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};

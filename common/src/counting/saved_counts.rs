@@ -11,6 +11,7 @@ pub const VERSION: u16 = 1;
 /// for 4 and 10 for 8.
 pub const MAX_BYTES: usize = 5 * size_of::<LoadCounts>() / 4 + 512;
 
+/// Version and error names of saved counts.
 const COUNTS: Seal = Seal {
     version: VERSION,
     name: "saved counts",

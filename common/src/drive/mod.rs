@@ -1,5 +1,5 @@
-//! Load estimator of a drive without strain gauges: the load on one axis, from its driving
-//! torque or force and its motion.
+//! Load estimator of a drive without strain gauges: the load on one axis, from its driving torque
+//! or force and its motion; or that torque or force itself, where it is not measured.
 //!
 //! ```text
 //! states    x, v, a, d    position, speed, acceleration, unknown load
@@ -42,9 +42,17 @@ pub use model::{DriveModel, MAX_KNOWN, MAX_UNIT, PositionSensor, Signal};
 
 /// Position, speed, acceleration, unknown load.
 const STATES: usize = 4;
+
+/// Index of the position (rad, m).
 const POSITION: usize = 0;
+
+/// Index of the speed (rad/s, m/s).
 const SPEED: usize = 1;
+
+/// Index of the acceleration (rad/s^2, m/s^2).
 const ACCELERATION: usize = 2;
+
+/// Index of the unknown load (N m, N).
 const LOAD: usize = 3;
 
 /// Standard deviations of a reading that its noise spans: three to either side.

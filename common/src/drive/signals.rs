@@ -1,4 +1,5 @@
-//! The signals of a drive: counts unwrapped and homed, early signals delayed to the latest.
+//! Signals of a drive: counts unwrapped and homed, early signals delayed to the latest, and the
+//! readings of one instant (`Readings`).
 
 use serde::{Deserialize, Serialize};
 

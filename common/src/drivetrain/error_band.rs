@@ -1,5 +1,6 @@
-//! Deviation of a load as measured against references: the part of the filter's covariance that the
-//! error takes, and what widens it: a load that moves faster than there, or a sensor that is missing.
+//! Stated variance of a load, from the variance of the filter and the errors measured against
+//! references in a calibration: larger where the load moves faster than there (`Movement`) or a
+//! sensor is missing.
 
 use serde::{Deserialize, Serialize};
 

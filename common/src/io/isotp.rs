@@ -22,15 +22,28 @@ pub const MAX_MESSAGE: usize = 4095;
 /// How often in a row a sender lets itself be put off (`N_WFTmax`).
 const MAX_WAITS: u8 = 16;
 
+/// Value of unused bytes: few stuff bits, the default of ISO 15765-2.
 const PADDING: u8 = 0xCC;
 
+/// Frame type in the upper half of byte 0: a whole message (ISO 15765-2).
 const SINGLE: u8 = 0x0;
+
+/// Frame type: the first of several frames, with the length of the message.
 const FIRST: u8 = 0x1;
+
+/// Frame type: the next frame of a message, with its sequence number.
 const CONSECUTIVE: u8 = 0x2;
+
+/// Frame type: flow control by the receiver.
 const FLOW_CONTROL: u8 = 0x3;
 
+/// Flow status in the lower half of byte 0: go on.
 const CONTINUE: u8 = 0;
+
+/// Flow status: wait for another flow control.
 const WAIT: u8 = 1;
+
+/// Flow status: the message is too long for the receiver.
 const OVERFLOW: u8 = 2;
 
 /// A message of up to 7 bytes in one frame; `None` when it is empty or longer.

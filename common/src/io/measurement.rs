@@ -1,5 +1,6 @@
-//! Conversion of raw samples to readings: zero, gain, saturated and stuck words, encoder angles
-//! unwrapped and homed by the index pulse, lost and repeated samples.
+//! Conversion of raw samples to readings: zero and gain of words, saturated and stuck words;
+//! encoder angles, unwrapped, homed by the index pulse and corrected for an eccentric disc; lost
+//! and repeated samples.
 
 use crate::error::{Error, finite, positive};
 use crate::io::fault::Fault;

@@ -1,5 +1,6 @@
-//! Gaussian state estimate: the mean and the upper triangle of the covariance `P`. The product
-//! `P h`, the factors `P = U D U'`, and the checks for symmetry and positive definiteness.
+//! Gaussian state estimate: the mean and the upper triangle of the covariance `P`, variances, the
+//! loads as the last states. The product `P h`, the factors `P = U D U'`, and the checks for
+//! symmetry and positive definiteness.
 
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};

@@ -129,6 +129,7 @@ pub struct Transition<const NX: usize, const ND: usize, L = RandomWalk> {
 }
 
 impl<const NX: usize, const ND: usize, L: LoadModel<ND>> Transition<NX, ND, L> {
+    /// States without the loads.
     const NA: usize = NX - ND;
 
     /// Takes the upper NX-ND rows of `matrix`, `[A B]`; the lower ones are

@@ -1,5 +1,6 @@
-//! Augmented Kalman filter of a reduced rotor in `f32` or `f64`: prediction, and measurement update
-//! by one scalar channel.
+//! Augmented Kalman filter of a reduced rotor in `f32` or `f64` (`Real`): state and covariance,
+//! transition of the loads, rows of sensors; prediction, and measurement update by one scalar
+//! channel.
 //!
 //! States: modal displacements `z` (NZ), their change to the next sample `e`
 //! (NZ), forces `f` in pairs (x, y) that drive them ([`FORCES`]), and what is left, the

@@ -1,5 +1,5 @@
 //! Detection of model error by the whiteness of a rotor's innovations: choice of the noise level,
-//! and whether the loads are contradicted.
+//! the model error that is allowed for, and whether the loads are contradicted.
 //!
 //! Where the model holds, an innovation says nothing of the next one, however noisy the sensors
 //! are; where the model errs, neighbouring innovations share its error. The image has a bank of
@@ -24,10 +24,12 @@ use crate::io::raw::MAX_CHANNELS;
 /// Samples in a window. The correlation of white innovations of one sensor deviates by 1/8.
 const WINDOW: u16 = 64;
 
-/// Mean correlation that passes, and the excess, summed over windows and times the number of
-/// sensors, at which the level rises. By chance once in 10^8 windows of four sensors:
-/// `exp(-2 PASSED (RAISED / n) / sigma^2)`, `sigma^2 = 1 / (64 n)`.
+/// Mean lag-1 correlation that passes, the slack of the CUSUM.
 const PASSED: f32 = 0.1;
+
+/// Excess over [`PASSED`], summed over windows and times the number of sensors n, at which the
+/// level rises, the threshold of the CUSUM. By chance once in 10^8 windows of four sensors:
+/// `exp(-2 PASSED (RAISED / n) / sigma^2)`, `sigma^2 = 1 / (64 n)`.
 const RAISED: f32 = 1.6;
 
 /// Mean NIS of a window that is no transient of a start, and by which the level rises by two:
@@ -38,11 +40,15 @@ const FAR: f32 = 4.0;
 /// first one, of which no mean is known yet, nothing.
 const STARTING: u32 = 8;
 
-/// Windows for which a level lasts before the next lower one is tried, and by how many doublings
-/// at most it is longer each time. As long, and at most [`PROBATION`] windows, the deviations of
-/// the level above are reported after a level was lowered.
+/// Windows for which a level lasts before the next lower one is tried; doubled each time that the
+/// level was raised again.
 const SHORTEST: u32 = 8;
+
+/// Most doublings of [`SHORTEST`]: 2048 windows.
 const DOUBLINGS: u32 = 8;
+
+/// Windows without a change from which a level is established, and most windows for which the
+/// deviations of the level above are reported after a level was lowered.
 const PROBATION: u32 = 16;
 
 /// Sums over a window of one sensor's innovations.

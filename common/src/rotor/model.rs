@@ -1,5 +1,5 @@
-//! Parameters of a rotor in a model image: tables over the speed, noise levels with their steady
-//! gains, sensors; the checks of their ranges.
+//! Parameters of a rotor in a model image: tables over the speed, read in place (`PackedF32`),
+//! noise levels with their steady gains, sensors; the checks of their ranges.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};

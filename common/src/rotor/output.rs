@@ -1,5 +1,5 @@
-//! Output of the rotor estimator: loads with standard deviations and faults, noise level,
-//! covariance, and the state and speed of the sample that the estimate is of.
+//! Output of the rotor estimator: loads with standard deviations and faults, noise level, allowed
+//! model error, covariance, and the state and speed of the sample that the estimate is of.
 
 use crate::io::estimate::{Estimate, LoadEstimate, MAX_LOADS};
 use crate::io::fault::Fault;

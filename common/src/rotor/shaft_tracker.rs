@@ -1,4 +1,5 @@
-//! Angle, speed and acceleration of the shaft, tracked from its encoder.
+//! Angle, speed and acceleration of the shaft, tracked from its encoder; change of a rotating force
+//! from one sample to the next.
 
 use serde::{Deserialize, Serialize};
 

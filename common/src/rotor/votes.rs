@@ -12,10 +12,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::io::raw::MAX_CHANNELS;
 
-/// Score of a refusal, and at most: as many readings inside of the gate in a row end a flag. Longer
-/// than a sensor with the wrong sign stays inside, at ten standard deviations and a thousand samples
-/// a turn.
+/// Score that a refused reading adds; a reading inside of the gate takes 1 away.
 const REFUSED: u8 = 16;
+
+/// Largest score: as many readings inside of the gate in a row end a flag. Longer than a sensor
+/// with the wrong sign stays inside, at ten standard deviations and a thousand samples a turn.
 const MOST: u8 = 128;
 
 /// Score from which a sensor is held out: three refusals within some samples. A sound sensor has

@@ -1,4 +1,4 @@
-//! Second-order Butterworth low- and high-pass with a cut-off that may move.
+//! Second-order Butterworth filter: low- and high-pass of a signal at one cut-off, which may move.
 
 use crate::error::Error;
 

@@ -1,4 +1,5 @@
-//! Angles as fractions of a turn in 64 bits: exact, wrapping, without drift.
+//! Angles as fractions of a turn in 64 bits: exact, wrapping, without drift; their steps,
+//! conversion from and to radians, and wrapping of an angle in radians.
 
 use serde::{Deserialize, Serialize};
 

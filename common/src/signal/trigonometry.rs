@@ -9,9 +9,11 @@ use core::f32::consts::FRAC_2_PI;
 /// `pi / 2` in parts that a small whole number times is exact of (Cody and Waite 1980).
 const HALF_PI: [f32; 3] = [1.570_312_5, 4.837_513e-4, 7.549_79e-8];
 
-/// Coefficients of `sin r / r` and `cos r` in `r^2` on [-pi/4, pi/4], from the third
-/// power on (Cephes mathematical library, `sinf.c`).
+/// Coefficients of `sin r / r` in `r^2` on [-pi/4, pi/4], from `r^2` on (Cephes mathematical
+/// library, `sinf.c`).
 const SIN: [f32; 3] = [-0.166_666_55, 8.332_161e-3, -1.951_529_6e-4];
+
+/// Coefficients of `cos r` in `r^2` on [-pi/4, pi/4], from `r^4` on (the same source).
 const COS: [f32; 3] = [4.166_664_6e-2, -1.388_731_6e-3, 2.443_315_8e-5];
 
 /// `(sin x, cos x)`, right to 1.5e-7 for |x| up to 1000 (rad); not a number where x is none.

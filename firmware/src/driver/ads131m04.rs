@@ -16,8 +16,13 @@ use loadtwin_common::io::raw::RawSample;
 /// Channels of one converter.
 pub const CHANNELS: usize = 4;
 
+/// Length of a word [bytes].
 const WORD: usize = 3;
+
+/// Length of a frame [bytes]: six words.
 const FRAME: usize = 6 * WORD;
+
+/// Offset of the CRC in a frame [bytes].
 const CRC_AT: usize = 5 * WORD;
 
 /// CRC-16/CCITT with start value 0xFFFF, what the converter calls "CCITT".

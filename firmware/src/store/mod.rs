@@ -100,6 +100,7 @@ pub struct Store<F> {
 }
 
 impl<F: NorFlash> Store<F> {
+    /// Smallest part of the flash that is erased [bytes].
     const PAGE: u32 = F::ERASE_SIZE as u32;
 
     /// Finds the image to run. Reads only.

@@ -22,6 +22,7 @@ pub(super) struct Records {
 }
 
 impl<F: NorFlash> Store<F> {
+    /// Pairs of records in a page.
     const PAIRS: u32 = Self::PAGE / (2 * RECORD_LEN as u32);
 
     /// The record that puts `header` in force under this counter.

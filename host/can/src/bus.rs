@@ -1,5 +1,5 @@
-//! The trait `Bus` of CAN interfaces, serial adapters and logs; and `Link`, which retries sending
-//! with bounded back-off and counts the faults of a bus.
+//! The trait `Bus` of CAN interfaces, serial adapters and logs, with received frames and errors;
+//! and `Link`, which retries sending with bounded back-off and counts the faults of a bus.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,5 +1,5 @@
-//! A CAN frame of any interface or log (classic, FD, remote or error frame), and its text form as
-//! of `candump -L`.
+//! A CAN frame of any interface or log (classic, FD, remote or error frame), its length codes, and
+//! its text form as of `candump -L`.
 
 use std::fmt;
 

@@ -14,7 +14,7 @@ use super::bus::{Bus, BusError, Link, LinkCounts};
 use super::live_display::{Page, View};
 use super::{CanError, Model, standard, to_bus};
 
-/// How long to wait for a frame before the heartbeat is sent without one.
+/// Wait for a frame after which a heartbeat is sent without one.
 const HEARTBEAT: Duration = Duration::from_millis(100);
 
 /// How a node runs.

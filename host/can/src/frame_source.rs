@@ -1,5 +1,5 @@
-//! `Source`, what a command reads frames from: a CAN interface, a serial adapter or a log;
-//! parsing of its name and opening.
+//! Source of frames for a command (`Source`): a CAN interface, a serial adapter or a log; parsing
+//! of its name and opening.
 
 use std::path::Path;
 

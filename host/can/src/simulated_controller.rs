@@ -11,12 +11,12 @@ use std::time::Duration;
 use super::bus::{Bus, BusError, Received};
 use super::bus_frame::{BUS_OFF, BusFrame, FrameKind, RESTARTED};
 
-/// Bits of a standard frame without its data and stuff bits: start to
-/// interframe space.
+/// Bits of a standard frame without its data and stuff bits: start to interframe space (ISO
+/// 11898-1).
 const OVERHEAD_BITS: u32 = 47;
-/// Error flag, delimiter and interframe space.
+/// Bits of an error: flag of 6 to 12, delimiter of 8, interframe space of 3 (ISO 11898-1).
 const ERROR_BITS: u32 = 23;
-/// What a controller has to see before it comes back.
+/// Recessive bits after which a controller that is bus-off comes back (ISO 11898-1).
 const RECOVERY_BITS: u32 = 128 * 11;
 
 /// The controller and its wire.

@@ -18,13 +18,20 @@ use super::CanError;
 use super::bus::{Backoff, Bus, BusError, Received, next_within};
 use super::bus_frame::{BusFrame, ERROR_FLAG, FrameKind};
 
+/// Level of the options of any socket, Linux on every architecture that has SocketCAN here.
 const SOL_SOCKET: i32 = 1;
+
+/// Option: receive buffer (bytes), up to the limit of the system.
 const SO_RCVBUF: i32 = 8;
+
+/// Option: the same beyond that limit, for privileged users.
 const SO_RCVBUFFORCE: i32 = 33;
-/// Room for ten thousand frames while the reader is not scheduled.
+/// Receive buffer (bytes): ten thousand frames while the reader is not scheduled.
 const RECEIVE_BUFFER: i32 = 8 << 20;
 /// How often the reader looks whether it is to end.
 const POLL: Duration = Duration::from_millis(50);
+
+/// Bit of an identifier: it has 29 bits (`CAN_EFF_FLAG`).
 const EXTENDED: u32 = 0x8000_0000;
 
 // Numbers of Linux on every architecture that has SocketCAN here.

@@ -6,7 +6,7 @@ use loadtwin_design::build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_replay::ReplayError;
 
-/// Time after the start that does not count [s].
+/// Time at the start that does not count, in which the filter converges [s].
 const SETTLING_S: f64 = 2.0;
 
 /// A recording as the filter with one set of sensors sees it, sample by sample.

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use loadtwin_math::metrics::{Stretch, prediction_interval, relative_variance};
 
-/// Stretches of all recordings whose differences say how much an error varies.
+/// Stretches of all recordings from whose differences the variation of an error is computed.
 const STRETCHES: usize = 16;
 
 /// A figure with the interval in which 95 of 100 are on other recordings as long.

@@ -28,7 +28,10 @@ pub fn low_pass_dct(x: &[f64], dt_s: f64, highest_hz: f64) -> Vec<f64> {
 /// Where noise is all there is, nothing stays: a chain that resonates there would answer to it.
 pub fn wiener_denoise(x: &[f64], dt_s: f64, noise_std: f64) -> Vec<f64> {
     // So much more than noise is no chance, of the mean over this band.
+    /// Factor on the variance of the noise: a mean square over the band that exceeds it is no
+    /// chance.
     const SURELY: f64 = 1.5;
+    /// Width of the band over which squares are averaged [Hz].
     const BAND_HZ: f64 = 0.5;
     let n = 2.0 * x.len() as f64;
     let width = (BAND_HZ * dt_s * n) as usize | 1;

@@ -18,7 +18,8 @@ use crate::stepwise::{Selection, next_experiment};
 use loadtwin_machine::{Balance, BalanceEffect};
 use loadtwin_math::metrics::{Stretch, prediction_interval, relative_variance};
 
-/// Ratio from which a validation is an extrapolation.
+/// Ratio of a quantity's range in the validation to that of the fit from which it is an
+/// extrapolation.
 const FAR_BEYOND: f64 = 2.0;
 
 /// The same for the position, where a polynomial soon leaves what it was fitted to.

@@ -1,7 +1,8 @@
 //! Removal of outliers from a sampled signal: single values far from the median of their neighbours
 //! become NaN (Hampel filter).
 
-/// How far a value has to be out.
+/// Distance from the median, in ranges of the neighbours or usual distances, from which a value is
+/// an outlier.
 const FAR: f64 = 10.0;
 
 /// Values on either side that a value is compared with.

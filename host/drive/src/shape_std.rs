@@ -1,4 +1,5 @@
-//! Standard deviations of the shapes of the effects that were found.
+//! Standard deviations of the shape parameters of the effects found: linearised least squares
+//! (Gauss-Newton), with the resolution of the search added.
 
 use faer::Mat;
 use faer::linalg::solvers::DenseSolveCore;

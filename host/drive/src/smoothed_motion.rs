@@ -1,5 +1,6 @@
 //! A recording of a drive: position, speed and acceleration by smoothing and differentiation,
-//! drive, loads and temperature; without outliers, and decimated below a cut-off frequency.
+//! drive, loads and temperature; without outliers, and decimated below a cut-off frequency; split
+//! into a part for the fit and one held out.
 
 use std::path::{Path, PathBuf};
 

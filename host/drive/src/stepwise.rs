@@ -1,5 +1,6 @@
 //! Stepwise selection of the effects that the balance of a drive lacks: addition of the best
-//! significant candidate or pair, refinement of shapes, elimination, and alternatives.
+//! significant candidate or pair, refinement of shapes, elimination; alternatives to each effect,
+//! and the experiment that distinguishes them.
 
 use rayon::prelude::*;
 
@@ -17,10 +18,10 @@ const EQUAL: f64 = 0.01;
 /// than [`certain`] asks for, so that nothing comes and goes.
 const NO_LONGER_CERTAIN: f64 = 0.2;
 
-/// Columns from which on an effect's columns are weighed one by one.
+/// Columns from which on each column of an effect has its own prior (relevance determination).
 const MANY: usize = 8;
 
-/// Rounds of that.
+/// Rounds of fit and new priors.
 const WEIGHINGS: usize = 4;
 
 /// Part by which the error has to fall for two effects that are added together: so
@@ -34,7 +35,7 @@ const LOOKED_AHEAD: usize = 6;
 /// Shapes of each of those others.
 const SHAPES_AHEAD: usize = 3;
 
-/// Parts of a number of a shape below which its search ends.
+/// Relative step of a shape parameter below which its search ends.
 pub const FINEST_STEP: f64 = 0.01;
 
 /// Part of the sum of squares by which a step of that search has to lower it.
@@ -43,10 +44,10 @@ pub const LEAST_FALL: f64 = 1e-4;
 /// Most effects of one machine.
 const MOST: usize = 8;
 
-/// Contribution of the linear model in parts of the drive's RMS: not bounded in practice.
+/// Prior deviation of the linear part in parts of the drive's RMS: not bounded in practice.
 pub const LINEAR_PRIOR: f64 = 100.0;
 
-/// An effect contributes no more than about the drive itself.
+/// Prior deviation of an effect in parts of the drive's RMS: no more than about the drive itself.
 const EFFECT_PRIOR: f64 = 1.0;
 
 /// An effect with a shape.

@@ -7,8 +7,7 @@ use std::path::Path;
 
 use memchr::memmem;
 
-/// Bytes at the beginning that are looked at: a header line of 100 gauges has
-/// about 10 kB.
+/// Bytes at the beginning that are looked at: a header line of 100 gauges has about 10 kB.
 const START: u64 = 64 << 10;
 
 /// Bytes that are searched at a time.

@@ -3,9 +3,13 @@
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 
+/// CRC-32 (ISO-HDLC) of the text below the mark.
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
+/// First part of the mark, before the kind.
 const BEGINNING: &str = "# Written by loadtwin as ";
+
+/// Second part of the mark, before the CRC as eight hex digits.
 const BEFORE_SUM: &str = "; CRC-32 of what follows: ";
 
 /// The TOML `text` with a first line that says what it is and holds the sum of

@@ -1,4 +1,5 @@
-//! One instance of an FMU: inputs, one sample of the estimator a step, outputs, its state as bytes.
+//! One instance of an FMU: its phase, values of its variables, one sample of the estimator a step,
+//! reset, and its state as bytes.
 
 use loadtwin_common::estimator::{Estimator, MAX_STATE_BYTES};
 use loadtwin_common::image::Image;

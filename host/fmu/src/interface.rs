@@ -1,5 +1,5 @@
-//! What an FMU has to know of its machine beside the model image: sensors with their quantisation,
-//! loads, sample rate. It is the file `machine.toml` in the FMU's resources.
+//! Description of the machine of an FMU beside the model image, the file `machine.toml` in its
+//! resources: sensors with their quantisation, loads, sample rate; writing, reading and checks.
 
 use loadtwin_machine::{Channel, Counter, Encoder, Machine, Quantiser, Rotor};
 use loadtwin_recording::{Quantity, Unit};

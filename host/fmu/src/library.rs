@@ -127,6 +127,7 @@ impl Library {
 /// Whether an ELF file names the loader that starts it, as libraries do not: a program header of type
 /// `PT_INTERP`.
 fn is_program(elf: &[u8]) -> bool {
+    /// Type `PT_INTERP` of a program header, little endian.
     const INTERPRETER: &[u8] = &[3, 0, 0, 0];
     let number = |at: usize, length: usize| {
         let bytes = elf.get(at..at.saturating_add(length)).unwrap_or_default();

@@ -9,6 +9,7 @@ use crate::refusal::Refusal;
 /// First bytes: name and version of the layout.
 const MARK: &[u8] = b"loadtwin fmu state 1\n";
 
+/// CRC-32 (ISO-HDLC) over all before it.
 const CRC: crc::Crc<u32, crc::Table<1>> =
     crc::Crc::<u32, crc::Table<1>>::new(&crc::CRC_32_ISO_HDLC);
 

@@ -1,5 +1,5 @@
 //! Error type of the life computation: numbers out of range, unusable S-N curves, counts of
-//! different scales, and loads beyond the scale.
+//! different scales, and loads beyond the scale; the check for positive numbers.
 
 use thiserror::Error;
 

@@ -1,5 +1,6 @@
-//! Description of an analogue channel: sensitivity, conversion of words to readings, drift, creep,
-//! hysteresis, temperature response, runout. Reference and auxiliary columns.
+//! Description of an analogue channel: what it senses, sensitivity, conversion of words to
+//! readings, delay, drift, creep, hysteresis, temperature response, runout; and of reference and
+//! auxiliary columns.
 
 use std::borrow::Cow;
 use std::path::PathBuf;
@@ -270,6 +271,8 @@ impl Hysteresis {
 
     /// The zero from one level to the next.
     pub fn walk(self) -> impl FnMut(f64) -> f64 {
+        /// Part of `level` by which the load has to be ahead before it counts as moved, as in the
+        /// estimator.
         const LAG: f64 = 0.02;
         let (mut moved, mut z): (f64, f64) = (0.0, 0.0);
         move |level| {

@@ -13,8 +13,10 @@ use super::{
     Bearing, Channel, Drivetrain, Kind, LATEST_S, Machine, SLOWEST_S, Senses, UNKNOWN_LOAD,
 };
 
-/// Channels and encoders of one sensor set.
+/// Most channels of one sensor set.
 const MAX_CHANNELS: usize = loadtwin_common::io::raw::MAX_CHANNELS;
+
+/// Most encoders of one sensor set.
 const MAX_ENCODERS: usize = loadtwin_common::io::raw::MAX_ENCODERS;
 
 impl Machine {

@@ -1,5 +1,5 @@
 //! Dry friction of an inertia: Coulomb, load-dependent and Stribeck torque with pre-sliding. Fields
-//! of the description, their checks, and the torque over a given motion.
+//! of the description, their checks, the torque over a given motion; frictions scaled and added.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -33,7 +33,7 @@ pub struct Friction {
     pub presliding_rad: f64,
 }
 
-/// Part of nominal speed below which the direction of a friction counts as open.
+/// `w_0` as part of nominal speed: over it the direction of friction reverses (regularisation).
 pub const CREEP: f64 = 0.003;
 
 impl Friction {

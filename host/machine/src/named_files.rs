@@ -6,7 +6,7 @@ use toml::Value;
 
 use loadtwin_files::bounded;
 
-/// Descriptions that name one another are followed so far.
+/// Levels of descriptions that name one another.
 const DEPTH: usize = 4;
 
 /// Every file that the description in `path` names, in whichever field, and

@@ -1,5 +1,5 @@
-//! Description of a flexible rotor: shaft sections, discs, unknown forces, model reduction, noise
-//! levels, and their checks.
+//! Description of a flexible rotor: shaft sections, materials, discs, unknown forces with their
+//! random walk, model reduction, noise levels, range of speeds, and their checks.
 
 use std::path::PathBuf;
 

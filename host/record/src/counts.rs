@@ -1,4 +1,5 @@
-//! Counts of a recorder: what came, what was written, what is missing.
+//! Counts of a recorder: frames and samples received, written, missing, damaged and repeated; files
+//! deleted.
 
 use std::ops::AddAssign;
 

@@ -1,4 +1,5 @@
-//! Statistics of the loads of one second, as they are published.
+//! Statistics of one load over one second, as they are published: mean, extremes, standard
+//! deviation, number of valid samples.
 
 use serde::Serialize;
 

@@ -1,4 +1,5 @@
-//! Files of a recorder: their names, and the bound on the disk that they take.
+//! Files of a recorder: their names, the next sequence, and the limit on their size on the disk,
+//! kept by deletion of the oldest.
 //!
 //! `SEQUENCE-FIRST_TIME-RECORDER.parquet`: the sequence never repeats, the recorder is a random number
 //! of the first start. A file of another name is never deleted.

@@ -1,4 +1,5 @@
-//! What is published of a machine: a message a second for each load, and its health.
+//! Messages that are published of a machine: each second the statistics of each load, and the
+//! health of the board and its sensors where it changes.
 
 use std::io;
 

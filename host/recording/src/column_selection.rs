@@ -88,6 +88,7 @@ fn conversion(column: &Column, wanted: Unit) -> Result<Conversion, Problem> {
 
 /// `channel`: its name; in the file it may have another.
 fn missing(columns: &[Column], channel: &str, layout: &CsvLayout) -> Problem {
+    /// Columns that a message lists.
     const LISTED: usize = 20;
     let name = layout.column_of(channel);
     let mut found: Vec<_> = columns

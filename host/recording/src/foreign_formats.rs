@@ -13,11 +13,18 @@ pub(super) struct Foreign {
     pub(super) remedy: &'static str,
 }
 
+/// Advice for archives whose tool is not known.
 const UNPACK: &str = "unpack it first";
+
+/// Advice for logs of CAN buses.
 const CAN_LOG: &str = "recompute its frames with `loadtwin prove MACHINE LOG`, or decode it to MDF4 with \
      asammdf and the bus's DBC file";
+
+/// Advice for files of MATLAB.
 const MATLAB: &str = "write CSV or Parquet in MATLAB: `writetable(table(t, ta1), 'out.csv')` or \
      `parquetwrite`";
+
+/// Advice for spreadsheets.
 const SPREADSHEET: &str = "save the sheet as CSV";
 
 /// Formats and how they begin: offset and bytes.

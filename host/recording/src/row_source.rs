@@ -1,5 +1,6 @@
-//! Opening of recordings: the format is recognised by the first bytes; rows are decoded on another
-//! thread while the caller works on the rows before.
+//! Where a recording is (file or Arrow stream, `Input`) and its opening: the format is recognised
+//! by the first bytes; rows are decoded on another thread while the caller works on the rows
+//! before.
 use std::cell::Cell;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};

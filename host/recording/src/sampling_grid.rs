@@ -15,10 +15,12 @@ use super::error::Problem;
 /// 0.05 periods off until it is followed.
 const MEMORY: f64 = 2048.0;
 
-/// How much further than half a period from its tick the row of the next tick
-/// may be [periods]: what the line may be off. Where rows may be missing, a row
-/// that far off is more likely that of the tick after.
+/// How much further than half a period from its tick the row of the next tick may be [periods]: the
+/// error of the line. Where rows may be missing, a row that far off is more likely that of the tick
+/// after.
 const GRACE: f64 = 0.03;
+
+/// The same where no row may be missing.
 const GRACE_WITHOUT_GAPS: f64 = 0.1;
 
 /// Relative deviation of a period that is another period.
@@ -34,19 +36,23 @@ const REGULAR: f64 = 0.25;
 /// Rows that a line counts for which rests on no regular stretch.
 const COARSE: f64 = 16.0;
 
-/// Rows over which the distance from the tick is averaged, and the mean from which the clock wanders
-/// [periods]; and where a step that is nearer to one period would make a gap. Of jitter that is uniform
-/// over a period the mean has a standard deviation of 0.036.
+/// Rows over which the distance from the tick is averaged. Of jitter that is uniform over a period
+/// the mean has a standard deviation of 0.036.
 const WANDERING: f64 = 32.0;
+
+/// Mean distance from the tick from which the clock wanders [periods]: seven such deviations.
 const WANDERS: f64 = 0.25;
+
+/// The same where a step that is nearer to one period would make a gap [periods].
 const WANDERS_AT_GAP: f64 = 0.12;
 
 /// Lengths of the stretches in which the line is looked for [rows].
 const STRETCHES: [usize; 4] = [1024, 256, 64, 16];
 
-/// Rows over which a changed rate is looked for, and rows in a row without a
-/// single step of one period that are of another rate.
+/// Rows over which a changed rate is looked for.
 const CHANGES: [f64; 2] = [256.0, 8192.0];
+
+/// Rows in a row without a single step of one period that are of another rate.
 const NEVER_ONE: u32 = 32;
 
 /// How far back a gap is counted again when the rows after it show that it is a
@@ -350,6 +356,7 @@ impl Grid {
 
     /// Whether rows come regularly at another period about `row`.
     fn changed_rate(&self, t: &[f64], row: usize) -> Option<Misplaced> {
+        /// Rows by which the other period is determined.
         const ROWS: usize = 17;
         let from = row.saturating_sub(1);
         let near = &t[from..t.len().min(from + ROWS)];

@@ -151,6 +151,7 @@ impl Table {
 
 /// The prefix of a unit in which a size near `value` is read best, and its factor: `k` and 1000 for 3e5.
 pub fn prefix_of(value: f64) -> (&'static str, f64) {
+    /// SI prefixes with their factors, the largest first.
     const PREFIXES: [(&str, f64); 7] = [
         ("G", 1e9),
         ("M", 1e6),

@@ -1,4 +1,4 @@
-//! Text and cells of tables as markup.
+//! HTML markup of text and table cells: escaping, minus signs, alignment of columns of words.
 
 use super::Table;
 use std::fmt::Write as _;

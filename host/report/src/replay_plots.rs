@@ -12,8 +12,10 @@ const BUCKETS: usize = 4096;
 /// Samples that the smoothed NIS looks back on.
 const SMOOTHED_SAMPLES: f64 = 200.0;
 
-/// Columns over time for each load, and for the NIS.
+/// Columns over time for each load.
 const LOAD_COLUMNS: usize = 6;
+
+/// Columns over time for the NIS.
 const NIS_COLUMNS: usize = 4;
 
 /// How a load is shown.

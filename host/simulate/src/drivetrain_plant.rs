@@ -23,10 +23,10 @@ const LONGEST_STEP_S: f64 = 1e-4;
 /// Periods of the mesh's stiffness per turn of the main shaft.
 const MESH_ORDER: f64 = 99.0;
 
-/// Part of the nominal speed at which Coulomb friction is fully there.
+/// Part `c` of the nominal speed over which Coulomb friction reverses, `tanh(w / c w_nominal)`.
 const CREEP: f64 = 0.005;
 
-/// Part of the nominal speed over which sticking fades.
+/// Part of the nominal speed over which Stribeck friction falls, where the description gives none.
 const STRIBECK: f64 = 0.05;
 
 /// What drives the plant from outside.
@@ -218,6 +218,7 @@ impl Plant {
     ///
     /// Bounds the highest eigenfrequency and decay rate by Gershgorin's circles.
     pub(crate) fn steps_per_sample(&self, dt_s: f64) -> Result<u32, TooStiff> {
+        /// Most integration steps in a sample: beyond, a machine is too stiff to simulate.
         const MOST: f64 = 20_000.0;
         let slow = CREEP * self.nominal_speed;
         let mut step = LONGEST_STEP_S;

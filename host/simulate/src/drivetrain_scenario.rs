@@ -1,5 +1,5 @@
-//! Scenarios of the drivetrain's test bench: torque and speed over time, built in or from a
-//! recorded machine.
+//! Scenarios of the drivetrain's test bench: torque and speed over time, relative to nominal, built
+//! in or as a recorded machine moved; and random waves with the spectrum of turbulent wind.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -255,6 +255,7 @@ fn triangle(phase: f64) -> f64 {
 pub(crate) struct Waves(Vec<[f64; 3]>);
 
 impl Waves {
+    /// Number of waves in the sum.
     const COUNT: usize = 48;
 
     pub(crate) fn new(lowest_hz: f64, highest_hz: f64, rng: &mut impl rand::Rng) -> Self {

@@ -9,13 +9,13 @@ pub(crate) struct Housing {
     pub temperature: f64,
 }
 
-/// Of the surroundings, in which the machine has not quite cooled down [K].
+/// Temperature of the surroundings [K]: 20 degrees Celsius.
 const AMBIENT: f64 = 293.15;
 
-/// Above the surroundings at nominal power, in the end [K].
+/// Final rise above the surroundings at nominal power [K].
 const RISE: f64 = 30.0;
 
-/// [s].
+/// Time constant of the housing [s]: 20 min.
 const TIME_CONSTANT: f64 = 1200.0;
 
 impl Housing {

@@ -21,13 +21,17 @@ use crate::test_bench::{Bench, place};
 use loadtwin_machine::{Auxiliary, Channel, Drivetrain, Machine, Reference, Senses};
 use loadtwin_recording::{OutputColumn, Quantity, Unit};
 
-/// Standard deviation and resolution of a reference, as part of nominal load:
-/// those of a torque flange of class 0.05.
+/// Standard deviation of a reference, as part of nominal load: that of a torque flange of class
+/// 0.05.
 const REFERENCE_NOISE: f64 = 1e-4;
+
+/// Resolution of a reference, as part of nominal load.
 const REFERENCE_RESOLUTION: f64 = 2e-5;
 
-/// Standard deviation and resolution of the temperature [K].
+/// Standard deviation of the temperature [K].
 const TEMPERATURE_NOISE: f64 = 0.02;
+
+/// Resolution of the temperature [K].
 const TEMPERATURE_RESOLUTION: f64 = 0.01;
 
 /// A recording of a drivetrain in the making.

@@ -1,5 +1,5 @@
 //! Torques of the simulated test bench: which torque acts on which inertia, so that torque and
-//! speed follow the scenario.
+//! speed follow the scenario; the torques that references and drives measure, and the power.
 
 use loadtwin_machine::{Drivetrain, Load, Machine, Senses};
 
@@ -9,7 +9,8 @@ use crate::drivetrain_scenario::{Demand, Profile};
 /// Bandwidth of the speed control [rad/s].
 const BANDWIDTH: f64 = 3.0;
 
-/// The same where it must not hide a torque that is given.
+/// The same where the first load itself holds the speed: slow, so that it does not hide a torque
+/// that is given.
 const BANDWIDTH_OF_LOAD: f64 = 0.3;
 
 /// The first load follows the torque of the scenario. The second one holds

@@ -328,6 +328,7 @@ fn print_errors<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
 
 /// What each residual goes with most clearly.
 fn print_residual_tests(residual_tests: &[ResidualTests]) {
+    /// Tests of each residual that are printed.
     const CLEAREST: usize = 2;
     say!(
         "{:<20}{:<40}{:>8}{:>8}{:>11}",

@@ -60,7 +60,7 @@ impl Init {
         let kind = format!("{:?}", draft.kind).to_lowercase();
         if as_json {
             let columns: Vec<_> = (draft.columns.iter())
-                .map(|column| json!({ "name": column.name, "unit": column.written_unit, "look": format!("{:?}", column.look) }))
+                .map(|column| json!({ "name": column.name, "unit": column.written_unit, "look": format!("{:?}", column.kind) }))
                 .collect();
             let machine_out = self.output.as_ref().map(shown);
             say!(

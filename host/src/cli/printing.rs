@@ -6,9 +6,10 @@ use std::io::{ErrorKind, Write, stderr, stdout};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Whether standard output takes no text: an output of the command goes there,
-/// or its reader has gone.
+/// Whether text goes to standard error, as an output of the command takes standard output.
 static TEXT_TO_STANDARD_ERROR: AtomicBool = AtomicBool::new(false);
+
+/// Whether the reader of standard output has gone.
 static READER_GONE: AtomicBool = AtomicBool::new(false);
 
 /// From now on text goes to standard error.

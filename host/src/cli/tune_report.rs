@@ -93,6 +93,7 @@ pub(super) fn process_noise(machine: &Machine) -> Value {
 
 /// Warnings where the walk estimated from a set differs from the one that is written for it.
 pub(super) fn warnings(machine: &Machine, sets: &[Set], walks: &[Vec<f64>]) -> Vec<String> {
+    /// Factor between the two walks from which a warning is given.
     const FACTOR: f64 = 10.0;
     let mut warnings = Vec::new();
     for (set, chosen) in sets.iter().zip(walks) {

@@ -4,7 +4,7 @@
 use loadtwin_common::bearing::GAUGES;
 use loadtwin_machine::BEARING_LOADS;
 
-use super::column_kind::{Look, LookedAt};
+use super::column_kind::{ClassifiedColumn, ColumnKind};
 use super::sensor_tables::{channel, references};
 use super::toml_text::{Text, number, quoted};
 use super::{InitError, Source};
@@ -57,8 +57,8 @@ const RANGES: [(&str, [f64; 2]); 5] = [
 
 impl Source<'_> {
     pub(super) fn bearing(&self, text: &mut Text) -> Result<(), InitError> {
-        let gauges = self.looking(&[Look::Strain]);
-        let motion = self.looking(&[Look::Counts, Look::Angle, Look::Speed]);
+        let gauges = self.of_kind(&[ColumnKind::Strain]);
+        let motion = self.of_kind(&[ColumnKind::Counts, ColumnKind::Angle, ColumnKind::Speed]);
         let (Some(gauges), Some(wheel)) = (gauges.get(..GAUGES), motion.first()) else {
             return Err(self.refused(
                 "a wheel bearing has four strains (m/m, µm/m) and counts or a speed of the wheel",
@@ -108,11 +108,12 @@ impl Source<'_> {
     }
 
     /// The column of each load: that with its name, else the next force or moment.
-    fn load_columns(&self) -> [Option<&LookedAt>; BEARING_LOADS.len()] {
+    fn load_columns(&self) -> [Option<&ClassifiedColumn>; BEARING_LOADS.len()] {
         let by_name = |load: &str| {
-            let has =
-                |column: &&LookedAt| column.name.to_lowercase().contains(&load.to_lowercase());
-            self.looking(&[Look::Force, Look::Torque])
+            let has = |column: &&ClassifiedColumn| {
+                column.name.to_lowercase().contains(&load.to_lowercase())
+            };
+            self.of_kind(&[ColumnKind::Force, ColumnKind::Torque])
                 .into_iter()
                 .find(has)
         };
@@ -120,8 +121,8 @@ impl Source<'_> {
         if named.iter().any(Option::is_some) {
             return named;
         }
-        let mut forces = self.looking(&[Look::Force]).into_iter();
-        let mut moments = self.looking(&[Look::Torque]).into_iter();
+        let mut forces = self.of_kind(&[ColumnKind::Force]).into_iter();
+        let mut moments = self.of_kind(&[ColumnKind::Torque]).into_iter();
         BEARING_LOADS.map(|load| {
             if load.starts_with('F') {
                 forces.next()

@@ -7,7 +7,7 @@ use super::column_statistics::Statistics;
 
 /// What a column is taken for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Look {
+pub enum ColumnKind {
     /// A strain.
     Strain,
     /// The output of a strain bridge over its excitation.
@@ -43,31 +43,31 @@ pub enum Look {
 }
 
 /// Words in names, in lower case, and what a column without a telling unit is by them.
-const WORDS: &[(&[&str], Look)] = &[
+const WORDS: &[(&[&str], ColumnKind)] = &[
     (
         &["command", "target", "setpoint", "soll", "demand"],
-        Look::Other,
+        ColumnKind::Other,
     ),
-    (&["torque", "moment"], Look::Torque),
-    (&["temp"], Look::Temperature),
+    (&["torque", "moment"], ColumnKind::Torque),
+    (&["temp"], ColumnKind::Temperature),
     (
         &["index", "z-pulse", "zpulse", "nullimpuls", "marker"],
-        Look::Index,
+        ColumnKind::Index,
     ),
     (
         &["encoder", "angle", "position", "winkel", "pos"],
-        Look::Counts,
+        ColumnKind::Counts,
     ),
-    (&["current", "strom", "iq"], Look::Current),
-    (&["voltage", "spannung"], Look::Voltage),
-    (&["force", "kraft"], Look::Force),
-    (&["speed", "velocity", "drehzahl", "rpm"], Look::Speed),
-    (&["strain", "gauge", "dms", "bridge"], Look::Words),
+    (&["current", "strom", "iq"], ColumnKind::Current),
+    (&["voltage", "spannung"], ColumnKind::Voltage),
+    (&["force", "kraft"], ColumnKind::Force),
+    (&["speed", "velocity", "drehzahl", "rpm"], ColumnKind::Speed),
+    (&["strain", "gauge", "dms", "bridge"], ColumnKind::Words),
 ];
 
-/// A column of a recording with what it looks like.
+/// A column of a recording with its kind.
 #[derive(Clone, Debug)]
-pub struct LookedAt {
+pub struct ClassifiedColumn {
     /// Its name in the recording.
     pub name: String,
     /// Its unit; counts or 1 where the recording has none.
@@ -76,69 +76,70 @@ pub struct LookedAt {
     pub has_unit: bool,
     /// The unit as written.
     pub written_unit: Option<String>,
-    /// What it looks like.
-    pub look: Look,
+    /// Its kind.
+    pub kind: ColumnKind,
     /// Figures of its values; none where it holds no numbers.
     pub statistics: Option<Statistics>,
     /// Its values.
     pub values: Vec<f64>,
 }
 
-impl LookedAt {
-    /// Looks at a column.
+impl ClassifiedColumn {
+    /// Classifies a column.
     pub fn new(column: SurveyedColumn) -> Self {
         let unit = column.known_unit();
         let statistics = Statistics::of(&column.values);
         // Text, or a name that is there twice.
-        let is_usable = !column.values.is_empty() || by_name(&column.name) == Some(Look::Index);
-        let look = if is_usable {
-            look(&column.name, unit, statistics.as_ref())
+        let is_usable =
+            !column.values.is_empty() || by_name(&column.name) == Some(ColumnKind::Index);
+        let kind = if is_usable {
+            classify(&column.name, unit, statistics.as_ref())
         } else {
-            Look::Other
+            ColumnKind::Other
         };
-        let is_index = look == Look::Index;
+        let is_index = kind == ColumnKind::Index;
         Self {
             name: column.name,
             has_unit: unit.is_some() || is_index,
             unit: unit.unwrap_or(Unit::COUNTS),
             written_unit: column.unit,
-            look,
+            kind,
             statistics,
             values: column.values,
         }
     }
 
-    /// Whether it is one of `looks`.
-    pub fn is(&self, looks: &[Look]) -> bool {
-        looks.contains(&self.look)
+    /// Whether it is one of `kinds`.
+    pub fn is(&self, kinds: &[ColumnKind]) -> bool {
+        kinds.contains(&self.kind)
     }
 }
 
 /// `statistics`: none where no value could be read.
-fn look(name: &str, unit: Option<Unit>, statistics: Option<&Statistics>) -> Look {
+fn classify(name: &str, unit: Option<Unit>, statistics: Option<&Statistics>) -> ColumnKind {
     let named = by_name(name);
-    let valued = || statistics.map_or(Look::Unknown, by_values);
+    let valued = || statistics.map_or(ColumnKind::Unknown, by_values);
     match unit.map(Unit::quantity) {
-        Some(Quantity::Strain) => Look::Strain,
-        Some(Quantity::BridgeRatio) => Look::BridgeRatio,
-        Some(Quantity::Torque) => Look::Torque,
-        Some(Quantity::Force) => Look::Force,
-        Some(Quantity::Angle) => Look::Angle,
-        Some(Quantity::AngularSpeed) => Look::Speed,
+        Some(Quantity::Strain) => ColumnKind::Strain,
+        Some(Quantity::BridgeRatio) => ColumnKind::BridgeRatio,
+        Some(Quantity::Torque) => ColumnKind::Torque,
+        Some(Quantity::Force) => ColumnKind::Force,
+        Some(Quantity::Angle) => ColumnKind::Angle,
+        Some(Quantity::AngularSpeed) => ColumnKind::Speed,
         // A simulated recording of a rotor has what no sensor measures.
-        Some(Quantity::Length) if is_true_displacement(name) => Look::Other,
-        Some(Quantity::Length) => Look::Length,
-        Some(Quantity::Speed) => Look::LinearSpeed,
-        Some(Quantity::Temperature) => Look::Temperature,
-        Some(Quantity::Current) => Look::Current,
-        Some(Quantity::Voltage) if named == Some(Look::Index) => Look::Index,
-        Some(Quantity::Voltage) => Look::Voltage,
+        Some(Quantity::Length) if is_true_displacement(name) => ColumnKind::Other,
+        Some(Quantity::Length) => ColumnKind::Length,
+        Some(Quantity::Speed) => ColumnKind::LinearSpeed,
+        Some(Quantity::Temperature) => ColumnKind::Temperature,
+        Some(Quantity::Current) => ColumnKind::Current,
+        Some(Quantity::Voltage) if named == Some(ColumnKind::Index) => ColumnKind::Index,
+        Some(Quantity::Voltage) => ColumnKind::Voltage,
         Some(Quantity::Counts) => named.unwrap_or_else(valued),
         Some(Quantity::Number) | None => named.unwrap_or_else(|| match valued() {
-            found @ (Look::Index | Look::Counts) => found,
-            _ => Look::Unknown,
+            found @ (ColumnKind::Index | ColumnKind::Counts) => found,
+            _ => ColumnKind::Unknown,
         }),
-        Some(_) => Look::Other,
+        Some(_) => ColumnKind::Other,
     }
 }
 
@@ -151,36 +152,36 @@ fn is_true_displacement(name: &str) -> bool {
 }
 
 /// By the word that comes last in the name: `encoder index` is an index.
-fn by_name(name: &str) -> Option<Look> {
+fn by_name(name: &str) -> Option<ColumnKind> {
     let name = name.to_lowercase();
     let words = WORDS
         .iter()
-        .flat_map(|(words, look)| words.iter().map(move |word| (*word, *look)));
-    let places = words.filter_map(|(word, look)| {
+        .flat_map(|(words, kind)| words.iter().map(move |word| (*word, *kind)));
+    let places = words.filter_map(|(word, kind)| {
         let place = name.rfind(word)?;
         // A short word is a part of the name between separators.
         let around = |at: Option<char>| at.is_none_or(|c| !c.is_alphanumeric());
         let is_apart = around(name[..place].chars().last())
             && around(name[place + word.len()..].chars().next());
         (word.len() > 4 || is_apart || (word.len() == 4 && around(name[..place].chars().last())))
-            .then_some((place, word.len(), look))
+            .then_some((place, word.len(), kind))
     });
     let is_other = WORDS[0].0.iter().any(|word| name.contains(word));
     if is_other {
-        return Some(Look::Other);
+        return Some(ColumnKind::Other);
     }
     places
         .max_by_key(|(place, length, _)| (*place, *length))
-        .map(|(_, _, look)| look)
+        .map(|(_, _, kind)| kind)
 }
 
-fn by_values(statistics: &Statistics) -> Look {
+fn by_values(statistics: &Statistics) -> ColumnKind {
     if statistics.is_sparse() {
-        Look::Index
+        ColumnKind::Index
     } else if statistics.is_whole && statistics.moves_as_a_counter {
-        Look::Counts
+        ColumnKind::Counts
     } else {
-        Look::Words
+        ColumnKind::Words
     }
 }
 
@@ -188,13 +189,13 @@ fn by_values(statistics: &Statistics) -> Look {
 mod tests {
     use super::*;
 
-    fn look_of(name: &str, unit: Option<&str>, values: Vec<f64>) -> Look {
-        LookedAt::new(SurveyedColumn {
+    fn kind_of_column(name: &str, unit: Option<&str>, values: Vec<f64>) -> ColumnKind {
+        ClassifiedColumn::new(SurveyedColumn {
             name: name.into(),
             unit: unit.map(str::to_owned),
             values,
         })
-        .look
+        .kind
     }
 
     #[test]
@@ -205,25 +206,30 @@ mod tests {
             .map(|i| f64::from(u8::from(i % 100 == 5)))
             .collect();
         for (name, unit, values, expected) in [
-            ("torque", Some("µm/m"), &wave, Look::Strain),
-            ("a", Some("mV/V"), &wave, Look::BridgeRatio),
-            ("Measured Current", Some("Amps"), &wave, Look::Current),
-            ("Front-end Encoder", Some("counts"), &wave, Look::Counts),
-            ("Output Command", Some("counts"), &count, Look::Other),
-            ("encoder_index", Some("counts"), &count, Look::Index),
-            ("a", Some("counts"), &count, Look::Counts),
-            ("a", Some("counts"), &wave, Look::Words),
-            ("a", Some("1"), &pulse, Look::Index),
-            ("a", None, &wave, Look::Unknown),
-            ("a", None, &count, Look::Counts),
-            ("Iq", Some("A"), &wave, Look::Current),
-            ("unique", None, &wave, Look::Unknown),
-            ("housing_temp", None, &wave, Look::Temperature),
-            ("x5", Some("m"), &wave, Look::Length),
-            ("node5_x", Some("m"), &wave, Look::Other),
+            ("torque", Some("µm/m"), &wave, ColumnKind::Strain),
+            ("a", Some("mV/V"), &wave, ColumnKind::BridgeRatio),
+            ("Measured Current", Some("Amps"), &wave, ColumnKind::Current),
+            (
+                "Front-end Encoder",
+                Some("counts"),
+                &wave,
+                ColumnKind::Counts,
+            ),
+            ("Output Command", Some("counts"), &count, ColumnKind::Other),
+            ("encoder_index", Some("counts"), &count, ColumnKind::Index),
+            ("a", Some("counts"), &count, ColumnKind::Counts),
+            ("a", Some("counts"), &wave, ColumnKind::Words),
+            ("a", Some("1"), &pulse, ColumnKind::Index),
+            ("a", None, &wave, ColumnKind::Unknown),
+            ("a", None, &count, ColumnKind::Counts),
+            ("Iq", Some("A"), &wave, ColumnKind::Current),
+            ("unique", None, &wave, ColumnKind::Unknown),
+            ("housing_temp", None, &wave, ColumnKind::Temperature),
+            ("x5", Some("m"), &wave, ColumnKind::Length),
+            ("node5_x", Some("m"), &wave, ColumnKind::Other),
         ] {
             assert_eq!(
-                look_of(name, unit, values.clone()),
+                kind_of_column(name, unit, values.clone()),
                 expected,
                 "{name} {unit:?}"
             );

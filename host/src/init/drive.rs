@@ -5,34 +5,37 @@ use std::f64::consts::TAU;
 
 use loadtwin_recording::{Quantity, Unit};
 
-use super::column_kind::{Look, LookedAt};
+use super::column_kind::{ClassifiedColumn, ColumnKind};
 use super::sensor_tables::COUNTS_PER_TURN;
 use super::toml_text::{Text, quoted, rounded_up};
 use super::{InitError, Source};
 
 /// What may be a drive, the surest first.
-const DRIVES: [&[Look]; 4] = [
-    &[Look::Current],
-    &[Look::Voltage],
-    &[Look::Torque, Look::Force],
-    &[Look::Words, Look::Unknown, Look::Strain],
+const DRIVES: [&[ColumnKind]; 4] = [
+    &[ColumnKind::Current],
+    &[ColumnKind::Voltage],
+    &[ColumnKind::Torque, ColumnKind::Force],
+    &[ColumnKind::Words, ColumnKind::Unknown, ColumnKind::Strain],
 ];
 
 impl Source<'_> {
     pub(super) fn drive(&self, text: &mut Text) -> Result<(), InitError> {
-        let likely = DRIVES.iter().flat_map(|looks| self.looking(looks));
+        let likely = DRIVES.iter().flat_map(|kinds| self.of_kind(kinds));
         // Where nothing shows what a column is, all may be it.
-        let any = self.looking(&[Look::Index, Look::Counts]).into_iter();
-        let any = any.filter(|column| !column.has_unit || column.look == Look::Index);
-        let candidates: Vec<&LookedAt> = likely.chain(any).collect();
-        let mut positions = self.looking(&[Look::Counts, Look::Angle, Look::Length]);
+        let any = self
+            .of_kind(&[ColumnKind::Index, ColumnKind::Counts])
+            .into_iter();
+        let any = any.filter(|column| !column.has_unit || column.kind == ColumnKind::Index);
+        let candidates: Vec<&ClassifiedColumn> = likely.chain(any).collect();
+        let mut positions =
+            self.of_kind(&[ColumnKind::Counts, ColumnKind::Angle, ColumnKind::Length]);
         // A measured position is a whole number of steps, a commanded one is not.
         positions.sort_by_key(|column| column.statistics.as_ref().is_none_or(|s| s.step.is_none()));
-        let speeds = self.looking(&[Look::Speed, Look::LinearSpeed]);
+        let speeds = self.of_kind(&[ColumnKind::Speed, ColumnKind::LinearSpeed]);
         let drive = candidates.first().copied();
         let needed = "a drive has a torque, force, current or voltage, and a position or speed";
         let drive = drive.ok_or_else(|| self.refused(needed))?;
-        let is_free = |column: &&&LookedAt| column.name != drive.name;
+        let is_free = |column: &&&ClassifiedColumn| column.name != drive.name;
         let position = positions.first();
         let speed = speeds.first();
         let motion = candidates.iter().find(is_free);
@@ -84,14 +87,15 @@ impl Source<'_> {
     }
 
     fn temperature(&self, text: &mut Text) {
-        for column in self.looking(&[Look::Temperature]).iter().take(1) {
+        for column in self.of_kind(&[ColumnKind::Temperature]).iter().take(1) {
             signal(text, "temperature", column, None);
         }
     }
 }
 
-fn body(text: &mut Text, drive: &LookedAt, position: Option<&LookedAt>) {
-    let turns = position.is_none_or(|column| matches!(column.look, Look::Counts | Look::Angle));
+fn body(text: &mut Text, drive: &ClassifiedColumn, position: Option<&ClassifiedColumn>) {
+    let turns =
+        position.is_none_or(|column| matches!(column.kind, ColumnKind::Counts | ColumnKind::Angle));
     if turns {
         text.fill_in(
             "turn",
@@ -109,9 +113,10 @@ fn body(text: &mut Text, drive: &LookedAt, position: Option<&LookedAt>) {
 }
 
 /// Torques and forces beside the drive.
-fn loads(text: &mut Text, candidates: &[&LookedAt], drive: &LookedAt) {
-    let is_load =
-        |column: &&&LookedAt| column.name != drive.name && column.is(&[Look::Torque, Look::Force]);
+fn loads(text: &mut Text, candidates: &[&ClassifiedColumn], drive: &ClassifiedColumn) {
+    let is_load = |column: &&&ClassifiedColumn| {
+        column.name != drive.name && column.is(&[ColumnKind::Torque, ColumnKind::Force])
+    };
     for column in candidates.iter().filter(is_load) {
         text.table("[[balance.load]]");
         text.mark("is it a load that the drive works against? Delete the table where it is none");
@@ -121,7 +126,7 @@ fn loads(text: &mut Text, candidates: &[&LookedAt], drive: &LookedAt) {
     }
 }
 
-fn names(columns: &[&LookedAt], chosen: &LookedAt) -> String {
+fn names(columns: &[&ClassifiedColumn], chosen: &ClassifiedColumn) -> String {
     let others = columns.iter().filter(|column| column.name != chosen.name);
     let others: Vec<_> = others
         .map(|column| column.name.escape_debug().to_string())
@@ -136,18 +141,18 @@ fn mark_choice(text: &mut Text, key: &str, what: &str, others: &str) {
 }
 
 /// The unit of the drive after its gain.
-fn drive_unit(column: &LookedAt) -> Option<Unit> {
+fn drive_unit(column: &ClassifiedColumn) -> Option<Unit> {
     let is_known = !matches!(column.unit.quantity(), Quantity::Counts | Quantity::Number);
     is_known.then(|| column.unit.si())
 }
 
 /// SI units in one of the column's; none where it is of no quantity.
-fn gain(column: &LookedAt) -> Option<f64> {
+fn gain(column: &ClassifiedColumn) -> Option<f64> {
     drive_unit(column).map(|_| column.unit.to_si(1.0) - column.unit.to_si(0.0))
 }
 
 /// A signal as an inline table; `counts`: the gain of counts until it is filled in.
-fn signal(text: &mut Text, key: &str, column: &LookedAt, counts: Option<f64>) {
+fn signal(text: &mut Text, key: &str, column: &ClassifiedColumn, counts: Option<f64>) {
     let gain = match gain(column) {
         Some(1.0) => String::new(),
         Some(gain) => format!(", gain = {gain:e}"),
@@ -167,7 +172,7 @@ fn signal(text: &mut Text, key: &str, column: &LookedAt, counts: Option<f64>) {
     );
 }
 
-fn gain_of(text: &mut Text, column: &LookedAt, counts: Option<f64>) {
+fn gain_of(text: &mut Text, column: &ClassifiedColumn, counts: Option<f64>) {
     match gain(column) {
         Some(1.0) => {}
         Some(gain) => text.set("gain", format_args!("{gain:e}")),

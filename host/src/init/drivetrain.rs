@@ -2,12 +2,14 @@
 //! encoders, speeds and reference torques from the columns of the recording.
 
 use super::Source;
-use super::column_kind::{Look, LookedAt};
+use super::column_kind::{ClassifiedColumn, ColumnKind};
 use super::sensor_tables::{channel, nominal, references as write_references};
 use super::toml_text::{Text, number, quoted, rounded_up};
 
-/// Channels and encoders of a sensor set.
+/// Most channels of a sensor set.
 const CHANNELS: usize = loadtwin_common::io::raw::MAX_CHANNELS;
+
+/// Most encoders of a sensor set.
 const ENCODERS: usize = loadtwin_common::io::raw::MAX_ENCODERS;
 
 /// The two inertias, until the machine's are filled in.
@@ -15,10 +17,14 @@ const ENDS: [&str; 2] = ["input", "output"];
 
 impl Source<'_> {
     pub(super) fn drivetrain(&self, text: &mut Text) {
-        let gauges = self.looking(&[Look::Strain, Look::BridgeRatio, Look::Words]);
-        let encoders = self.looking(&[Look::Counts, Look::Angle]);
-        let torques = self.looking(&[Look::Torque]);
-        let speeds = self.looking(&[Look::Speed]);
+        let gauges = self.of_kind(&[
+            ColumnKind::Strain,
+            ColumnKind::BridgeRatio,
+            ColumnKind::Words,
+        ]);
+        let encoders = self.of_kind(&[ColumnKind::Counts, ColumnKind::Angle]);
+        let torques = self.of_kind(&[ColumnKind::Torque]);
+        let speeds = self.of_kind(&[ColumnKind::Speed]);
         // Without gauges a torque transducer is the sensor.
         let (sensed, references) =
             torques.split_at(usize::from(gauges.is_empty()).min(torques.len()));
@@ -65,14 +71,14 @@ impl Source<'_> {
                 Some((per_si, "rad/s")),
             );
         }
-        let channels: Vec<&LookedAt> = (gauges.iter().chain(sensed).chain(&speeds))
+        let channels: Vec<&ClassifiedColumn> = (gauges.iter().chain(sensed).chain(&speeds))
             .copied()
             .collect();
         sensor_set(text, &channels, &encoders);
     }
 }
 
-fn chain(text: &mut Text, speeds: &[&LookedAt], references: &[&LookedAt]) {
+fn chain(text: &mut Text, speeds: &[&ClassifiedColumn], references: &[&ClassifiedColumn]) {
     text.table("[drivetrain]");
     let speed = speeds
         .first()
@@ -128,11 +134,11 @@ fn chain(text: &mut Text, speeds: &[&LookedAt], references: &[&LookedAt]) {
 }
 
 /// The set of sensors, where there are more than an estimator takes.
-fn sensor_set(text: &mut Text, channels: &[&LookedAt], encoders: &[&LookedAt]) {
+fn sensor_set(text: &mut Text, channels: &[&ClassifiedColumn], encoders: &[&ClassifiedColumn]) {
     if channels.len() <= CHANNELS && encoders.len() <= ENCODERS {
         return;
     }
-    let listed = |columns: &[&LookedAt], most: usize| {
+    let listed = |columns: &[&ClassifiedColumn], most: usize| {
         let names: Vec<_> = columns
             .iter()
             .take(most)

@@ -3,7 +3,7 @@
 
 use loadtwin_recording::{ChannelLayout, RATES_HZ, Timing, Unit, WrittenNan};
 
-use super::column_kind::{Look, LookedAt};
+use super::column_kind::{ClassifiedColumn, ColumnKind};
 use super::toml_text::{Text, number, quoted};
 use super::{MARK, MachineKind, Source};
 
@@ -173,8 +173,8 @@ impl Source<'_> {
             let what = what.map(|reason| format!("the unit of time; {reason}"));
             lines.push((what, entry(name, channel)));
         }
-        let is_bare = |column: &&LookedAt| {
-            !column.has_unit && !column.is(&[Look::Other]) && column.statistics.is_some()
+        let is_bare = |column: &&ClassifiedColumn| {
+            !column.has_unit && !column.is(&[ColumnKind::Other]) && column.statistics.is_some()
         };
         for column in self.columns.iter().filter(is_bare) {
             let written = column.written_unit.as_deref().unwrap_or("none");
@@ -210,31 +210,31 @@ fn entry(name: &str, channel: &ChannelLayout) -> String {
     format!("{} = {{ {} }}", quoted(name), fields.join(", "))
 }
 
-/// What a column looks like, in words.
-fn seen(column: &LookedAt) -> String {
-    let what = match column.look {
-        Look::Strain => "strain",
-        Look::BridgeRatio => "strain bridge",
-        Look::Words => "words of a converter",
-        Look::Counts => "counts of an encoder",
-        Look::Angle => "angle",
-        Look::Index => "index pulse",
-        Look::Torque => "torque",
-        Look::Force => "force",
-        Look::Length => "displacement",
-        Look::Speed | Look::LinearSpeed => "speed",
-        Look::Temperature => "temperature",
-        Look::Current => "current",
-        Look::Voltage => "voltage",
-        Look::Other => "not used",
-        Look::Unknown => "of unknown kind",
+/// Kind of a column in words.
+fn seen(column: &ClassifiedColumn) -> String {
+    let what = match column.kind {
+        ColumnKind::Strain => "strain",
+        ColumnKind::BridgeRatio => "strain bridge",
+        ColumnKind::Words => "words of a converter",
+        ColumnKind::Counts => "counts of an encoder",
+        ColumnKind::Angle => "angle",
+        ColumnKind::Index => "index pulse",
+        ColumnKind::Torque => "torque",
+        ColumnKind::Force => "force",
+        ColumnKind::Length => "displacement",
+        ColumnKind::Speed | ColumnKind::LinearSpeed => "speed",
+        ColumnKind::Temperature => "temperature",
+        ColumnKind::Current => "current",
+        ColumnKind::Voltage => "voltage",
+        ColumnKind::Other => "not used",
+        ColumnKind::Unknown => "of unknown kind",
     };
     let Some(found) = &column.statistics else {
         return format!("{what}: no values, or a name that is there twice");
     };
     let range = format!("{what}, {} to {}", number(found.least), number(found.most));
-    match column.look {
-        Look::Counts => {
+    match column.kind {
+        ColumnKind::Counts => {
             let width = found
                 .wraps_at_bits
                 .map_or("no wrap".into(), |bits| format!("wraps at {bits} bit"));
@@ -244,10 +244,10 @@ fn seen(column: &LookedAt) -> String {
                 number(found.motion.abs())
             )
         }
-        Look::Index if found.empty > 0.5 => {
+        ColumnKind::Index if found.empty > 0.5 => {
             format!("{range}, empty in {:.1} % of rows", 100.0 * found.empty)
         }
-        Look::Index | Look::Other => range,
+        ColumnKind::Index | ColumnKind::Other => range,
         _ => format!("{range}, white noise {}", number(found.noise_std)),
     }
 }

@@ -1,7 +1,7 @@
 //! Draft of a machine description generated from a recording: classifies the columns, chooses the
 //! kind of machine, writes the text, and checks that it loads.
 //!
-//! Columns are described by what they look like; what a recording does not show stands below a line
+//! Columns are described by their kind; what a recording does not show stands below a line
 //! `# TO FILL IN: ...` with a value that is allowed. The description is valid as it is.
 
 mod bearing;
@@ -24,7 +24,7 @@ use loadtwin_recording::{RecordingError, Survey, survey};
 use loadtwin_replay::{ReplayError, Samples};
 use thiserror::Error;
 
-pub use column_kind::{Look, LookedAt};
+pub use column_kind::{ClassifiedColumn, ColumnKind};
 pub use toml_text::MARK;
 
 use toml_text::Text;
@@ -78,7 +78,7 @@ pub struct Draft {
     /// The recording.
     pub survey: Survey,
     /// Its columns.
-    pub columns: Vec<LookedAt>,
+    pub columns: Vec<ClassifiedColumn>,
 }
 
 /// Begins a description of the machine whose recording is in `path`; `kind`: by the columns where
@@ -89,7 +89,8 @@ pub struct Draft {
 pub fn draft(path: &Path, kind: Option<MachineKind>) -> Result<Draft, InitError> {
     let mut survey = survey(path)?;
     let columns = std::mem::take(&mut survey.columns);
-    let mut columns: Vec<LookedAt> = columns.into_iter().map(LookedAt::new).collect();
+    let mut columns: Vec<ClassifiedColumn> =
+        columns.into_iter().map(ClassifiedColumn::new).collect();
     loop {
         let (kind, text, marks) = written(path, &survey, &columns, kind)?;
         let machine = checked(&text)?;
@@ -100,9 +101,11 @@ pub fn draft(path: &Path, kind: Option<MachineKind>) -> Result<Draft, InitError>
                 Err(ReplayError::Index(_))
             )
         });
-        let index = columns.iter_mut().find(|column| column.look == Look::Index);
+        let index = columns
+            .iter_mut()
+            .find(|column| column.kind == ColumnKind::Index);
         match index.filter(|_| is_no_index) {
-            Some(index) => index.look = Look::Other,
+            Some(index) => index.kind = ColumnKind::Other,
             None => {
                 return Ok(Draft {
                     text,
@@ -119,7 +122,7 @@ pub fn draft(path: &Path, kind: Option<MachineKind>) -> Result<Draft, InitError>
 fn written(
     path: &Path,
     survey: &Survey,
-    columns: &[LookedAt],
+    columns: &[ClassifiedColumn],
     kind: Option<MachineKind>,
 ) -> Result<(MachineKind, String, usize), InitError> {
     let is_stated = kind.is_some();
@@ -146,14 +149,14 @@ fn written(
 struct Source<'a> {
     path: &'a Path,
     survey: &'a Survey,
-    columns: &'a [LookedAt],
+    columns: &'a [ClassifiedColumn],
 }
 
 impl<'a> Source<'a> {
-    fn looking(&self, looks: &[Look]) -> Vec<&'a LookedAt> {
+    fn of_kind(&self, kinds: &[ColumnKind]) -> Vec<&'a ClassifiedColumn> {
         self.columns
             .iter()
-            .filter(|column| column.is(looks))
+            .filter(|column| column.is(kinds))
             .collect()
     }
 
@@ -173,17 +176,17 @@ impl<'a> Source<'a> {
 
 /// Gauges make a drivetrain, with forces beside four of them a wheel bearing; displacements without
 /// a drive a rotor; all else is a drive.
-fn kind_of(columns: &[LookedAt]) -> MachineKind {
-    let count = |looks: &[Look]| columns.iter().filter(|column| column.is(looks)).count();
-    let strains = count(&[Look::Strain, Look::BridgeRatio]);
-    let gauges = strains + count(&[Look::Words]);
-    let lengths = count(&[Look::Length]);
-    let drives = count(&[Look::Current, Look::Voltage, Look::Torque]);
-    if count(&[Look::Force]) > 0 && strains == GAUGES {
+fn kind_of(columns: &[ClassifiedColumn]) -> MachineKind {
+    let count = |kinds: &[ColumnKind]| columns.iter().filter(|column| column.is(kinds)).count();
+    let strains = count(&[ColumnKind::Strain, ColumnKind::BridgeRatio]);
+    let gauges = strains + count(&[ColumnKind::Words]);
+    let lengths = count(&[ColumnKind::Length]);
+    let drives = count(&[ColumnKind::Current, ColumnKind::Voltage, ColumnKind::Torque]);
+    if count(&[ColumnKind::Force]) > 0 && strains == GAUGES {
         MachineKind::Bearing
     } else if gauges > 0 && (strains > 0 || drives == 0 || gauges > drives) {
         MachineKind::Drivetrain
-    } else if lengths > 1 && drives == 0 && count(&[Look::Force]) != 1 {
+    } else if lengths > 1 && drives == 0 && count(&[ColumnKind::Force]) != 1 {
         MachineKind::Rotor
     } else {
         MachineKind::Drive

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use loadtwin_machine::MOST_LOADS;
 
-use super::column_kind::{Look, LookedAt};
+use super::column_kind::{ClassifiedColumn, ColumnKind};
 use super::sensor_tables::{channel, references};
 use super::toml_text::{Text, number, rounded_up};
 use super::{InitError, Source};
@@ -21,15 +21,17 @@ const SPEED_RAD_S: f64 = 100.0;
 
 impl Source<'_> {
     pub(super) fn rotor(&self, text: &mut Text) -> Result<(), InitError> {
-        let sensors = self.looking(&[Look::Length]);
+        let sensors = self.of_kind(&[ColumnKind::Length]);
         if sensors.is_empty() {
             return Err(self.refused("a rotor has displacements (m, mm, µm)"));
         }
-        let forces = self.looking(&[Look::Force]);
-        let encoders = self.looking(&[Look::Counts, Look::Angle, Look::Speed]);
+        let forces = self.of_kind(&[ColumnKind::Force]);
+        let encoders = self.of_kind(&[ColumnKind::Counts, ColumnKind::Angle, ColumnKind::Speed]);
         let encoders = &encoders[..encoders.len().min(1)];
         text.table("[rotor]");
-        let speed = encoders.iter().find(|column| column.look == Look::Speed);
+        let speed = encoders
+            .iter()
+            .find(|column| column.kind == ColumnKind::Speed);
         let speed = speed.map(|column| column.unit.to_si(column.largest()).abs());
         let slow = (TAU * self.rate_hz() / SAMPLES_PER_TURN).min(SPEED_RAD_S);
         text.fill_in(
@@ -86,7 +88,7 @@ struct Places {
 }
 
 impl Places {
-    fn of(&mut self, sensor: &LookedAt, count: usize) -> (usize, u32) {
+    fn of(&mut self, sensor: &ClassifiedColumn, count: usize) -> (usize, u32) {
         let name = sensor.name.to_lowercase();
         let has = |letter: char| {
             let place = name.find(letter);

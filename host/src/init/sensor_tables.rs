@@ -5,7 +5,7 @@ use loadtwin_machine::six_digits;
 use loadtwin_recording::{Quantity, Unit};
 
 use super::Source;
-use super::column_kind::{Look, LookedAt};
+use super::column_kind::{ClassifiedColumn, ColumnKind};
 use super::toml_text::{Text, in_toml, number, quoted, rounded_up};
 
 /// Counts of an encoder until its own are filled in.
@@ -29,11 +29,11 @@ const NEAR: f64 = 0.25;
 /// Pulses that show a turn.
 const PULSES: usize = 3;
 
-impl LookedAt {
+impl ClassifiedColumn {
     /// The unit in which a description states the column.
     pub(super) fn described_unit(&self) -> Unit {
-        match self.look {
-            Look::BridgeRatio | Look::Words => "µm/m".parse().unwrap_or(self.unit),
+        match self.kind {
+            ColumnKind::BridgeRatio | ColumnKind::Words => "µm/m".parse().unwrap_or(self.unit),
             _ => self.unit,
         }
     }
@@ -68,7 +68,12 @@ impl LookedAt {
 
 impl Source<'_> {
     /// An encoder; `inertia`: where it is, on a drivetrain.
-    pub(super) fn encoder(&self, text: &mut Text, column: &LookedAt, inertia: Option<&str>) {
+    pub(super) fn encoder(
+        &self,
+        text: &mut Text,
+        column: &ClassifiedColumn,
+        inertia: Option<&str>,
+    ) {
         text.table("[[encoder]]");
         text.set("name", quoted(&column.name));
         match inertia {
@@ -82,7 +87,7 @@ impl Source<'_> {
         if found.is_some() {
             text.comment("From pulse to pulse of the index.");
         }
-        let (counts, what) = if column.look == Look::Counts {
+        let (counts, what) = if column.kind == ColumnKind::Counts {
             (
                 COUNTS_PER_TURN,
                 "lines per turn times four; negative where it counts down in forward turning",
@@ -94,7 +99,7 @@ impl Source<'_> {
         let found = column
             .statistics
             .as_ref()
-            .filter(|_| column.look == Look::Counts);
+            .filter(|_| column.kind == ColumnKind::Counts);
         match found.map(|found| found.wraps_at_bits) {
             Some(Some(bits)) => text.set("bits", bits),
             Some(None) => text.comment("No wrap in this recording; `bits` is the width of a counter that wraps, 32 without."),
@@ -103,8 +108,8 @@ impl Source<'_> {
     }
 
     /// The index pulse.
-    pub(super) fn index(&self, text: &mut Text, encoders: &[&LookedAt]) {
-        let Some(index) = self.looking(&[Look::Index]).first().copied() else {
+    pub(super) fn index(&self, text: &mut Text, encoders: &[&ClassifiedColumn]) {
+        let Some(index) = self.of_kind(&[ColumnKind::Index]).first().copied() else {
             return;
         };
         text.table("[index]");
@@ -125,12 +130,12 @@ impl Source<'_> {
     }
 
     /// Counts of the encoder from pulse to pulse, where they are the same.
-    fn homed(&self, encoder: &LookedAt) -> Option<f64> {
-        let index = self.looking(&[Look::Index]).first().copied()?;
+    fn homed(&self, encoder: &ClassifiedColumn) -> Option<f64> {
+        let index = self.of_kind(&[ColumnKind::Index]).first().copied()?;
         let found = encoder
             .statistics
             .as_ref()
-            .filter(|_| encoder.look == Look::Counts)?;
+            .filter(|_| encoder.kind == ColumnKind::Counts)?;
         let modulus = found.wraps_at_bits.map(|bits| f64::from(bits).exp2());
         let apart = |from: f64, to: f64| match modulus {
             Some(modulus) => (to - from) - ((to - from) / modulus).round() * modulus,
@@ -161,7 +166,7 @@ impl Source<'_> {
 
     /// Temperatures.
     pub(super) fn auxiliaries(&self, text: &mut Text) {
-        for column in self.looking(&[Look::Temperature]) {
+        for column in self.of_kind(&[ColumnKind::Temperature]) {
             text.table("[[auxiliary]]");
             text.set("name", quoted(&column.name));
             let unit = column.unit.quantity() == Quantity::Temperature;
@@ -179,7 +184,7 @@ impl Source<'_> {
 /// A channel that senses `senses`; `sensitivity`: that until it is filled in, and of what.
 pub(super) fn channel(
     text: &mut Text,
-    column: &LookedAt,
+    column: &ClassifiedColumn,
     senses: (&str, Option<&str>),
     sensitivity: Option<(f64, &str)>,
 ) {
@@ -208,7 +213,7 @@ pub(super) fn channel(
     };
     text.fill_in("noise_std", number(noise), what);
     converter(text, column);
-    if column.look == Look::BridgeRatio {
+    if column.kind == ColumnKind::BridgeRatio {
         text.fill_in(
             "bridge",
             "{ bridge = \"full-1\", gauge_factor = 2, gauge_resistance_ohm = 350, tension_reads = \"positive\" }",
@@ -217,10 +222,10 @@ pub(super) fn channel(
     }
 }
 
-fn converter(text: &mut Text, column: &LookedAt) {
+fn converter(text: &mut Text, column: &ClassifiedColumn) {
     let entry =
         |lsb: f64, bits: u32| format!("{{ lsb = {}, bits = {bits} }}", in_toml(six_digits(lsb)));
-    if column.look == Look::Words {
+    if column.kind == ColumnKind::Words {
         text.fill_in(
             "adc",
             entry(1.0, 32),
@@ -229,7 +234,7 @@ fn converter(text: &mut Text, column: &LookedAt) {
         return;
     }
     let mut step = column.statistics.as_ref().and_then(|s| s.step);
-    if column.look == Look::BridgeRatio {
+    if column.kind == ColumnKind::BridgeRatio {
         // In mV/V, whatever the unit of the column.
         let scale = column.unit.to_si(1.0) * 1e3;
         step = step.map(|step| step * scale);
@@ -260,7 +265,7 @@ fn converter(text: &mut Text, column: &LookedAt) {
 }
 
 /// References of torques or forces for `loads`, in their order.
-pub(super) fn references(text: &mut Text, columns: &[&LookedAt], loads: &[&str]) {
+pub(super) fn references(text: &mut Text, columns: &[&ClassifiedColumn], loads: &[&str]) {
     for (i, column) in columns.iter().enumerate() {
         let Some(load) = loads.get(i).or(loads.last()) else {
             return;
@@ -278,8 +283,8 @@ pub(super) fn references(text: &mut Text, columns: &[&LookedAt], loads: &[&str])
 
 /// Counts at which the pulses came, and how far the encoder was past them.
 fn pulses(
-    index: &LookedAt,
-    encoder: &LookedAt,
+    index: &ClassifiedColumn,
+    encoder: &ClassifiedColumn,
     apart: impl Fn(f64, f64) -> f64,
 ) -> Option<Vec<(f64, f64)>> {
     let found = index.statistics.as_ref()?;
@@ -316,7 +321,7 @@ fn pulses(
 }
 
 /// Nominal value of a load [SI], by the largest value of its reference.
-pub(super) fn nominal(column: Option<&&LookedAt>) -> String {
+pub(super) fn nominal(column: Option<&&ClassifiedColumn>) -> String {
     column.map_or("1".into(), |column| {
         rounded_up((column.unit.to_si(column.largest()) - column.unit.to_si(0.0)).abs())
     })

@@ -6,7 +6,8 @@ use crate::bearing::ekf::{BIAS_INDEX, JointEkf, KNOWN_PHASE, LOAD_INDEX, NX, PRE
 use crate::bearing::{LOADS, ROWS, Tuning};
 use crate::signal::phase::wrap_rad;
 
-/// Phases further apart than this are not the same [rad].
+/// Phases further apart than this are not the same [rad]: twice the standard deviation at which a
+/// phase is known ([`KNOWN_PHASE`]).
 const APART: f32 = 0.6;
 
 impl JointEkf {

@@ -1,4 +1,5 @@
-//! A load on the bus: value, standard deviation, fault and age.
+//! CAN frame of one load: value and standard deviation as parts of full scale (`Scale`), fault, and
+//! age of the estimate; encoding and decoding.
 
 use crate::Error;
 use crate::io::estimate::LoadEstimate;

@@ -1,5 +1,5 @@
-//! CAN frames of estimates, sensor health, status and raw samples: identifiers, the frame types,
-//! the encoder of a machine (`FrameEncoder`), and the decoder of any frame (`decode`).
+//! CAN frames of estimates, sensor health, status and raw samples: identifiers, bit fields, frame
+//! types, the encoder of a machine (`FrameEncoder`), and the decoder of any frame (`decode`).
 //!
 //! `docs/wire-format.md` is the specification, `docs/loadtwin.dbc` the source
 //! of the layout. A load or sensor frame is a pure function of the estimate

@@ -1,4 +1,5 @@
-//! Sensor health on the bus: fault, normalised innovation, NIS and homing flag of one sensor.
+//! CAN frame of the health of one sensor: fault, normalised innovation, NIS and homing flag;
+//! encoding and decoding.
 
 use crate::io::estimate::{MAX_SENSORS, SensorEstimate};
 use crate::io::fault::Fault;

@@ -1,5 +1,6 @@
-//! Status frames (heartbeat): state of the estimator and, page by page, hash of the model, counters
-//! of the board, frame format, tick and sample rate.
+//! CAN frames of the status (heartbeat): state of the estimator and, page by page, hash of the
+//! model, counters of the board, frame format, tick and sample rate; encoding, decoding, and
+//! merging of pages.
 
 use crate::io::frame::WIRE_VERSION;
 use crate::io::frame::signal_layout::status as field;
@@ -112,6 +113,7 @@ pub(crate) struct Pages {
 }
 
 impl Pages {
+    /// Number of pages.
     const COUNT: u32 = 6;
 
     /// Those of a board without image.

@@ -15,7 +15,11 @@ const MODEL: *const u8 = 0x0030_0000 as *const u8;
 /// `PSRAM` in memory/emulated.x; the flash starts behind a word that says
 /// whether it was filled since power-on.
 const PSRAM: *mut u32 = 0x2100_0000 as *mut u32;
+
+/// Value of that word once the flash was filled.
 const FILLED: u32 = 0xF111_ED01;
+
+/// Where the flash starts behind it [bytes].
 const OFFSET: usize = 8;
 
 /// The flash; to be taken once.

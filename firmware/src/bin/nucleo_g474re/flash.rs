@@ -23,7 +23,11 @@ use loadtwin_firmware::store::Layout;
 pub const PAGE: usize = 2048;
 /// The smallest part that is written [bytes].
 const DOUBLE_WORD: usize = 8;
+
+/// Start of bank 2 in the address space (RM0440).
 const BANK: *const u8 = 0x0804_0000 as *const u8;
+
+/// Length of bank 2 [bytes].
 const BANK_LEN: usize = 256 * 1024;
 /// The last page holds the key.
 const KEY_AT: u32 = (BANK_LEN - PAGE) as u32;

@@ -64,13 +64,21 @@ const CONVERTER: Config = Config {
     oversampling: Oversampling::X2048,
     gain: [Gain::X32; 4],
 };
+
+/// Bit rate of the CAN bus (bit/s).
 const BITRATE: u32 = 500_000;
+
+/// Time without progress after which the watchdog restarts the board [us].
 const WATCHDOG_US: u32 = 500_000;
 /// Turn of the thread's slow work; a converter silent for that long is reported.
 const TURN_MS: u64 = 20;
 /// Longest payload of an image [bytes].
 const IMAGE: usize = 24 * 1024;
+
+/// Frames that may wait for the bus.
 const OUTBOX: usize = 64;
+
+/// Frames from the bus that may wait.
 const INBOX: usize = 32;
 /// Set in `LATCHED` above the 16 bits of the count.
 const CAME: u32 = 1 << 31;

@@ -1,5 +1,5 @@
-//! Benchmark on the emulated Cortex-M4F: instructions for a step of each filter, Butterworth
-//! low-pass and whole estimator, and those of other filters.
+//! Benchmark on the emulated Cortex-M4F: instructions for a step of each filter, a Butterworth
+//! low-pass, the whole estimator, load counting, and other Kalman filters.
 //!
 //! Prints `name instructions`, one line each: the mean over 1000 steps with
 //! the harness subtracted. Exact and repeatable under
@@ -80,6 +80,7 @@ static HEAP: Heap = Heap::empty();
 /// For a peer's builder and the bearing's samples [bytes].
 const HEAP_LEN: usize = 1024 * 1024;
 
+/// Steps over which instructions are averaged.
 const STEPS: u32 = 1000;
 
 /// CMSDK timer 0 of the board: control, value, reload.

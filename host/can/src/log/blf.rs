@@ -10,12 +10,25 @@ use flate2::read::ZlibDecoder;
 use super::line_parsing::Line;
 use crate::bus_frame::{BusFrame, FrameKind};
 
+/// Type of an object: a container of others, as Vector numbers them (`BL_OBJ_TYPE_LOG_CONTAINER`).
 const CONTAINER: u32 = 10;
+
+/// Type of an object: a classic frame.
 const CAN_MESSAGE: u32 = 1;
+
+/// Type of an object: a classic frame with its length in time.
 const CAN_MESSAGE_2: u32 = 86;
+
+/// Type of an object: an error frame.
 const CAN_ERROR: u32 = 2;
+
+/// Type of an object: an error frame with its cause.
 const CAN_ERROR_EXT: u32 = 73;
+
+/// Type of an object: an FD frame.
 const CAN_FD_MESSAGE: u32 = 100;
+
+/// Type of an object: an FD frame in its later layout, of variable length.
 const CAN_FD_MESSAGE_64: u32 = 101;
 
 /// Largest container and largest object (bytes): the usual writers make 128 KiB.

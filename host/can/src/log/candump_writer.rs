@@ -12,7 +12,7 @@ use crate::bus::Received;
 /// Lines that are written at once [bytes].
 const LINES: usize = 8 << 10;
 
-/// Longest time for which a frame stays in memory.
+/// Longest time for which a frame stays in memory [us].
 const LONGEST_US: u64 = 1_000_000;
 
 /// Content type of the log of a bus.

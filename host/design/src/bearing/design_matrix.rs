@@ -1,5 +1,6 @@
-//! The response of a gauge as a linear least-squares problem: given phases and contacts, its
-//! strain is linear in its coefficients.
+//! Linear least-squares problem of a gauge's response: features of the contacts in equilibrium with
+//! the loads of each block, rows of coefficients with their weights, normal equations and their
+//! solution.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
@@ -11,16 +12,20 @@ use crate::bearing::physical_parameters::{PhysicalParameters, geometry};
 use crate::bearing::rig_fit::Rig;
 use crate::error::BuildError;
 
-/// Powers of the time that take the warming of the bulk strain.
+/// Powers of the time that follow the warming of the bulk strain, constant to cubic.
 pub const DRIFT_TERMS: usize = 4;
-/// Coefficients of the bulk strain, and all.
+/// Coefficients of the bulk strain: drift, loads, features of both rows.
 pub const BULK_TERMS: usize = DRIFT_TERMS + LOADS + ROWS * FEATURES;
-/// See [`BULK_TERMS`].
+/// All coefficients of a gauge: those of the bulk strain, then real and imaginary part of the local
+/// strain's harmonics for each row and feature.
 pub const COEFFICIENTS: usize = BULK_TERMS + ROWS * HARMONICS * FEATURES * 2;
-/// Force out of balance at which an equilibrium is reached [kN], and the most steps towards it.
+/// Force out of balance at which an equilibrium is reached [kN].
 const BALANCED: f32 = 1e-4;
+
+/// Most steps of Newton's method to it; two were too few (docs/lab/tried.md).
 const MOST_STEPS: usize = 20;
-/// Weight of the mean strain: its error from block to block [um/m].
+/// Error of the mean strain from block to block [um/m], by which it is weighted beside the
+/// harmonics.
 const BULK_ERROR: f64 = 5.0;
 
 /// Features of each block with the bearing's `physical` parameters.

@@ -17,7 +17,7 @@ use crate::error::BuildError;
 
 /// Stretches of the recording between which errors count as independent.
 const SEGMENTS: usize = 40;
-/// As [`ERROR_CORRELATION_FACTOR`], of the errors that stay where there is no strain.
+/// As [`ERROR_CORRELATION_FACTOR`], on the part of the error that does not grow with the strain.
 const ERROR_CORRELATION_FACTOR_AT_REST: f64 = 2.0;
 /// Lower bound of a gauge's noise [um/m].
 const LEAST_NOISE: f64 = 0.5;

@@ -17,10 +17,12 @@ use crate::payload::packed;
 use crate::sensor_set::Sensors;
 use loadtwin_machine::{Bearing, Channel, Machine, MachineError, Senses, Violation};
 
-/// Load at the end of the scale on the bus, in ranges.
+/// Load at the end of the scale on the bus, in ranges: room beyond the described range, at steps of
+/// 3e-5 ranges.
 const FULL_SCALE: f64 = 4.0;
 
-/// Standard deviation at which an estimate is no longer valid, in ranges.
+/// Standard deviation at which an estimate is no longer valid, in ranges: the band of twice it is
+/// then 40 % of the range.
 const VALID_STD: f64 = 0.2;
 
 /// Smallest standard deviation of a load about what is expected, in ranges.

@@ -9,7 +9,8 @@ use crate::bearing::model_image::model;
 use crate::bearing::rig_fit::{Rig, RigSample};
 use crate::error::BuildError;
 
-/// Factor on the errors at rest: with the loads given there is time.
+/// Factor on the resting errors of the gauges while phases are tracked: with the loads given, a
+/// slow filter is no drawback.
 const NOISE_INFLATION: f32 = 3.0;
 
 /// A block with its loads (kN) and the phases of both rows at its start.

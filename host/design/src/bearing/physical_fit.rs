@@ -16,10 +16,12 @@ use crate::error::BuildError;
 
 /// One block in this many is used.
 const THINNED: usize = 4;
-/// Steps of Gauss and Newton, and the most times that one is halved.
+/// Steps of the Gauss-Newton method.
 const STEPS: usize = 3;
+
+/// Most times that a step is halved which does not lower the cost.
 const HALVINGS: usize = 3;
-/// Difference over which features are differentiated, in expected standard deviations.
+/// Difference over which features are differentiated, in prior standard deviations.
 const DIFFERENCE: f64 = 0.2;
 
 type Parameters = [f64; PARAMETERS];

@@ -29,10 +29,12 @@ pub struct PhysicalParameters {
     pub compliance: [[f64; SHAPES]; SHAPES],
 }
 
-/// Most that a row can move with the other.
+/// Largest coupling of the rows, `row_coupling` with its deviation: at 1 both rows have one
+/// deformation, and the compliance no inverse.
 const CLOSEST_ROWS: f64 = 0.95;
 
-/// Standard deviations that are expected of a production part in its seat.
+/// Prior standard deviations of a production part in its seat: relative ones, the contact angle in
+/// degrees. Assumed, not measured.
 const EXPECTED: PhysicalParameters = {
     let mut compliance = [[0.08; SHAPES]; SHAPES];
     let mut k = 0;

@@ -22,13 +22,15 @@ use loadtwin_machine::{Bearing, Machine};
 
 /// Times that phases are followed and gauges fitted in turn.
 const ITERATIONS: usize = 4;
-/// Least part of the blocks that must have been followed in the end, and before.
+/// Least part of the blocks that must have been followed in the last iteration.
 const LEAST_FOLLOWED: f64 = 0.5;
+
+/// The same in the iterations before, whose responses are not yet fitted.
 const LEAST_AT_FIRST: f64 = 0.1;
 /// Error of responses before their first fit, as part of the strain.
 const INITIAL_MODEL_ERROR: f32 = 0.7;
-/// Errors of the model stay for many blocks, where the filter takes them for new ones
-/// in each: factor by which its error variances are enlarged.
+/// Factor by which the standard deviations of model errors are enlarged: they last for many blocks,
+/// where the filter takes them for new ones in each. 4 is an error of 16 blocks, 0.16 s.
 pub(crate) const ERROR_CORRELATION_FACTOR: f64 = 4.0;
 
 /// A sample on the rig: raw words, and `Fx, Fy, Fz` (N), `Mx, Mz` [N m].

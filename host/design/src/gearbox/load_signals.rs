@@ -9,10 +9,12 @@ use loadtwin_machine::Drivetrain;
 use crate::error::BuildError;
 use crate::sensor_set::Sensors;
 
-/// Load at the end of the scale on the bus, in nominal loads.
+/// Load at the end of the scale on the bus, in nominal loads: room for overload, at steps of 3e-5
+/// nominal.
 const FULL_SCALE: f64 = 4.0;
 
-/// Standard deviation at which an estimate is no longer valid, in nominal loads.
+/// Standard deviation at which an estimate is no longer valid, in nominal loads: the band of twice
+/// it is then 60 % of nominal.
 const VALID_STD: f64 = 0.3;
 
 /// The signal of each load, scaled by its nominal value.

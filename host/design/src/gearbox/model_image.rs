@@ -30,7 +30,7 @@ const DEFAULT_WALK: f64 = 0.2;
 /// warming of a housing.
 const WARMING_S: f64 = 10.0;
 
-/// Size of an encoder's unknown zero [rad].
+/// Size of an encoder's unknown zero [rad], the scale of its state.
 const ZERO_SCALE: f64 = 1e-3;
 
 /// The image's payload for `machine` with `sensors`, as postcard bytes.

@@ -9,8 +9,10 @@ use crate::reduce::csv_table::complete;
 use crate::reduce::{Node, ReduceError};
 use loadtwin_recording::Unit;
 
-/// Width of a node's number and of a value, from column 4 on.
+/// Columns of a node's number, from column 4 on (format of CalculiX results).
 const NUMBER: usize = 10;
+
+/// Columns of a value.
 const VALUE: usize = 12;
 
 /// Reads every block of strain (`*EL FILE` with `E`), one for each load case.

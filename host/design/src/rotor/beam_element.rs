@@ -1,4 +1,5 @@
-//! Mass, stiffness and gyroscopic matrices of a cylindrical Timoshenko beam element.
+//! Mass, stiffness and gyroscopic matrices of a cylindrical Timoshenko beam element, with its area,
+//! second moment of area and shear coefficient.
 
 /// Degrees of freedom of a node: `x`, `y`, `alpha` about x, `beta` about y.
 pub const NODE: usize = 4;
@@ -182,8 +183,10 @@ impl Bending {
     }
 }
 
-/// Where `w1, w1', w2, w2'` stand among the degrees of freedom, with their signs.
+/// Degrees of freedom of `w1, w1', w2, w2'` for bending in the plane of x, with their signs.
 const PLANE_X: [(usize, f64); 4] = [(0, 1.0), (3, 1.0), (4, 1.0), (7, 1.0)];
+
+/// The same in the plane of y, where a slope is `-alpha`.
 const PLANE_Y: [(usize, f64); 4] = [(1, 1.0), (2, -1.0), (5, 1.0), (6, -1.0)];
 
 #[cfg(test)]

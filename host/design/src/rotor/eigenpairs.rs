@@ -1,5 +1,5 @@
-//! Complex eigenpairs of the rotor at one speed, and the selection
-//! of those that dominate the free motion after a start.
+//! Complex eigenpairs of the rotor at one speed: the least damped one, the selection of those that
+//! dominate the free motion after a start, and real bases of what the selected ones span.
 
 use faer::linalg::solvers::{PartialPivLu, Solve};
 use faer::{Mat, c64};

@@ -1,5 +1,6 @@
 //! Design of a rotor's filter: reduced models over a grid of speeds, scales of the states, discrete
-//! transitions, observation rows, process noise, displacement maps of all nodes.
+//! transitions, observation rows, process noise, displacement maps of all nodes; error of the
+//! reduction, and instability.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -21,7 +22,7 @@ use loadtwin_machine::{Channel, Drift, LoadKind, Machine, Rotor, Senses};
 /// Speeds of the tables where the machine has a range of them.
 const SPEEDS: usize = 17;
 
-/// Readings are in micrometres.
+/// Unit of readings and displacements in the filter [m]: micrometres.
 pub(crate) const UNIT_M: f64 = 1e-6;
 
 /// Everything that the image of a rotor is made of.

@@ -1,5 +1,6 @@
 //! Convergence time of a rotor's filter: number of samples until the load variances of the
-//! covariance recursion are close to their final value.
+//! covariance recursion are close to their final value; and the matrices in the filter's form,
+//! increments `D` and lower triangle.
 
 use faer::Mat;
 use loadtwin_common::rotor::filter::{

@@ -10,13 +10,17 @@ use crate::rotor::filter_design::RotorFilterDesign;
 use crate::rotor::modal_truncation::ModalModel;
 use loadtwin_machine::Rotor;
 
-/// Standard deviation of a bearing's stiffness and of its damping, and of the shaft's stiffness, as
-/// part of each: bearings are computed or taken from tables, moduli and diameters are measured.
+/// Standard deviation of a bearing's stiffness, as part of it: bearings are computed or taken from
+/// tables.
 ///
 /// Source: Lees, Sinha, Friswell, Model-based identification of rotating machines, Mech. Syst.
 /// Signal Process. 23 (2009): foundations and bearings are the uncertain part of a rotor's model.
 const BEARING: f64 = 0.3;
+
+/// Standard deviation of a bearing's damping, as part of it.
 const DAMPING: f64 = 0.3;
+
+/// Standard deviation of the shaft's stiffness, as part of it: moduli and diameters are measured.
 const SHAFT: f64 = 0.01;
 
 /// A steady filter at one speed.

@@ -1,6 +1,6 @@
 //! Reduction of the rotor to a basis of its lowest undamped modes and the static deflections under
-//! given forces (attachment modes): reduced matrices, and the largest displacement error of the
-//! reduction.
+//! given forces (attachment modes): reduced stiffness, damping and motion, and the largest
+//! displacement error of the reduction.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale, Side};

@@ -13,9 +13,12 @@ use loadtwin_simulate::BearingCourse;
 /// Shortest stretch that is tested [s].
 const SHORTEST_S: f64 = 15.0;
 
-/// Slip that is expected of a cage in which something may be wrong, and error of a gauge in which
-/// it may be, as part of the strain.
+/// Standard deviation of the slip of a cage while phases are tracked: larger than in operation, as
+/// the recording may be of a faulty bearing.
 const SLIP: f32 = 0.02;
+
+/// Least model error of a gauge while phases are tracked, as part of the strain; for the same
+/// reason.
 const UNSURE: f32 = 0.3;
 
 /// Half of the time over which the speed is computed from counts, in blocks.

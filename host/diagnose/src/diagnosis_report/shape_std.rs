@@ -12,7 +12,7 @@ use crate::regression::normal_equations::weighted_gram;
 use crate::residual_model::ResidualModel;
 use crate::selection::parameter_search::last_step;
 
-/// Blocks whose scores show how much the estimate varies.
+/// Blocks of the recording whose scores show how much the estimate varies.
 const BLOCKS: usize = 24;
 
 /// Standard deviations of the shape of `found`: `sqrt(diag (X' W X)^-1)`, with `X` the derivatives of what the effect

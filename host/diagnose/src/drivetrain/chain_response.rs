@@ -7,11 +7,11 @@ use crate::drivetrain::inserted_gear::with_gear;
 use loadtwin_design::gearbox::Torsion;
 use loadtwin_machine::{Drivetrain, Senses};
 
-/// Part to which inertias and stiffnesses are known: how long a vibration
-/// stays in step with the simulated one.
+/// Relative tolerance of inertias and stiffnesses, the standard deviation of nuisances and the
+/// limit in null samples: how long a vibration stays in step with the simulated one.
 pub(crate) const TOLERANCE: f64 = 0.002;
 
-/// The same of damping, which is never known better.
+/// Relative tolerance of damping, which is never known better.
 pub(crate) const DAMPING_TOLERANCE: f64 = 0.1;
 
 /// Torque of the vibrations that a recording may begin with, part of nominal: as much as where a load is

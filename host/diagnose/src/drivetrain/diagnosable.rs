@@ -23,19 +23,19 @@ use crate::selection::relevance::RELEVANT_PART;
 use crate::selection::stepwise::Selection;
 use loadtwin_machine::Machine;
 
-/// Blocks are this long [s].
+/// Length of the blocks of the cross-validation [s].
 const BLOCK_S: f64 = 1.5;
 
-/// Part of full scale by which the zero of a gauge differs from recording to recording.
+/// Prior standard deviation of a gauge's zero from recording to recording, as part of full scale.
 const ZERO_BETWEEN: f64 = 0.02;
 
 /// Index of the described quantity, inertia or twist, among the nuisances of a balance or an angle.
 const DESCRIBED: usize = 1;
 
-/// Part to which the moments of inertia are known, all together.
+/// Prior standard deviation of all moments of inertia together, relative.
 const INERTIA: f64 = 0.02;
 
-/// Part to which the twist between encoders is known.
+/// Prior standard deviation of the twist between encoders, relative.
 const TWIST: f64 = 0.1;
 
 /// Standard deviations from which an error of the description is reported.

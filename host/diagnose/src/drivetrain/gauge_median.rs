@@ -7,7 +7,7 @@ use crate::drivetrain::inverse_dynamics::ShaftTorques;
 use crate::drivetrain::recorded_samples::DrivetrainRecording;
 use loadtwin_machine::{Channel, Drivetrain, Machine, MachineError, Senses, earlier};
 
-/// Gauges from which on one that is wrong is outvoted.
+/// Fewest gauges of a shaft for a median that tolerates one faulty gauge.
 pub(crate) const MIN_GAUGES: usize = 3;
 
 /// A gauge that responds to the torque of a shaft.

@@ -7,7 +7,7 @@ use crate::load_error::means;
 use crate::load_error::{BeforeAfter, Interval, LoadErrors};
 use crate::regression::joint_fit::residuals_after;
 
-/// Blocks that errors are summed over [s].
+/// Length of the blocks over which errors are summed [s].
 const BLOCK_S: f64 = 2.0;
 
 /// Errors of `recordings` without and with the effects found.

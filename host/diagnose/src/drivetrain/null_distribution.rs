@@ -18,10 +18,10 @@ use loadtwin_simulate::{Scenario, Simulation};
 /// Simulations of the machine as described, on what the recording did, with other noise.
 const SIMULATIONS: u64 = 3;
 
-/// Machines that fit the description within what such figures are known to.
+/// Machines drawn within the tolerances of the description.
 const ALIKE: u64 = 3;
 
-/// Part to which the friction that a description has is known.
+/// Largest relative deviation of the friction that a description has.
 const FRICTION_TOLERANCE: f64 = 0.05;
 
 /// Number of null samples of the residuals.

@@ -26,7 +26,8 @@ pub(crate) struct DrivetrainRecording {
     pub warming: Option<Vec<f64>>,
 }
 
-/// Equal readings in a row that noise does not make.
+/// Equal readings in a row from which a sensor is stuck: noise above the resolution does not repeat
+/// so often.
 const STUCK_AFTER: usize = 8;
 
 impl DrivetrainRecording {
@@ -246,7 +247,7 @@ pub(crate) fn mask_stuck(y: &mut [f64]) -> u64 {
 /// Standard deviations by which an outlier stands out from its four neighbours.
 const OUTLIER_SIGMA: f64 = 7.0;
 
-/// Part of Gaussian samples beyond half of that.
+/// Part of Gaussian samples beyond half of [`OUTLIER_SIGMA`]: `2 Q(3.5)`.
 const BEYOND_HALF: f64 = 4.65e-4;
 
 /// Samples that stand out alone.

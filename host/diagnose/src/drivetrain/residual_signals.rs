@@ -243,6 +243,7 @@ impl DrivetrainResiduals {
     /// `(reading(angle) - reading(angle - shift)) / shift` [1/rad]: the slope
     /// of the reading where the shift is small.
     pub fn secant(&self, signal: &ResidualSignal, shift: impl Fn(usize) -> f64) -> Vec<f64> {
+        /// Shift below which the slope itself is taken [rad]: a difference over less is rounding.
         const SMALL: f64 = 1e-6;
         let angle = &self.signals.angle;
         signal

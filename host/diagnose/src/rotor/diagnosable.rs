@@ -25,8 +25,10 @@ use crate::selection::stepwise::Selection;
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{LoadKind, Machine, RotorLoad};
 
-/// Blocks that a recording is divided into, at least so many turns each.
+/// Blocks of the cross-validation that a recording is divided into.
 const BLOCKS: usize = 32;
+
+/// Fewest turns of a block.
 const BLOCK_TURNS: f64 = 2.0;
 
 impl Diagnosable for RotorResiduals {

@@ -18,7 +18,7 @@ use loadtwin_simulate::{AppliedUnbalance, RotorCourse, RotorScenario, RotorSimul
 /// Simulations of the machine as described, on what the recording did.
 const SIMULATIONS: u64 = 3;
 
-/// null samples of the residuals.
+/// Number of null samples of the residuals.
 const NULL_SAMPLES: usize = 10;
 
 /// Residuals of fault-free machines for each of `recordings`: `[recording][simulation]`.

@@ -16,7 +16,7 @@ use loadtwin_machine::{Channel, Rotor};
 /// Linearisations of the uncertain parameters about their estimates.
 const ROUNDS: usize = 3;
 
-/// Standard deviations by which it may differ from the description.
+/// Prior standard deviations by which an uncertain parameter may differ from the description.
 const MOST_OFF: f64 = 4.0;
 
 /// The part of a recording that no effect changes.

@@ -1,5 +1,5 @@
-//! Relevance of an effect: the part of the nominal load by which it changes what a sensor says of
-//! the load.
+//! Relevance of an effect: its largest root mean square over a block in any signal, as part of the
+//! reading at nominal load.
 
 use crate::candidate_effect::fitted::FittedEffect;
 use crate::regression::design_matrix::columns;

@@ -1,11 +1,11 @@
-//! Candidate effect: viscous friction that is not the same in both directions.
+//! Candidate effect: viscous friction (drag) that differs between forward and backward motion.
 
 use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, each};
 
 /// `c |v|`: half the difference of the drags forward and backward.
-pub(crate) struct Directional;
+pub(crate) struct DirectionalFriction;
 
-impl Effect for Directional {
+impl Effect for DirectionalFriction {
     fn name(&self) -> &'static str {
         "directional-friction"
     }

@@ -7,9 +7,9 @@ use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, ShapeUnit, 
 /// holds once the drive is at rest.
 ///
 /// Shape: `[v_r]` [rad/s, m/s].
-pub(crate) struct Standstill;
+pub(crate) struct HeldAtRest;
 
-impl Effect for Standstill {
+impl Effect for HeldAtRest {
     fn name(&self) -> &'static str {
         "held-at-rest"
     }

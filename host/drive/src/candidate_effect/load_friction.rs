@@ -1,4 +1,5 @@
-//! Candidate effect: friction that grows with the load.
+//! Candidate effect: friction in proportion to the size of each measured load, or of the
+//! acceleration where no load is measured.
 
 use crate::candidate_effect::{
     Effect, Motion, Scale, ShapeParameter, ShapeUnit, each, geometric, sliding_state, times,

@@ -4,9 +4,9 @@
 use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, each};
 
 /// `b L |L|` for each measured load: saturation or hardening.
-pub(crate) struct LoadShape;
+pub(crate) struct LoadNonlinearity;
 
-impl Effect for LoadShape {
+impl Effect for LoadNonlinearity {
     fn name(&self) -> &'static str {
         "load-nonlinearity"
     }

@@ -1,13 +1,13 @@
-//! Candidate effect: drag that is not proportional to speed.
+//! Candidate effect: drag in proportion to a power of the speed other than 1.
 
 use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, ShapeUnit, each};
 
 /// `F (|v| / v_0)^n sgn(v)`: grease thins (`n < 1`), churned oil resists (`n > 1`).
 ///
 /// Shape: `[n, v_0]`.
-pub(crate) struct Shear;
+pub(crate) struct NonlinearDrag;
 
-impl Effect for Shear {
+impl Effect for NonlinearDrag {
     fn name(&self) -> &'static str {
         "nonlinear-drag"
     }

@@ -1,4 +1,4 @@
-//! Candidate effect: friction that changes over the travel.
+//! Candidate effect: friction that changes over the travel, by a polynomial of degree 1 or 2.
 
 use crate::candidate_effect::{
     Effect, Motion, Scale, ShapeParameter, ShapeUnit, each, geometric, sliding_state, times,

@@ -8,9 +8,9 @@ use loadtwin_machine::Regime;
 /// `a cos(2 pi x / p) + b sin(2 pi x / p)`: gear teeth, balls, screw threads.
 ///
 /// Shape: `[p]`, the pitch [rad, m].
-pub(crate) struct Wave;
+pub(crate) struct PositionRipple;
 
-impl Effect for Wave {
+impl Effect for PositionRipple {
     fn name(&self) -> &'static str {
         "position-ripple"
     }

@@ -1,4 +1,5 @@
-//! Candidate effect: a torque that changes smoothly over the travel.
+//! Candidate effect: a torque or force that changes smoothly over the travel, by a polynomial of
+//! degree 1 to 3.
 
 use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, ShapeUnit, each};
 use loadtwin_machine::Regime;

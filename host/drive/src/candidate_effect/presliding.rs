@@ -1,4 +1,5 @@
-//! Candidate effect: friction that builds up over a distance after a reversal.
+//! Candidate effect: friction that builds up over a distance after a reversal (Dahl model; several
+//! distances make a Maxwell-slip model).
 
 use crate::candidate_effect::{
     Effect, Motion, Scale, ShapeParameter, ShapeUnit, geometric, sliding_state,

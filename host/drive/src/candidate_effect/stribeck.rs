@@ -1,4 +1,4 @@
-//! Candidate effect: friction that falls with speed.
+//! Candidate effect: friction that falls exponentially with speed, from that at zero speed (Stribeck).
 
 use crate::candidate_effect::{
     Effect, Motion, Scale, ShapeParameter, ShapeUnit, each, friction_state, geometric, times,

@@ -1,4 +1,5 @@
-//! Candidate effect: offset, friction and drag that change in proportion to temperature.
+//! Candidate effect: offset, friction and drag that change in proportion to the recorded
+//! temperature.
 
 use crate::candidate_effect::{
     Effect, Motion, Scale, ShapeParameter, ShapeUnit, each, sliding_state, times,
@@ -7,9 +8,9 @@ use crate::candidate_effect::{
 /// `(T - T_0) (c_0 + c_1 sgn(v) + c_2 v)`.
 ///
 /// Shape: `[T_0, s]`.
-pub(crate) struct Thermal;
+pub(crate) struct TemperatureDependence;
 
-impl Effect for Thermal {
+impl Effect for TemperatureDependence {
     fn name(&self) -> &'static str {
         "temperature-dependence"
     }

@@ -11,12 +11,12 @@ use loadtwin_machine::Regime;
 ///
 /// Source: Piccoli, Yim 2014, Cogging torque ripple minimization via position
 /// based characterization.
-pub(crate) struct Ripple;
+pub(crate) struct TorqueRipple;
 
-/// Orders up to which it is tried.
+/// Highest orders that are tried, harmonics of one turn.
 const ORDERS: [f64; 7] = [2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0];
 
-impl Effect for Ripple {
+impl Effect for TorqueRipple {
     fn name(&self) -> &'static str {
         "torque-ripple"
     }

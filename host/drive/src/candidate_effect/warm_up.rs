@@ -1,5 +1,5 @@
-//! Candidate effect: friction that changes while the machine runs, where no temperature is
-//! recorded.
+//! Candidate effect: friction and drag that change exponentially with the time since the start of a
+//! recording, where no temperature is recorded.
 
 use crate::candidate_effect::{
     Effect, Motion, Scale, ShapeParameter, ShapeUnit, each, sliding_state, times,
@@ -9,9 +9,9 @@ use loadtwin_machine::Regime;
 /// `w (c_0 sgn(v) + c_1 v)`, `w = 1 - exp(-t / T)` from the start of a recording.
 ///
 /// Shape: `[T, s]`, the time to warm up [s].
-pub(crate) struct Drift;
+pub(crate) struct WarmUp;
 
-impl Effect for Drift {
+impl Effect for WarmUp {
     fn name(&self) -> &'static str {
         "warm-up"
     }

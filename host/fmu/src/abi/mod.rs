@@ -29,7 +29,11 @@ static LOADTWIN_FMU: [u8; crate::library::MARK.len()] = {
 
 /// `fmi3Status`, `fmi2Status`.
 type Status = c_int;
+
+/// The call did what it was asked for.
 const OK: Status = 0;
+
+/// The call is refused or has failed, and a message says why.
 const ERROR: Status = 3;
 
 /// A message to the environment.

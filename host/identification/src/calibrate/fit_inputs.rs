@@ -7,7 +7,7 @@ use std::borrow::Cow;
 use loadtwin_machine::{Channel, Machine, earlier};
 
 /// What the reading of a channel is in proportion to, and how its zero moves; where the carrier was.
-pub(super) struct Answered<'a> {
+pub(super) struct FitInputs<'a> {
     /// Carrier angle when each reading was taken [rad]; NaN where it is not known.
     pub(super) angle: Cow<'a, [f64]>,
     /// As [`Channel::bent`], warmed.
@@ -16,7 +16,7 @@ pub(super) struct Answered<'a> {
     pub(super) zero: Vec<f64>,
 }
 
-impl<'a> Answered<'a> {
+impl<'a> FitInputs<'a> {
     pub(super) fn new(
         machine: &Machine,
         channel: &Channel,

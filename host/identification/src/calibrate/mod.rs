@@ -34,7 +34,7 @@ pub use crate::calibrate::report_page::{Proposal, page};
 pub use crate::calibrate::surface_fit::Surface;
 pub use measurement_noise::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
 
-use self::fit_inputs::Answered;
+use self::fit_inputs::FitInputs;
 use loadtwin_machine::{Channel, Machine, MachineError, Senses};
 use loadtwin_recording::{Column, Quantity, Reader, RecordingError, Unit, Wanted, columns};
 use loadtwin_replay::ReplayError;
@@ -175,12 +175,12 @@ impl Observations {
             .zip(self.channels.iter_mut().zip(&mut self.turn_parity))
             .filter_map(|(channel, (slot, turn_parity))| {
                 let sensed = sensed(channel)?;
-                let answered = Answered::new(machine, channel, &angles, sensed, warming.as_deref());
+                let inputs = FitInputs::new(machine, channel, &angles, sensed, warming.as_deref());
                 Some(Reading {
                     channel,
                     moments: slot.get_or_insert_default(),
                     turn_parity: turn_parity.get_or_insert_default(),
-                    answered,
+                    inputs,
                 })
             })
             .collect();
@@ -216,13 +216,13 @@ struct Reading<'a> {
     channel: &'a Channel,
     moments: &'a mut Moments,
     turn_parity: &'a mut [Moments; 2],
-    answered: Answered<'a>,
+    inputs: FitInputs<'a>,
 }
 
 impl Reading<'_> {
     /// Adds the values of a block, whose first one is sample `row`.
     fn push(&mut self, column: &[f64], is_words: bool, row: usize, rate_hz: f64) {
-        let (channel, answered) = (self.channel, &self.answered);
+        let (channel, inputs) = (self.channel, &self.inputs);
         let stuck_after = match channel.stuck_after() {
             0 => (gauge_fault::STUCK_AFTER_S * rate_hz) as u32,
             words => u32::from(words),
@@ -235,9 +235,9 @@ impl Reading<'_> {
             };
             self.moments.watch(y, stuck_after);
             let k = row + i;
-            if !y.is_nan() && k < answered.angle.len() {
-                let (angle, bent) = (answered.angle[k], answered.bent[k]);
-                let y = y - answered.zero[k];
+            if !y.is_nan() && k < inputs.angle.len() {
+                let (angle, bent) = (inputs.angle[k], inputs.bent[k]);
+                let y = y - inputs.zero[k];
                 self.moments.push(angle, bent, y);
                 let turn = (angle / std::f64::consts::TAU).floor();
                 self.turn_parity[usize::from(turn.rem_euclid(2.0) == 1.0)].push(angle, bent, y);

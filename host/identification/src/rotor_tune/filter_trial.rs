@@ -43,6 +43,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    /// Outcome of a filter that cannot be built or run: the worst of all.
     const REFUSED: Self = Self {
         misfit: f64::INFINITY,
         objectives: [f64::INFINITY; 2],

@@ -13,7 +13,7 @@ use crate::tune::{Evolution, Training, TuneError, pattern_search};
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{Machine, Rotor};
 
-/// How far each number may go from what is described [decades].
+/// Range of each number to either side of the described one [decades].
 const REACH: f64 = 3.0;
 
 /// First and last step of the search for the likelihood [decades].

@@ -5,10 +5,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-/// How far a trial goes along the difference of two others.
+/// How far a trial goes along the difference of two others, `F` of the source.
 const WEIGHT: f64 = 0.7;
 
-/// Part of the coordinates that a trial takes from there.
+/// Part of the coordinates that a trial takes from there, `CR` of the source.
 const CROSSOVER: f64 = 0.9;
 
 /// How large a population is and how long it lives.

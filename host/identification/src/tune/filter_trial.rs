@@ -12,7 +12,7 @@ use loadtwin_design::build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_replay::ReplayError;
 
-/// Time after the start that does not count [s].
+/// Time at the start that does not count, in which the filter converges [s].
 const SETTLING_S: f64 = 2.0;
 
 /// Recordings in memory, and the image that is tried on them.

@@ -1,5 +1,5 @@
 //! Closed-loop frequency response from true to estimated loads at one carrier angle, and the load
-//! noise that brings it close to 1 below and to 0 above a cut-off frequency.
+//! noise that brings it close to 1 below and to 0 above a cut-off frequency, in two weightings.
 
 use std::f64::consts::TAU;
 
@@ -10,8 +10,10 @@ use crate::tune::pattern_search::pattern_search;
 use loadtwin_design::gearbox::OperatingPoint;
 use loadtwin_math::riccati::{gain, steady_covariance};
 
-/// Frequencies in the pass band and in the stop band.
+/// Frequencies in the pass band.
 const PASS: usize = 24;
+
+/// Frequencies in the stop band.
 const STOP: usize = 32;
 
 /// How the two integrals of eq. (23) are weighed against each other.

@@ -20,7 +20,8 @@ use loadtwin_replay::ReplayError;
 /// Carrier angles at which the frequency response is tuned.
 const ANGLES: usize = 16;
 
-/// How far the methods that try may go from where they start [decades].
+/// Range of the search by likelihood, innovation norm and error, to either side of its start
+/// [decades].
 const REACH: f64 = 4.0;
 
 /// How the variance of the loads' steps is chosen.

@@ -8,7 +8,7 @@ use loadtwin_design::build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_replay::{ReplayError, Samples};
 
-/// Samples of each recording that are tried.
+/// Samples from the start of each recording on which filters are tried.
 const SAMPLES: usize = 20_000;
 
 /// Recordings to tune on.

@@ -106,7 +106,9 @@ pub(super) fn recognise(cells: &[&[u8]]) -> ColumnType {
 }
 
 fn boolean(text: &str) -> Option<f64> {
+    /// Texts of 1, in any case.
     const TRUE: [&str; 4] = ["true", "on", "yes", "1"];
+    /// Texts of 0, in any case.
     const FALSE: [&str; 4] = ["false", "off", "no", "0"];
     let is = |words: [&str; 4]| words.iter().any(|word| text.eq_ignore_ascii_case(word));
     match text.as_bytes() {

@@ -29,6 +29,7 @@ fn parse_number(cell: &[u8]) -> Option<f64> {
 ///
 /// Source: Clinger 1990, How to read floating point numbers accurately.
 fn parse_short(cell: &[u8]) -> Option<f64> {
+    /// Powers of ten that f64 holds exactly, up to the digits of a short number.
     const POWERS: [f64; 16] = [
         1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
     ];

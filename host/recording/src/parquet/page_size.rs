@@ -108,6 +108,7 @@ fn check(header: &[u8], largest: u64) -> io::Result<()> {
 ///
 /// Source: Apache Parquet format 2.10, `parquet.thrift`, `PageHeader`.
 fn sizes(header: &[u8]) -> Option<(u64, u64)> {
+    /// First byte of the next field, of type i32: step of 1 in the upper half, type 5 in the lower.
     const NEXT_I32: u8 = 0x15;
     let mut rest = header;
     let mut number = || {

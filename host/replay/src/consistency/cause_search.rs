@@ -17,8 +17,10 @@ use crate::{ReplayError, Sample, Samples};
 use loadtwin_design::build::{self, Sensors};
 use loadtwin_machine::Machine;
 
-/// Samples beyond the first contradiction by which all causes are compared, and the best again.
+/// Samples beyond the first contradiction by which all causes are compared.
 const FIRST: u64 = 4_000;
+
+/// Samples beyond the first contradiction by which the best causes are compared again.
 const AGAIN: u64 = 20_000;
 
 /// Samples by which the best are compared where no reading contradicts and a sensor is biased in the

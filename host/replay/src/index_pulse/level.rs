@@ -9,8 +9,10 @@ use super::index_column::IndexColumn;
 /// deviation): of white noise about one level it is 0.25 to 0.3.
 const SPREAD: f64 = 0.1;
 
-/// Hysteresis of the edges, parts of the height.
+/// Height above which the level has risen, as part of that of the pulse.
 const RISEN: f64 = 2.0 / 3.0;
+
+/// Height below which it has fallen: with [`RISEN`] a hysteresis of a third.
 const FALLEN: f64 = 1.0 / 3.0;
 
 /// Part of the rows that are high from which the level is low during the pulse. Marks on a

@@ -42,6 +42,7 @@ fn mean_span(gauges: &[&mut Gauge]) -> f64 {
     gauges.iter().map(|g| g.span()).sum::<f64>() / gauges.len().max(1) as f64
 }
 
+/// Time constant of the creep [s].
 const CREEP_TIME_S: f64 = 30.0;
 
 struct Thermal {

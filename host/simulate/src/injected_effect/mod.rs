@@ -93,7 +93,7 @@ pub static EFFECTS: &[Effect] = &[
     sudden_change::STEP,
     sudden_change::DEBONDING,
     sudden_change::BURSTS,
-    mains_interference::PICK_UP,
+    mains_interference::MAINS_INTERFERENCE,
     data_faults::DROPPED_BITS,
     data_faults::STUCK,
     data_faults::MISSING,

@@ -100,6 +100,7 @@ struct Bursts {
 
 impl Disturbance for Bursts {
     fn apply(&mut self, moment: &Moment, reading: f64) -> f64 {
+        /// Length of a burst [s].
         const LONG_S: f64 = 0.3;
         while self
             .starts

@@ -23,8 +23,10 @@ pub use crate::simulated_bearing::load_profile::BearingCourse;
 use crate::simulated_bearing::load_profile::Driven;
 pub use crate::simulated_bearing::scenario::BearingScenario;
 
-/// Noise of a gauge [um/m] and of a reference, as part of its range.
+/// Noise of a gauge [um/m].
 const STRAIN_NOISE: f64 = 0.8;
+
+/// Noise of a reference, as part of its range.
 const REFERENCE_NOISE: f64 = 1e-3;
 
 /// A recording of a bearing in the making.

@@ -14,10 +14,14 @@ use loadtwin_machine::Bearing;
 
 /// Shapes of the ring under a row: breathing, then cosine and sine of orders 2 to 6.
 const SHAPES: usize = 11;
+
+/// Degrees of freedom: five of the inner ring, shapes of both rows.
 const DOF: usize = 5 + 2 * SHAPES;
 
-/// Force out of balance at which equilibrium is reached [kN], and the most steps towards it.
+/// Force out of balance at which equilibrium is reached [kN].
 const BALANCED: f64 = 1e-5;
+
+/// Most steps of Newton's method to it.
 const MOST_STEPS: usize = 20;
 
 /// An individual bearing in its seat.

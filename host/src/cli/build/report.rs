@@ -1,4 +1,4 @@
-//! What `loadtwin build` prints: sizes, lag, error of a rotor's model reduction, its stability.
+//! Output of `loadtwin build`: sizes, lag, error of a rotor's model reduction, its stability.
 
 use serde_json::json;
 

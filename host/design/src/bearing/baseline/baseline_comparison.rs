@@ -26,7 +26,9 @@ pub const PUBLISHED: [(&str, [[f64; OUT]; 2]); 3] = [
     ("lc3", [[11.9, 10.6, 12.7, 6.8], [6.9, 7.3, 2.8, 5.7]]),
 ];
 
-/// Cut-off of the low-pass over results [Hz].
+/// Cut-off of the low-pass over results [Hz], that of the paper for the rig.
+///
+/// Source: Kerst et al. 2019, section VI-C.
 const RESULT_HZ: f32 = 4.0;
 /// Over-turning moment from which on the domain is stable, in ranges: below, the rows hand over.
 const STABLE: f64 = 0.1;

@@ -24,20 +24,28 @@ use crate::bearing::baseline::{ESTIMATED, Loads};
 use crate::error::BuildError;
 use loadtwin_machine::{Bearing, Machine};
 
-/// Random walk of the frequency of ball passing [rad/s/sqrt(s)] and of a contact's load [kN/sqrt(s)].
+/// Random walk of the frequency of ball passing [rad/s/sqrt(s)]. The paper does not give the noise
+/// of its filters (section VI-E): this and those below were chosen here.
 const FREQUENCY_WALK: f32 = 15.0;
+
+/// Random walk of a contact's load [kN/sqrt(s)].
 const LOAD_WALK: f32 = 0.7;
-/// Scatter of the phase [rad/sqrt(s)].
+/// Random walk of the phase [rad/sqrt(s)].
 const PHASE_WALK: f32 = 0.1;
-/// Error of the local strain's model: at rest [um/m], and as part of the strain.
+/// Error of the local strain's model without load [um/m].
 const RESTING: f32 = 3.0;
+
+/// Error of the local strain's model as part of the strain.
 const RELATIVE: f32 = 0.15;
-/// Error of the frequency that is trusted most [rad/s].
+/// Standard deviation with which each gauge takes over the frequency of the most certain one
+/// [rad/s].
 const TRUSTED: f32 = 3.0;
 /// Random walk of the displacements [um/sqrt(s)].
 const DISPLACEMENT_WALK: f32 = 20.0;
-/// Error of an approach: at rest [um], and as part of it.
+/// Error of an approach without load [um].
 const APPROACH: f32 = 0.5;
+
+/// Error of an approach as part of it.
 const APPROACH_RELATIVE: f32 = 0.03;
 /// Share of the way that the ring goes in a sample to where the contacts push it: all at once it
 /// swings.
@@ -47,6 +55,7 @@ const STARTING_TURN: f64 = PI;
 /// Change of the speed from one such turn to the next with which the cascade may start, relative.
 const STEADY: f64 = 0.01;
 
+/// States of the strain models: three for each row.
 const STATES: usize = 3 * ROWS;
 
 /// The cascade, sample by sample.

@@ -1,5 +1,6 @@
 //! The two algorithms of Kerst et al. 2019, to compare the joint filter with: the cascade of
-//! strain-model and load-model filters, and the regression of the bulk strain.
+//! strain-model and load-model filters, and the regression of the bulk strain. Here: the fit of
+//! both to a recording on the rig.
 
 mod baseline_comparison;
 mod cascade;

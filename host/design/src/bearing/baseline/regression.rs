@@ -11,10 +11,12 @@ use crate::bearing::rig_fit::{Rig, RigSample};
 use crate::error::BuildError;
 
 /// Cut-off of the low-pass that extracts the bulk strain [Hz].
+///
+/// Source: Kerst et al. 2019, section V.
 const CUTOFF_HZ: f32 = 10.0;
 /// Entries of the deformation vector, eq. (21).
 const ENTRIES: usize = 2 * GAUGES;
-/// Samples on the rig of which one is used.
+/// One sample on the rig in this many is used.
 const THINNED: usize = 20;
 /// Steps of Gauss and Newton towards an offset.
 const STEPS: usize = 20;

@@ -16,12 +16,17 @@ use crate::bearing::rig_fit::Rig;
 use crate::error::BuildError;
 
 /// Coefficients of the sensitivity, `N_p + 1`.
+///
+/// Source: Kerst et al. 2019, section VI-D, `N_p = 3`.
 const POWERS: usize = 4;
 /// Harmonics, `N_h`.
+///
+/// Source: Kerst et al. 2019, section VI-D.
 const HARMONICS: usize = 2;
 /// Times that sensitivity and harmonics are fitted in turn.
 const TURNS: usize = 12;
-/// `c_bp` of eq. (11): cut-off of the high-pass over the frequency of ball passing.
+/// `c_bp` of eq. (11): cut-off of the high-pass over the frequency of ball passing, below 1. The
+/// paper does not give its value.
 pub const CUTOFF: f64 = 0.35;
 
 /// Response of one gauge to a contact of either row.

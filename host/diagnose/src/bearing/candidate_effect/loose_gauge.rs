@@ -7,7 +7,7 @@ use crate::bearing::{BearingResiduals, Kind};
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::residual_model::SignalSet;
 
-/// Moments that are tried first.
+/// Moments of the loss that are tried first, evenly over the recording.
 const MOMENTS: usize = 16;
 
 /// From a moment on the response of a gauge is less by a part, all of it where it is dead, and its zero jumps.

@@ -5,10 +5,10 @@ use crate::bearing::{BearingResiduals, BearingTarget, Kind};
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, Scope};
 use crate::residual_model::SignalSet;
 
-/// Part of the preload by which it is varied where nothing is known of its change.
+/// Least change of the preload over which the response is differentiated, relative.
 const SMALL: f64 = 0.1;
 
-/// Most that is taken from it or added to it.
+/// Largest change of the preload at which the response is evaluated, relative.
 const MOST: f64 = 0.6;
 
 /// What gauges and cages do with an approach that is larger by the part `q`, over `q`.

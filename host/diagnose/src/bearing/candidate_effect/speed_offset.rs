@@ -8,7 +8,8 @@ use crate::residual_model::SignalSet;
 /// Speed at which it is reported [rad/s].
 const SPEED: f64 = 100.0;
 
-/// Part that must be left beside an offset that warms up, or that does the same.
+/// Part of the column, root of its square, that must remain beside an offset that warms up, or the
+/// recording does not separate the two.
 const OWN: f64 = 0.1;
 
 /// `b (w / 100 rad/s)^2` in the bulk strain of a gauge: what turns with the ring's temperature rise or

@@ -1,4 +1,5 @@
-//! Candidate effect: an order of the carrier angle that the strain map lacks.
+//! Candidate effect, carrier order: a cosine and sine of one order of the carrier angle that the
+//! strain map lacks, in proportion to torque.
 
 use crate::candidate_effect::{Effect, EffectInfo, NonlinearParameter, Scope};
 use crate::drivetrain::candidate_effect::GaugeModel;

@@ -17,7 +17,8 @@ const BODY: NonlinearParameter = NonlinearParameter {
 /// The same of friction that two neighbouring inertias share: 0.3 is 70 % on the first and 30 % on the second.
 const PLACE: NonlinearParameter = NonlinearParameter { step: 0.3, ..BODY };
 
-/// Distance from one inertia within which all of it acts there [number].
+/// Distance from one inertia, in steps from one to the next, within which the friction acts on it
+/// alone.
 const AT_ONE: f64 = 0.1;
 
 /// Part of the vibration it excites that is modelled: 0 where it sticks and slips otherwise than

@@ -1,11 +1,11 @@
-//! Candidate effect: drift of a gauge's offset over time.
+//! Candidate effect: drift of a gauge's offset in proportion to time.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, Scope};
 use crate::drivetrain::candidate_effect::one_shape;
 use crate::drivetrain::residual_signals::{DrivetrainResiduals, Regressor};
 
 /// `scale a (t - t0)`.
-pub struct Drift;
+pub struct GaugeDrift;
 
 const INFO: EffectInfo = EffectInfo {
     name: "gauge-drift",
@@ -19,7 +19,7 @@ const INFO: EffectInfo = EffectInfo {
     recommended_experiment: "standstill without load for as long as the recording",
 };
 
-impl Effect<DrivetrainResiduals> for Drift {
+impl Effect<DrivetrainResiduals> for GaugeDrift {
     fn info(&self) -> &EffectInfo {
         &INFO
     }

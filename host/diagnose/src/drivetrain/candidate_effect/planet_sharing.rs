@@ -1,4 +1,5 @@
-//! Candidate effect: unequal load sharing between planets.
+//! Candidate effect, unequal load sharing between planets: a gauge under passing planets responds
+//! by a cosine and sine of the carrier angle more or less.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, Scope};
 use crate::drivetrain::candidate_effect::order_regressors::fourier_pair;

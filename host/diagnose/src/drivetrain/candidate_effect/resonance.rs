@@ -41,6 +41,7 @@ impl Effect<DrivetrainResiduals> for Resonance {
         &INFO
     }
     fn initial_values(&self, recording: &DrivetrainResiduals) -> Vec<Vec<f64>> {
+        /// Inertias of the gear that are tried first, as parts of the smaller neighbour's.
         const PARTS: [f64; 8] = [0.01, 0.03, 0.06, 0.1, 0.16, 0.22, 0.3, 0.4];
         let Some(response) = &recording.signals.response else {
             return Vec::new();

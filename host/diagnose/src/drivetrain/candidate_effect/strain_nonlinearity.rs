@@ -1,4 +1,5 @@
-//! Candidate effect: a gauge whose response is not proportional to the torque.
+//! Candidate effect: a gauge whose sensitivity changes in proportion to the torque, or to its
+//! absolute value.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::drivetrain::candidate_effect::{GaugeModel, each};
@@ -10,7 +11,7 @@ use crate::drivetrain::residual_signals::{
 const BOTH_WAYS: f64 = 0.1;
 
 /// `reading level g` or `reading |level| g`: a response that grows or falls with torque.
-pub struct Nonlinearity;
+pub struct StrainNonlinearity;
 
 const INFO: EffectInfo = EffectInfo {
     name: "strain-nonlinearity",
@@ -30,7 +31,7 @@ const INFO: EffectInfo = EffectInfo {
     recommended_experiment: "slow torque ramps through zero to both ends",
 };
 
-impl Effect<DrivetrainResiduals> for Nonlinearity {
+impl Effect<DrivetrainResiduals> for StrainNonlinearity {
     fn info(&self) -> &EffectInfo {
         &INFO
     }

@@ -1,5 +1,5 @@
-//! Candidate effects of temperature: offset and sensitivity over the temperature rise since
-//! zeroing.
+//! Candidate effects of a recorded temperature: offset and sensitivity of a gauge in proportion to
+//! the temperature rise since zeroing, which the gauge follows with a lag.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::drivetrain::candidate_effect::{GaugeModel, each};
