@@ -14,7 +14,7 @@ use loadtwin_common::io::frame::{
 use serde::Serialize;
 
 use super::bus::{Bus, BusError, Link, LinkCounts, Received};
-use super::frame_comparison::Comparison;
+use super::frame_comparison::{Comparison, Verdict};
 use super::live_display::{Page, View};
 use super::{CanError, Model, standard};
 
@@ -95,10 +95,20 @@ pub struct MonitorSummary {
     pub samples: u64,
     /// Name of the model that the machine runs.
     pub machine_model: Option<u32>,
+    /// Name of the model that was given, by which loads and sensors are named and scaled.
+    pub given_model: Option<u32>,
     /// State of the machine.
     pub state: Option<&'static str>,
     /// What the bus did.
     pub bus: LinkCounts,
+}
+
+impl MonitorSummary {
+    /// The model that the machine runs and the one given, where they differ.
+    pub fn other_model(&self) -> Option<(u32, u32)> {
+        let both = self.machine_model.zip(self.given_model);
+        both.filter(|(machine, given)| machine != given)
+    }
 }
 
 /// Watches until `stop` is set or the log ends.
@@ -131,7 +141,10 @@ pub fn run<B: Bus>(
         counters: BTreeMap::new(),
         assembler: RawAssembler::new(base),
         status: None,
-        summary: MonitorSummary::default(),
+        summary: MonitorSummary {
+            given_model: model.map(|model| model.hash),
+            ..MonitorSummary::default()
+        },
         comparison,
     };
     let mut last = None;
@@ -242,6 +255,8 @@ impl Watch<'_> {
         page.status(self.status);
         if let Some(comparison) = &self.comparison {
             page.verdict(comparison.verdict(false));
+        } else if summary.other_model().is_some() {
+            page.verdict(Verdict::OtherModel);
         }
         page.count("frames", summary.frames.values().sum());
         page.count("lost", summary.lost_frames);

@@ -33,6 +33,7 @@ mod run;
 mod samples;
 mod speed_range;
 mod sums;
+mod wanted_columns;
 
 use std::path::Path;
 

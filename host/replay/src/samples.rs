@@ -12,10 +12,11 @@ use super::displacements::displacement_columns;
 use super::encoder_counts::{Motion, motions};
 use super::index_pulse::{Pulse, Pulses};
 use super::reading_correction::Correction;
+use super::wanted_columns::{Encoding, encodings, missing_references, optional, wanted_sensors};
 use loadtwin_design::build::Sensors;
 use loadtwin_machine::{Channel, Encoder, Machine, Reference, Regime, Segment};
 use loadtwin_recording::{
-    Block, Clock, CsvLayout, Input, Quantity, Reader, Role, Timing, Unit, Wanted, columns,
+    Block, Clock, CsvLayout, Input, Reader, Role, Timing, Unit, Wanted, columns,
 };
 
 /// A recording, sample by sample.
@@ -28,6 +29,8 @@ pub struct Samples {
     period_s: f64,
     index: Option<IndexColumn>,
     references: Vec<Reference>,
+    /// References without a column, where others have one.
+    missing_references: Vec<String>,
     /// Columns of true displacements.
     displacements: usize,
     machine_segments: Vec<Segment>,
@@ -39,17 +42,6 @@ pub struct Samples {
     is_resampled: bool,
     correction: Correction,
     tick: u32,
-}
-
-/// What the column of an analogue channel holds.
-#[derive(Clone, Copy)]
-enum Encoding {
-    /// The converter's words themselves.
-    Word,
-    /// The output of the channel's bridge.
-    Ratio,
-    /// The reading.
-    Reading,
 }
 
 /// The index column.
@@ -216,6 +208,7 @@ impl Samples {
             channels: sensors.channels.clone(),
             encoders: sensors.encoders.clone(),
             references: machine.references.clone(),
+            missing_references: missing_references(machine, &found),
             displacements: displacements.len(),
             machine_segments: machine.segments.clone(),
             segments_from_s: None,
@@ -246,6 +239,12 @@ impl Samples {
         let mut notes = self.reader.notes().to_vec();
         let index = self.index.as_ref().and_then(|index| index.pulses.note());
         notes.extend(index.map(str::to_owned));
+        if !self.missing_references.is_empty() {
+            notes.push(format!(
+                "no column `{}`: the loads of these references have no error figure",
+                self.missing_references.join("`, `")
+            ));
+        }
         if self.fractional > 0 {
             notes.push(format!(
                 "{} counts are no whole numbers (means of several conversions?) and are rounded",
@@ -427,61 +426,4 @@ pub(super) fn index_column(
         encoder: encoder.unwrap_or(0),
         pulses: Pulses::of(machine, index, input)?,
     }))
-}
-
-/// A column that a recording need not have.
-/// How the file has each channel, by the quantity of its column.
-fn encodings(sensors: &Sensors, quantity: impl Fn(&str) -> Option<Quantity>) -> Vec<Encoding> {
-    sensors
-        .channels
-        .iter()
-        .map(|channel| match quantity(&channel.name) {
-            Some(Quantity::Counts) => Encoding::Word,
-            Some(Quantity::BridgeRatio) if channel.bridge.is_some() => Encoding::Ratio,
-            _ => Encoding::Reading,
-        })
-        .collect()
-}
-
-/// The columns of the channels and encoders, and how each is resampled.
-fn wanted_sensors<'a>(
-    sensors: &'a Sensors,
-    encodings: &[Encoding],
-    motions: &[Motion],
-) -> (Vec<Wanted<'a>>, Vec<Role>) {
-    let mut wanted = Vec::new();
-    for (channel, encoding) in sensors.channels.iter().zip(encodings) {
-        let unit = match encoding {
-            Encoding::Word => Unit::COUNTS,
-            Encoding::Ratio => Unit::VOLT_PER_VOLT,
-            Encoding::Reading => channel.unit.si(),
-        };
-        wanted.push(Wanted {
-            name: &channel.name,
-            unit,
-            required: true,
-        });
-    }
-    let mut roles = vec![Role::Continuous; wanted.len()];
-    for (encoder, motion) in sensors.encoders.iter().zip(motions) {
-        wanted.push(Wanted {
-            name: &encoder.name,
-            unit: motion.unit(),
-            required: true,
-        });
-        roles.push(match motion {
-            Motion::Count => encoder.role(false),
-            Motion::Angle { .. } => encoder.role(true),
-            Motion::Speed { .. } => Role::Continuous,
-        });
-    }
-    (wanted, roles)
-}
-
-fn optional(name: &str, unit: Unit) -> Wanted<'_> {
-    Wanted {
-        name,
-        unit,
-        required: false,
-    }
 }

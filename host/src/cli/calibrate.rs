@@ -89,7 +89,7 @@ impl Calibrate {
         let plan = Plan::new(self.replace)
             .description(&self.machine)
             .reads(self.layout.file())
-            .reads(&self.recordings)
+            .reads_once(&self.recordings)
             .writes("--report", self.report.as_deref(), PAGE);
         let machine = self.layout.machine(&self.machine)?;
         if let Some(Kind::Bearing(bearing)) = machine.kind() {

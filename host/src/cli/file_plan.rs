@@ -73,7 +73,23 @@ impl Plan {
             }
             self.0.reads(path);
         }
-        self.reads(fitted)
+        self.reads_once(fitted)
+    }
+
+    /// Reads recordings that are fitted together, each of which counts once.
+    pub(super) fn reads_once(mut self, recordings: &[PathBuf]) -> Self {
+        let places: Vec<Option<PathBuf>> = (recordings.iter())
+            .map(|path| std::fs::canonicalize(path).ok())
+            .collect();
+        let again =
+            (1..places.len()).find(|&k| places[k].is_some() && places[..k].contains(&places[k]));
+        if let Some(k) = again {
+            self.1 = Some(format!(
+                "{}: is given twice; allowed: each recording once",
+                recordings[k].display()
+            ));
+        }
+        self.reads(recordings)
     }
 
     /// Writes one file, where `option` is given.

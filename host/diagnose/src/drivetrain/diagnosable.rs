@@ -97,7 +97,11 @@ impl Diagnosable for DrivetrainResiduals {
 
     fn remarks(&self, selection: &Selection<Self>) -> Option<String> {
         let lacks = match self.torque_source {
-            TorqueSource::References => None,
+            TorqueSource::References if self.missing_references.is_empty() => None,
+            TorqueSource::References => Some(format!(
+                "no values of the reference `{}`: effects of the torque balance are not tested",
+                self.missing_references.join("`, `")
+            )),
             TorqueSource::Gauges => Some(
                 "no reference load: what all gauges have in common cannot be distinguished from the torque"
                     .into(),

@@ -52,6 +52,22 @@ impl RecordingContext<'_> {
         self.drivetrain.nominal_torque()
     }
 
+    /// References of loads that the recording does not have, where it has others.
+    pub fn missing_references(&self) -> Vec<String> {
+        if self.known.iter().all(Option::is_none) {
+            return Vec::new();
+        }
+        let loads = self.drivetrain.loads.iter().zip(&self.known);
+        let missing: Vec<&String> = loads
+            .filter_map(|(load, known)| known.is_none().then_some(&load.name))
+            .collect();
+        let references = self.machine.references.iter();
+        references
+            .filter(|reference| missing.contains(&&reference.load))
+            .map(|reference| reference.name.clone())
+            .collect()
+    }
+
     /// Torque of the first shaft that is known [N m referred].
     pub fn level(&self) -> Vec<f64> {
         let first = self.torques.shafts.iter().flatten().next();

@@ -175,6 +175,7 @@ fn recording(
         residuals,
         operating_profile,
         torque_source,
+        missing_references: context.missing_references(),
         reference_noise: context.reference_noise(),
     })
 }

@@ -138,6 +138,8 @@ pub struct DrivetrainResiduals {
     pub operating_profile: Option<Course>,
     /// Source of the torque.
     pub torque_source: TorqueSource,
+    /// References without a value, where others have one.
+    pub missing_references: Vec<String>,
     /// Standard deviation of the noise of each reference load, part of nominal.
     pub reference_noise: Vec<f64>,
 }

@@ -415,7 +415,14 @@ impl Monitor {
             }
         };
         let summary = monitor::run(model.as_ref(), bus, &self.args, &mut *view, &stop)?;
-        print(&summary, as_json)
+        print(&summary, as_json)?;
+        if let Some((machine, given)) = summary.other_model() {
+            bail!(
+                "the machine runs model {machine:08x}, the description gives {given:08x}: names and scales may be \
+                 wrong; allowed: the description and sensor set that the machine runs, or none"
+            );
+        }
+        Ok(())
     }
 }
 

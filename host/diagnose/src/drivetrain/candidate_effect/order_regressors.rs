@@ -67,6 +67,7 @@ mod tests {
             twist: Vec::new(),
             operating_profile: None,
             torque_source: TorqueSource::References,
+            missing_references: Vec::new(),
             reference_noise: Vec::new(),
         };
         let [cosine, _] = fourier_pair(&recording, 3.0);
