@@ -57,6 +57,11 @@ fn finding<S: Diagnosable>(
             .filter_map(|shape| effect.location(recording, shape))
             .map(|place| format!("the same, {place}")),
     );
+    // Of what it leaves, nothing is known.
+    let is_part = diagnosis.verdict == Verdict::Unknown;
+    if is_part {
+        alternatives.push("something that no candidate describes".into());
+    }
     let (places, sizes) = sizes(diagnosis, found);
     Finding {
         effect: format!("{}: {}", effect.name(), effect.description()),
@@ -66,7 +71,8 @@ fn finding<S: Diagnosable>(
         sizes,
         errors,
         alternatives,
-        next_recording: (found.is_ambiguous()).then(|| effect.recommended_experiment().into()),
+        next_recording: (is_part || found.is_ambiguous())
+            .then(|| effect.recommended_experiment().into()),
     }
 }
 
@@ -136,7 +142,7 @@ fn errors<S: Diagnosable>(
                     let load = name.trim_start_matches("NMAE ");
                     [
                         format!("Error of {load}{all}, sensors {}", set.sensors),
-                        change,
+                        change.replacen('(', "(change: ", 1),
                     ]
                 })
         })
