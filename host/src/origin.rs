@@ -1,6 +1,7 @@
-//! Origin of a report page, added to its facts: description with its hash, command, date.
+//! Origin of a report page, added to its facts: description and the files that it names with their
+//! hashes, command, version, date.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use chrono::{DateTime, Utc};
@@ -12,11 +13,17 @@ use crate::report::Report;
 const SHOWN: usize = 12;
 
 /// `report` with the facts that it can be traced by: file name and the start of the SHA-256 of
-/// `description`, the command, the day (UTC).
+/// `description` and of the files that it names (calibration, maps), the command, the version, the day (UTC).
 pub(crate) fn with_origin(mut report: Report, description: Option<&Path>) -> Report {
-    report
-        .facts
-        .extend(description.map(|path| ["Description".into(), with_hash(path)]));
+    if let Some(path) = description {
+        report.facts.push(["Description".into(), with_hash(path)]);
+        let files: Vec<String> = (named_files(path).iter())
+            .map(|file| with_hash(file))
+            .collect();
+        if !files.is_empty() {
+            report.facts.push(["With".into(), files.join(", ")]);
+        }
+    }
     let command = std::env::args_os()
         .skip(1)
         .map(|argument| argument.to_string_lossy().into_owned());
@@ -24,6 +31,10 @@ pub(crate) fn with_origin(mut report: Report, description: Option<&Path>) -> Rep
     let day = DateTime::<Utc>::from(SystemTime::now()).format("%Y-%m-%d");
     report.facts.extend([
         ["Command".into(), command.collect::<Vec<_>>().join(" ")],
+        [
+            "Version".into(),
+            format!("loadtwin {}", env!("CARGO_PKG_VERSION")),
+        ],
         ["Date".into(), day.to_string()],
     ]);
     report
@@ -43,4 +54,34 @@ fn with_hash(path: &Path) -> String {
         name += &format!(" (SHA-256 {hash})");
     }
     name
+}
+
+/// Files beside the description that a text in it names.
+fn named_files(description: &Path) -> Vec<PathBuf> {
+    let table = std::fs::read_to_string(description)
+        .ok()
+        .and_then(|text| text.parse::<toml::Table>().ok());
+    let folder = description.parent().unwrap_or(Path::new(""));
+    let mut files = Vec::new();
+    add_files(
+        &toml::Value::Table(table.unwrap_or_default()),
+        folder,
+        &mut files,
+    );
+    files
+}
+
+fn add_files(value: &toml::Value, folder: &Path, files: &mut Vec<PathBuf>) {
+    match value {
+        toml::Value::String(name) => {
+            let path = folder.join(name);
+            let is_name = path.extension().is_some() && path.is_file();
+            if is_name && !files.contains(&path) {
+                files.push(path);
+            }
+        }
+        toml::Value::Array(values) => values.iter().for_each(|v| add_files(v, folder, files)),
+        toml::Value::Table(table) => table.values().for_each(|v| add_files(v, folder, files)),
+        _ => {}
+    }
 }

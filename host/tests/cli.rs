@@ -328,6 +328,19 @@ fn wrong_usage_is_2_and_impossible_is_1() {
 }
 
 #[test]
+fn names_are_explained_and_help_has_examples() {
+    let bench = Bench::new();
+    let text = |arguments: &[&str]| String::from_utf8(bench.run(arguments).stdout).unwrap();
+    assert!(text(&["explain", "stuck"]).contains("too many equal readings"));
+    assert!(text(&["explain", "gauge-creep"]).contains("Record: a long hold"));
+    assert_eq!(bench.run(&["explain", "nosuch"]).status.code(), Some(1));
+    let help = text(&["--quiet", "diagnose", "--help"]);
+    for part in ["Examples:", "Exit status:", "Effects:"] {
+        assert!(help.contains(part), "no {part} in: {help}");
+    }
+}
+
+#[test]
 fn the_committed_schema_is_that_of_the_code() {
     let output = Bench::new().run(&["schema"]);
     let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/machine.schema.json");

@@ -3,11 +3,11 @@
 
 use loadtwin_machine::{Balance, Machine, Regime};
 use loadtwin_report::{
-    Axis, Data, KeyFigure, Mark, Plot, PlotSize, Report, Role, ScatterSample, Section, Series,
-    Table,
+    Axis, Data, EffectSize, Finding, KeyFigure, Mark, Plot, PlotSize, Report, Role, ScatterSample,
+    Section, Series, Table,
 };
 
-use crate::{BeforeAfter, Diagnosis, Figure, Residuals};
+use crate::{BeforeAfter, Diagnosis, Figure, FoundEffect, Residuals};
 
 /// Points of a plot.
 const POINTS: usize = 3000;
@@ -31,20 +31,33 @@ pub fn page(machine: &Machine, balance: &Balance, diagnosis: &Diagnosis) -> Repo
         .into_iter()
         .filter_map(|(label, figure)| key_figure(label, figure))
         .collect(),
-        tables: effects(diagnosis, unit)
-            .into_iter()
-            .chain([linear(balance, diagnosis, unit), error_table(diagnosis)])
-            .chain((!diagnosis.validated_on.is_empty()).then(|| by_recording(diagnosis)))
+        tables: (findings(diagnosis, unit).into_iter())
+            .chain([error_table(diagnosis)])
             .collect(),
-        sections: vec![Section {
+        sections: vec![
+            residuals(balance, diagnosis, unit),
+            Section {
+                title: "Linear part, and each recording".into(),
+                open: true,
+                tables: std::iter::once(linear(balance, diagnosis, unit))
+                    .chain((!diagnosis.validated_on.is_empty()).then(|| by_recording(diagnosis)))
+                    .collect(),
+                ..Section::default()
+            },
+        ],
+        ..Report::default()
+    }
+}
+
+fn residuals(balance: &Balance, diagnosis: &Diagnosis, unit: &str) -> Section {
+    Section {
             title: "Residual of the drive".into(),
             note: "What the model leaves of recordings that took no part in the fit, with the linear part fitted \
                    anew: before without effects, after with what was found."
                 .into(),
             open: true,
             plots: plots(balance, diagnosis, unit),
-        }],
-        ..Report::default()
+        ..Section::default()
     }
 }
 
@@ -65,15 +78,11 @@ fn facts(diagnosis: &Diagnosis) -> Vec<[String; 2]> {
         ["Validated on".into(), validated.join(", ")],
         ["Below".into(), format!("{} Hz", diagnosis.cutoff_hz)],
     ];
-    for alternative in &diagnosis.alternatives {
-        let instead: Vec<&str> = alternative.instead.iter().map(|i| i.0).collect();
-        facts.push([
-            format!("Instead of {}", alternative.effect),
-            instead.join(", "),
-        ]);
+    // Else it stands with the effect that it is about.
+    if diagnosis.alternatives.is_empty() {
+        let next = diagnosis.next_experiment.iter();
+        facts.extend(next.map(|next| ["Record next".into(), next.clone()]));
     }
-    let next = diagnosis.next_experiment.iter();
-    facts.extend(next.map(|next| ["Record next".into(), next.clone()]));
     facts.extend((diagnosis.notes.iter()).map(|note| ["Note".into(), note.clone()]));
     facts.extend(diagnosis.beyond.iter().map(|b| {
         let value = format!(
@@ -98,38 +107,72 @@ fn key_figure(label: &str, figure: Figure) -> Option<KeyFigure> {
     })
 }
 
-fn effects(diagnosis: &Diagnosis, unit: &str) -> Option<Table> {
-    let rows: Vec<Vec<String>> = (diagnosis.effects.iter())
-        .flat_map(|effect| {
-            let of = &effect.parameters;
-            let shape = (of.shape_names.iter().zip(&of.shape).zip(&of.shape_std))
-                .map(|((name, value), std)| (name.clone(), *value, *std));
-            let terms = (of.terms.iter())
-                .map(|(term, value)| (format!("{term} [{unit} per term]"), *value, None));
-            terms.chain(shape).map(|(parameter, value, std)| {
-                vec![
-                    effect.name.to_owned(),
-                    parameter,
-                    significant(value),
-                    std.map_or_else(|| "–".into(), significant),
-                    format!("{:.1}", effect.evidence.gain_percent),
-                    format!("{:.1e}", effect.evidence.p_value),
-                ]
+/// A table of each effect found.
+fn findings(diagnosis: &Diagnosis, unit: &str) -> Vec<Table> {
+    let all = diagnosis.effects.len();
+    let caption = |k: usize| match all {
+        1 => "What was found, with its 95 % interval".to_owned(),
+        _ => format!("What was found, {} of {all}, with its 95 % interval", k + 1),
+    };
+    (diagnosis.effects.iter().enumerate())
+        .map(|(k, effect)| finding(diagnosis, effect, unit).table(caption(k)))
+        .collect()
+}
+
+fn finding(diagnosis: &Diagnosis, effect: &FoundEffect, unit: &str) -> Finding {
+    let of = &effect.parameters;
+    let size = |parameter: String, value: f64, std: Option<f64>| EffectSize {
+        channel: String::new(),
+        parameter,
+        value,
+        std,
+    };
+    let terms = (of.terms.iter())
+        .map(|(term, value)| size(format!("{term} [{unit} per term]"), *value, None));
+    let shape = (of.shape_names.iter().zip(&of.shape).zip(&of.shape_std))
+        .map(|((name, value), std)| size(name.clone(), *value, *std));
+    let change = |of: &BeforeAfter| {
+        let [before, after] = [of.before, of.after].map(|figure| figure.value_percent);
+        before
+            .zip(after)
+            .map_or_else(String::new, |(before, after)| {
+                format!("{before:.1} → {after:.1} % of the drive's RMS")
             })
-        })
+    };
+    let evidence = &effect.evidence;
+    let with_all = if diagnosis.effects.len() > 1 {
+        " with all effects"
+    } else {
+        ""
+    };
+    let instead = (diagnosis.alternatives.iter()).filter(|of| of.effect == effect.name);
+    let alternatives: Vec<String> = instead
+        .flat_map(|of| of.instead.iter().map(|(name, _)| (*name).to_owned()))
         .collect();
-    (!rows.is_empty()).then(|| Table {
-        caption: "Effects found".into(),
-        head: vec![
-            "Effect".into(),
-            "parameter".into(),
-            "value".into(),
-            "standard deviation".into(),
-            "error falls by [%]".into(),
-            "probability by chance".into(),
+    Finding {
+        effect: effect.name.to_owned(),
+        place: effect.channels.join(", "),
+        sizes: terms.chain(shape).collect(),
+        errors: vec![
+            [
+                format!("Error as described{with_all}"),
+                change(&diagnosis.error.nominal),
+            ],
+            [
+                format!("Error recalibrated{with_all}"),
+                change(&diagnosis.error.recalibrated),
+            ],
+            [
+                "Falls when it is added last".into(),
+                format!(
+                    "by {:.1} %; probability by chance {:.1e}",
+                    evidence.gain_percent, evidence.p_value
+                ),
+            ],
         ],
-        rows,
-    })
+        next_recording: (diagnosis.next_experiment.clone()).filter(|_| !alternatives.is_empty()),
+        alternatives,
+    }
 }
 
 /// The linear part, as described and fitted anew.

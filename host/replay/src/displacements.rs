@@ -154,6 +154,7 @@ impl Displacements {
                    without a sensor is estimated from the others."
                 .into(),
             open: true,
+            tables: Vec::new(),
             plots: vec![
                 plot("Largest error", |e| e.largest),
                 plot("RMS error", Error::rms),

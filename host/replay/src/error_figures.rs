@@ -24,6 +24,8 @@ pub struct Figures {
     nis: (f64, u64),
     /// Of each load.
     bands: Vec<Band>,
+    /// Largest error of each load while it is valid [the load's unit].
+    largest: Vec<Option<f64>>,
     /// Normalised innovations of each sensor.
     innovations: Vec<Autocorrelation>,
     flags: BTreeMap<&'static str, u64>,
@@ -44,6 +46,10 @@ pub struct LoadFigures {
     pub rmse_percent: Option<f64>,
     /// Root mean square error [the load's unit].
     pub rmse: Option<f64>,
+    /// Mean of estimate - reference [% of the nominal load].
+    pub bias_percent: Option<f64>,
+    /// Largest error of the valid samples, by size [% of the nominal load].
+    pub largest_error_percent: Option<f64>,
     /// Valid samples inside the stated band.
     pub band: Option<BandFigures>,
     /// Root mean square of the estimate itself [the load's unit].
@@ -76,6 +82,7 @@ impl Figures {
             .collect();
         Self {
             bands: vec![Band::default(); loads.len()],
+            largest: vec![None; loads.len()],
             innovations: Vec::new(),
             sums: vec![(0.0, 0.0, 0); loads.len()],
             load_flags: vec![BTreeMap::new(); loads.len()],
@@ -103,8 +110,15 @@ impl Figures {
                 && load.std < f32::MAX
             {
                 error.push(sample.segment_t, f64::from(load.value), *reference);
-                if let Some(band) = self.bands.get_mut(*j).filter(|_| load.fault.is_none()) {
-                    band.push(f64::from(load.value) - reference, f64::from(load.std));
+                if load.fault.is_none()
+                    && let (Some(band), Some(largest)) =
+                        (self.bands.get_mut(*j), self.largest.get_mut(*j))
+                {
+                    let error = f64::from(load.value) - reference;
+                    band.push(error, f64::from(load.std));
+                    if error.is_finite() {
+                        *largest = Some(largest.unwrap_or(0.0).max(error.abs()));
+                    }
                 }
             }
         }
@@ -212,6 +226,9 @@ impl Figures {
                     nmae_percent: nmae,
                     rmse_percent: rmse.map(|rmse| 100.0 * rmse / nominal),
                     rmse,
+                    bias_percent: percent(error.full().bias()).map(|bias| 100.0 * bias / nominal),
+                    largest_error_percent: percent(self.largest[j])
+                        .map(|largest| 100.0 * largest / nominal),
                     band: (self.bands.get(j))
                         .filter(|_| known)
                         .and_then(Band::figures),

@@ -64,6 +64,7 @@ impl Orbits {
                     "Displacement along y over that along x at ends, bearings, loads and sensors."
                         .into(),
                 open: k + 1 == self.parts.len(),
+                tables: Vec::new(),
                 plots: (self.nodes.iter().zip(samples))
                     .map(|(node, sample)| self.plot(*node, sample))
                     .collect(),

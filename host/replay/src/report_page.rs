@@ -179,7 +179,14 @@ fn error_table(machine: &Machine, figures: &Figures) -> Table {
     let segments = machine.segments.iter().map(|s| s.name.clone());
     let mut columns = vec!["Load".to_owned(), "full".to_owned()];
     columns.extend(segments.clone());
-    columns.extend(["RMSE", "valid [% of the time]", "flagged"].map(String::from));
+    let last = [
+        "RMSE",
+        "bias",
+        "largest",
+        "valid [% of the time]",
+        "flagged",
+    ];
+    columns.extend(last.map(String::from));
     let rows = figures
         .loads()
         .map(|(name, load)| {
@@ -188,6 +195,8 @@ fn error_table(machine: &Machine, figures: &Figures) -> Table {
             row.extend(segments.clone().map(|segment| nmae(&segment)));
             row.extend([
                 cell(load.rmse_percent),
+                cell(load.bias_percent),
+                cell(load.largest_error_percent),
                 cell(load.valid_percent),
                 listed(&load.flags),
             ]);
@@ -195,7 +204,9 @@ fn error_table(machine: &Machine, figures: &Figures) -> Table {
         })
         .collect();
     Table {
-        caption: "Error [% of the nominal load]".into(),
+        caption:
+            "Error [% of the nominal load]: NMAE of all and of parts; largest of valid samples"
+                .into(),
         head: columns,
         rows,
     }

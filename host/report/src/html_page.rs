@@ -1,9 +1,9 @@
 //! Writing of a report as one HTML page of at most 8 MB: checks its plots, thins the signals until
 //! the page fits, and encodes the data.
 
-use super::markup::{cells, columns_of_words, escape};
+use super::markup::{cells, columns_of_words, escape, with_minus};
 use super::thinning::thinned;
-use super::{Data, Mark, MinMaxDecimator, Plot, Report, Section, UPLOT_CSS, UPLOT_JS};
+use super::{Data, Mark, MinMaxDecimator, Plot, Report, Section, Table, UPLOT_CSS, UPLOT_JS};
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
 use loadtwin_files::content::Content;
@@ -153,7 +153,8 @@ impl Report {
         self.head(&mut html, &title);
         let mut next_plot = 0;
         let sections = self.sections.iter();
-        for section in sections.filter(|section| !section.plots.is_empty()) {
+        let is_empty = |section: &&Section| section.plots.is_empty() && section.tables.is_empty();
+        for section in sections.filter(|section| !is_empty(section)) {
             section_html(&mut html, section, &mut next_plot);
         }
         footer(&mut html, time);
@@ -180,24 +181,12 @@ impl Report {
                 html,
                 "<div class=\"figure\"><span class=\"label\">{}</span><span class=\"value\">{}</span><span class=\"note\">{}</span></div>",
                 escape(&figure.label),
-                escape(&figure.value),
+                escape(&with_minus(&figure.value)),
                 escape(&figure.note)
             );
         }
         *html += "</div><div class=\"tables\">";
-        for table in &self.tables {
-            let is_words = columns_of_words(table);
-            let _ = write!(
-                html,
-                "<div class=\"table\" tabindex=\"0\"><table><caption>{}</caption><thead><tr>{}</tr></thead><tbody>",
-                escape(&table.caption),
-                cells(&table.head, "th", &is_words)
-            );
-            for row in &table.rows {
-                let _ = write!(html, "<tr>{}</tr>", cells(row, "td", &is_words));
-            }
-            *html += "</tbody></table></div>";
-        }
+        tables_html(html, &self.tables);
         *html += "</div>";
     }
 }
@@ -206,15 +195,21 @@ fn section_html(html: &mut String, section: &Section, next_plot: &mut usize) {
     let open = if section.open { " open" } else { "" };
     let _ = write!(
         html,
-        "<details{open}><summary><h2>{}</h2><span>{} plot{}</span></summary>",
+        "<details{open}><summary><h2>{}</h2><span>{}</span></summary>",
         escape(&section.title),
-        section.plots.len(),
-        if section.plots.len() == 1 { "" } else { "s" },
+        [
+            counted(section.plots.len(), "plot"),
+            counted(section.tables.len(), "table")
+        ]
+        .concat()
+        .trim_start()
     );
     if !section.note.is_empty() {
         let _ = write!(html, "<p>{}</p>", escape(&section.note));
     }
-    *html += "<div class=\"plots\">";
+    if !section.plots.is_empty() {
+        *html += "<div class=\"plots\">";
+    }
     for plot in &section.plots {
         let _ = write!(
             html,
@@ -223,7 +218,40 @@ fn section_html(html: &mut String, section: &Section, next_plot: &mut usize) {
         );
         *next_plot += 1;
     }
-    *html += "</div></details>";
+    if !section.plots.is_empty() {
+        *html += "</div>";
+    }
+    if !section.tables.is_empty() {
+        *html += "<div class=\"tables\">";
+        tables_html(html, &section.tables);
+        *html += "</div>";
+    }
+    *html += "</details>";
+}
+
+/// ` 2 plots`, or nothing.
+fn counted(number: usize, noun: &str) -> String {
+    match number {
+        0 => String::new(),
+        1 => format!(" 1 {noun}"),
+        _ => format!(" {number} {noun}s"),
+    }
+}
+
+fn tables_html(html: &mut String, tables: &[Table]) {
+    for table in tables {
+        let is_words = columns_of_words(table);
+        let _ = write!(
+            html,
+            "<div class=\"table\" tabindex=\"0\"><table><caption>{}</caption><thead><tr>{}</tr></thead><tbody>",
+            escape(&table.caption),
+            cells(&table.head, "th", &is_words)
+        );
+        for row in &table.rows {
+            let _ = write!(html, "<tr>{}</tr>", cells(row, "td", &is_words));
+        }
+        *html += "</tbody></table></div>";
+    }
 }
 
 fn footer(html: &mut String, time: Option<&MinMaxDecimator>) {

@@ -48,6 +48,7 @@
 )]
 
 mod decimator;
+mod finding;
 mod html_page;
 mod markup;
 mod replay_plots;
@@ -56,6 +57,7 @@ mod sensor_plots;
 mod thinning;
 
 pub use decimator::{MinMaxDecimator, Rows};
+pub use finding::{EffectSize, Finding};
 pub use html_page::{PAGE, ReportError};
 pub use replay_plots::{LoadLabel, ReplayPlots, SensorLabel};
 pub use scatter::ScatterSample;
@@ -183,6 +185,8 @@ pub struct Section {
     pub open: bool,
     /// The plots.
     pub plots: Vec<Plot>,
+    /// Tables below the plots.
+    pub tables: Vec<Table>,
 }
 
 /// One plot. The default is wide, over time, and empty.

@@ -15,7 +15,7 @@ pub(crate) fn cells(cells: &[String], tag: &str, is_words: &[bool]) -> String {
 }
 
 /// Hyphens before numbers as minus signs, after which no line breaks: `-7.1e-3`, but `torque-arm-3`.
-fn with_minus(text: &str) -> String {
+pub(crate) fn with_minus(text: &str) -> String {
     let letters: Vec<char> = text.chars().collect();
     let is_minus = |i: usize| {
         let before = |back: usize| i.checked_sub(back).map(|at| letters[at]);

@@ -147,14 +147,22 @@ impl ReplayPlots {
         let innovations = sensors()
             .flat_map(|(column, s)| s.innovation_plots(column))
             .collect();
+        let loads_note = match self.time.samples_per_bucket() {
+            1 => String::new(),
+            n => format!(
+                "Drawn as the least and the greatest of each {n} samples; `loadtwin replay --estimates FILE` writes \
+                 every sample."
+            ),
+        };
         let section = |title: &str, note: &str, open, plots| Section {
             title: title.to_owned(),
             note: note.to_owned(),
             open,
+            tables: Vec::new(),
             plots,
         };
         let sections = vec![
-            section("Loads", "", true, loads),
+            section("Loads", &loads_note, true, loads),
             section(
                 "Consistency",
                 "The NIS of a consistent filter is outside the bounds in 5 % of the samples.",

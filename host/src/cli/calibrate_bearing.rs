@@ -124,6 +124,7 @@ fn page(
             title: "Loads of the rig".into(),
             note: "What was applied; loads that do not vary are not calibrated.".into(),
             open: true,
+            tables: Vec::new(),
             plots: (BEARING_LOADS.iter().enumerate())
                 .map(|(k, name)| load(k, name))
                 .collect(),

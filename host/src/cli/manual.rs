@@ -1,14 +1,15 @@
 //! The commands `loadtwin completions` and `loadtwin man`: a completion script of a shell; a man
 //! page for each command in a folder.
 
-use std::path::PathBuf;
+use std::io::Write;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::{Args, Command, CommandFactory};
 
-use super::Cli;
 use super::file_plan::{Plan, Replace};
 use super::printing::print;
+use super::{Cli, examples};
 use crate::atomic_file::{AtomicFile, publish};
 use crate::files::content::Content;
 
@@ -67,8 +68,27 @@ impl Man {
         for (path, page) in &pages {
             let mut file = AtomicFile::create(path)?;
             page.render(&mut file)?;
+            file.write_all(examples_and_status(path).as_bytes())?;
             files.push(file.complete()?);
         }
         Ok(publish(files)?)
     }
+}
+
+/// Sections of the page in `path`, `loadtwin-NAME.1`.
+fn examples_and_status(path: &Path) -> String {
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    let name = name.strip_prefix("loadtwin-").unwrap_or("loadtwin");
+    let escaped = |text: &str| text.replace('-', "\\-");
+    let lines: Vec<String> = examples::of(name).collect();
+    let mut roff = String::new();
+    if !lines.is_empty() {
+        let lines = escaped(&lines.join("\n"));
+        roff += &format!(".SH EXAMPLES\n.nf\n{lines}\n.fi\n");
+    }
+    roff += ".SH \"EXIT STATUS\"\n";
+    for (code, meaning) in examples::EXIT_STATUS {
+        roff += &format!(".TP\n{code}\n{}\n", escaped(meaning));
+    }
+    roff
 }

@@ -8,6 +8,8 @@ mod can;
 mod demo;
 mod diagnose;
 mod diagnose_drive;
+mod examples;
+mod explain;
 mod file_plan;
 mod init;
 mod key;
@@ -47,6 +49,9 @@ pub struct Cli {
     /// Print one JSON object on standard output instead of text.
     #[arg(long, global = true)]
     json: bool,
+    /// Show no progress on standard error.
+    #[arg(long, global = true)]
+    quiet: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -93,6 +98,8 @@ enum Command {
     Dbc(can::Dbc),
     /// Print the JSON schema of the machine description.
     Schema,
+    /// Explain a flag, an effect or an error.
+    Explain(explain::Explain),
     /// Print shell completions.
     Completions(manual::Completions),
     /// Write the man pages.
@@ -108,7 +115,7 @@ impl Cli {
     /// # Errors
     /// On wrong usage; also to show the help or the version.
     fn from_arguments(arguments: impl IntoIterator<Item = OsString>) -> Result<Self, clap::Error> {
-        let command = Self::command().mut_subcommands(|command| {
+        let command = examples::shown_in_help(Self::command()).mut_subcommands(|command| {
             command.mut_args(|argument| {
                 let takes_value = argument.get_action().takes_values();
                 let is_option = argument.get_long().is_some();
@@ -124,6 +131,9 @@ impl Cli {
     /// What cannot be done with this input, as one line.
     pub fn run(self) -> anyhow::Result<()> {
         let json = self.json;
+        if self.quiet {
+            progress::hide();
+        }
         match self.command {
             None => demo::run(json),
             Some(Command::Init(init)) => init.run(json),
@@ -147,6 +157,7 @@ impl Cli {
             Some(Command::Upload(upload)) => upload.run(json),
             Some(Command::Dbc(dbc)) => dbc.run(),
             Some(Command::Schema) => schema::run(),
+            Some(Command::Explain(explain)) => explain.run(json),
             Some(Command::Completions(completions)) => {
                 completions.run();
                 Ok(())

@@ -1,11 +1,20 @@
 //! Progress bar on standard error, where that is a terminal and the work takes more than a second.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 /// Resolution of the bar.
 const STEPS: u64 = 1000;
+
+/// Whether `--quiet` was given.
+static HIDDEN: AtomicBool = AtomicBool::new(false);
+
+/// From now on no bar appears.
+pub(super) fn hide() {
+    HIDDEN.store(true, Ordering::Relaxed);
+}
 
 /// A bar that appears when work takes more than a second.
 pub struct Progress {
@@ -30,7 +39,8 @@ impl Progress {
 
     /// Shows that `part` of the work is done, 0 to 1.
     pub fn show(&self, part: f64) {
-        if self.bar.is_hidden() && self.started.elapsed() > Duration::from_secs(1) {
+        let may_show = !HIDDEN.load(Ordering::Relaxed);
+        if may_show && self.bar.is_hidden() && self.started.elapsed() > Duration::from_secs(1) {
             self.bar.set_draw_target(ProgressDrawTarget::stderr());
         }
         self.bar.set_position((part * STEPS as f64) as u64);

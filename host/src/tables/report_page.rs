@@ -52,6 +52,7 @@ pub fn page(
             title: "Why methods of tuning differ".into(),
             note: NOTE.into(),
             open: true,
+            tables: Vec::new(),
             plots: (0..sets)
                 .flat_map(|set| {
                     let of_set: Vec<&Curve> = curves.iter().map(|c| &c[set]).collect();

@@ -1,11 +1,10 @@
-//! Report page of a diagnosis: verdict, effects found, check of the filter, ranking of candidates,
-//! tests of residuals and innovations, and plots of residuals before and after.
+//! Report page of a diagnosis: verdict, effects found, check of the filter, plots of residuals before
+//! and after, ranking of candidates, tests of residuals and innovations.
 
-use crate::assessment::parameter_std::parameter_stds;
 use crate::assessment::verdict::cannot_show;
 use crate::candidate_effect::Scope;
 use crate::diagnosis::Diagnosis;
-use crate::diagnosis_report::shape_std::shape_stds;
+use crate::diagnosis_report::findings::findings;
 use crate::filter_check::FilterCheck;
 use crate::machine_kind::Diagnosable;
 use crate::{Innovations, Interval, Verdict};
@@ -50,24 +49,37 @@ pub fn page<S: Diagnosable>(
             })
         })
         .collect(),
-        tables: (effects_table(diagnosis).into_iter())
+        tables: (findings(diagnosis, filter).into_iter())
             .chain(filter.map(filter_table))
-            .chain([
-                ranking(diagnosis),
-                residual_table(diagnosis),
-                residual_test_table(diagnosis),
-                nis_table(innovations),
-            ])
             .collect(),
         time: None,
         sections: top_residuals(diagnosis)
             .into_iter()
             .map(|k| section(diagnosis, k))
+            .chain([statistics(diagnosis, innovations)])
             .collect(),
     }
 }
 
-/// Recording and verdict; what else it may be, what to record next, what the recording does not show.
+/// What the verdict rests on.
+fn statistics<S: Diagnosable>(diagnosis: &Diagnosis<S>, innovations: &[Innovations]) -> Section {
+    Section {
+        title: "Statistics of the verdict".into(),
+        open: true,
+        tables: [
+            ranking(diagnosis),
+            residual_table(diagnosis),
+            residual_test_table(diagnosis),
+            nis_table(innovations),
+        ]
+        .into_iter()
+        .filter(|table| !table.rows.is_empty())
+        .collect(),
+        ..Section::default()
+    }
+}
+
+/// Recording and verdict; what is negligible, what the recording does not show.
 fn facts<S: Diagnosable>(recording: &str, diagnosis: &Diagnosis<S>) -> Vec<[String; 2]> {
     let selection = &diagnosis.selection;
     let mut facts = vec![
@@ -79,20 +91,6 @@ fn facts<S: Diagnosable>(recording: &str, diagnosis: &Diagnosis<S>) -> Vec<[Stri
             facts.push([label.into(), value]);
         }
     };
-    let named = diagnosis.named();
-    for found in named {
-        let effect = found.effect.name();
-        add(
-            &format!("Instead of {effect}"),
-            found.indistinguishable_from.join(", "),
-        );
-    }
-    if let Some(ambiguous) = named.iter().find(|found| found.is_ambiguous()) {
-        add(
-            "Record next",
-            ambiguous.effect.recommended_experiment().into(),
-        );
-    }
     add(
         "Significant, but negligible for the load",
         selection.negligible_names().join(", "),
@@ -108,107 +106,6 @@ fn facts<S: Diagnosable>(recording: &str, diagnosis: &Diagnosis<S>) -> Vec<[Stri
             .unwrap_or_default(),
     );
     facts
-}
-
-/// Each effect found with its parameters and their standard deviations. Where something is missing that no candidate
-/// explains, those that explain a part of it.
-fn effects_table<S: Diagnosable>(diagnosis: &Diagnosis<S>) -> Option<Table> {
-    let recordings = &diagnosis.recordings;
-    let mut rows = Vec::new();
-    let is_part = diagnosis.verdict == Verdict::Unknown;
-    let named = if is_part {
-        diagnosis.selection.found.as_slice()
-    } else {
-        diagnosis.named()
-    };
-    for found in named {
-        let effect = found.effect;
-        let place = effect
-            .location(&recordings[0], &found.shape)
-            .unwrap_or_default();
-        // Said once; the rows of one effect follow each other.
-        let mut description = effect.description();
-        let mut row = |place: &str, parameter: String, value: String, std: String| {
-            let said = std::mem::take(&mut description);
-            let what = [effect.name(), said, place].map(str::to_owned);
-            rows.push([&what[..], &[parameter, value, std]].concat());
-        };
-        let stds = shape_stds(recordings, found, &diagnosis.selection.residuals_after);
-        for ((parameter, value), std) in
-            (effect.nonlinear_parameters().iter().zip(&found.shape)).zip(stds)
-        {
-            let name = format!("{} [{}]", parameter.name, parameter.unit);
-            row(
-                &place,
-                name.replace(" []", "").replace(" [number]", ""),
-                std.map_or_else(|| significant(*value), |std| as_sure(*value, std)),
-                std.map_or_else(|| "–".into(), significant),
-            );
-        }
-        let stds = parameter_stds(recordings, found, &diagnosis.selection.residuals_after);
-        let acting = (0..stds.len()).filter(|k| !found.parameters[*k].is_empty());
-        let shown = match effect.scope() {
-            Scope::Machine => 1,
-            Scope::PerSignal => stds.len(),
-        };
-        for k in acting.take(shown) {
-            let place = match effect.scope() {
-                Scope::Machine => &place,
-                Scope::PerSignal => recordings[0].name(k),
-            };
-            let values = found.parameters[k].iter().zip(&stds[k]);
-            for (parameter, (value, std)) in effect.linear_parameters().iter().zip(values) {
-                row(
-                    place,
-                    parameter.name.into(),
-                    as_sure(*value, *std),
-                    significant(*std),
-                );
-            }
-        }
-    }
-    (!rows.is_empty()).then(|| Table {
-        caption: if is_part {
-            "Effects that explain a part of what is missing"
-        } else {
-            "Effects found"
-        }
-        .into(),
-        head: [
-            "Effect",
-            "what it is",
-            "where",
-            "parameter",
-            "value",
-            "standard deviation",
-        ]
-        .map(String::from)
-        .to_vec(),
-        rows,
-    })
-}
-
-/// Three significant digits, or more where the standard deviation is smaller than the last of them.
-fn as_sure(value: f64, std: f64) -> String {
-    let digits = 2 - value.abs().log10().floor() as i32;
-    let known = 1 - std.log10().floor() as i32;
-    if (1e-2..1e4).contains(&value.abs()) && known > digits && known < 9 {
-        format!("{value:.*}", known as usize)
-    } else {
-        significant(value)
-    }
-}
-
-/// Three significant digits.
-fn significant(value: f64) -> String {
-    if value.fract() == 0.0 && value.abs() < 1e4 {
-        format!("{value}")
-    } else if (1e-2..1e4).contains(&value.abs()) {
-        let digits = 2 - value.abs().max(1e-2).log10().floor() as i32;
-        format!("{value:.*}", digits.max(0) as usize)
-    } else {
-        format!("{value:.2e}")
-    }
 }
 
 /// The estimator before and after.
@@ -444,5 +341,6 @@ fn section<S: Diagnosable>(diagnosis: &Diagnosis<S>, k: usize) -> Section {
         },
         open: true,
         plots,
+        ..Section::default()
     }
 }

@@ -66,12 +66,14 @@ pub fn page(
                 title: "Pareto fronts".into(),
                 note: "To the right responds more to torque, below is modelled better; gauges on or near the front are proposed.".into(),
                 open: true,
+                tables: Vec::new(),
                 plots: proposals.iter().map(|p| front_plot(machine, p)).collect(),
             },
             Section {
                 title: "Simulated and measured".into(),
                 note: "Strain over the carrier angle at constant torque, the largest mean of the recordings' angles.".into(),
                 open: false,
+                tables: Vec::new(),
                 plots: ranked
                     .iter()
                     .filter_map(|gauge| compared(machine, observations, gauge, source))
@@ -81,6 +83,7 @@ pub fn page(
                 title: "Surfaces".into(),
                 note: "f_T T f_theta(theta) + d of eq. (1), cut at four torques.".into(),
                 open: false,
+                tables: Vec::new(),
                 plots: ranked
                     .iter()
                     .filter_map(|gauge| surface_plot(machine, observations, gauge))

@@ -31,6 +31,7 @@ pub fn page(
                      over the carrier angle. 1 is wanted below the cut-off of {cutoff_hz} Hz, 0 above."
                 ),
                 open: true,
+                tables: Vec::new(),
                 plots: sets
                     .iter()
                     .map(|(name, tuned)| response(&loads, name, tuned, cutoff_hz))
@@ -40,6 +41,7 @@ pub fn page(
                 title: "Noise of the channels".into(),
                 note: "Error of the model over the carrier angle, eq. (15) to (18).".into(),
                 open: false,
+                tables: Vec::new(),
                 plots: noise.iter().map(|n| over_angle(machine, n)).collect(),
             },
         ],

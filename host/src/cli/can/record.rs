@@ -15,10 +15,6 @@ use crate::record::recorder::{self, RecordArgs};
 
 /// Record a machine on a CAN bus into an archive, and publish its loads over MQTT.
 #[derive(Debug, Args)]
-#[command(after_help = "\
-Examples:
-  loadtwin record machine.toml can0 -o archive --name press-7
-  loadtwin record machine.toml slcan:/dev/ttyACM0@500000 -o archive --mqtt mqtt://broker")]
 pub struct Record {
     /// Machine description (TOML).
     machine: PathBuf,

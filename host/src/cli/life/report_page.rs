@@ -170,6 +170,7 @@ fn section(counted: &Counted, period_s: f64) -> Section {
         title: counted.name.clone(),
         note: NOTE.into(),
         open: true,
+        tables: Vec::new(),
         plots,
     }
 }
