@@ -96,10 +96,8 @@ impl Day {
 
     /// The load that is counted, and its damage.
     pub(crate) fn damage(&self) -> Option<(&str, f64)> {
-        let loads = self.sums.loads.iter();
-        loads
-            .filter_map(|load| Some((load.name.as_str(), load.damage?)))
-            .next()
+        let mut loads = self.sums.loads.iter();
+        loads.find_map(|load| Some((load.name.as_str(), load.damage?)))
     }
 }
 

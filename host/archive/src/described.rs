@@ -22,7 +22,8 @@ pub(crate) struct Described {
 /// The digits of a hash.
 pub(crate) fn hex(digest: impl AsRef<[u8]>) -> String {
     let bytes = digest.as_ref().iter();
-    bytes.map(|byte| format!("{byte:02x}")).collect()
+    let digits: Vec<String> = bytes.map(|byte| format!("{byte:02x}")).collect();
+    digits.concat()
 }
 
 impl Described {

@@ -31,6 +31,10 @@ pub enum ArchiveError {
 }
 
 impl ArchiveError {
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "errors and texts of all kinds"
+    )]
     pub(crate) fn refused(place: impl ToString, reason: impl ToString) -> Self {
         Self::Refused {
             place: place.to_string(),
