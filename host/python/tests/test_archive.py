@@ -160,8 +160,10 @@ class TestArchive(unittest.TestCase):
             self.assertEqual((other / table).read_bytes(), (self.results / table).read_bytes(), table)
         again = subprocess.run(command, capture_output=True, text=True, check=True).stdout
         self.assertIn(f"1 machines, {DAYS} days, {len(self.whole)} samples; 0 days replayed", again)
-        wrong = subprocess.run([*command, "--estimates", "x.csv"], capture_output=True, text=True, check=False)
-        self.assertEqual((wrong.returncode, wrong.stdout), (2, ""))
+        one = [*command[:4], "machine.toml", "recording.csv", "--columns", "loads"]
+        for refused in ([*command, "--estimates", "x.csv"], one):
+            wrong = subprocess.run(refused, capture_output=True, text=True, check=False)
+            self.assertEqual((wrong.returncode, wrong.stdout), (2, ""))
 
     # --- runs again -------------------------------------------------------
 

@@ -13,6 +13,9 @@ use crate::cli::progress::Progress;
 /// Time between two looks at the progress.
 const LOOK: Duration = Duration::from_millis(20);
 
+/// What one machine is replayed by, which no option of an archive goes with.
+const ONE_MACHINE: [&str; 2] = ["machine", "recording"];
+
 /// Options of a run over an archive.
 #[derive(Debug, Args)]
 pub(super) struct ArchiveOptions {
@@ -24,19 +27,19 @@ pub(super) struct ArchiveOptions {
     ])]
     archive: Option<PathBuf>,
     /// Folder of the results of --archive; results in the archive where absent.
-    #[arg(long, short = 'o', value_name = "DIR", requires = "archive")]
+    #[arg(long, short = 'o', value_name = "DIR", conflicts_with_all = ONE_MACHINE)]
     results: Option<PathBuf>,
     /// Columns of the estimates of --archive.
-    #[arg(long, value_enum, requires = "archive", default_value = "all")]
+    #[arg(long, value_enum, conflicts_with_all = ONE_MACHINE, default_value = "all")]
     columns: KeptColumns,
     /// Replay all days of --archive again.
-    #[arg(long, requires = "archive")]
+    #[arg(long, conflicts_with_all = ONE_MACHINE)]
     again: bool,
     /// Write no pages of --archive.
-    #[arg(long, requires = "archive")]
+    #[arg(long, conflicts_with_all = ONE_MACHINE)]
     no_page: bool,
     /// Machines of --archive at once; one for each core where absent.
-    #[arg(long, value_name = "N", requires = "archive")]
+    #[arg(long, value_name = "N", conflicts_with_all = ONE_MACHINE)]
     processes: Option<usize>,
 }
 
