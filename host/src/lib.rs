@@ -22,6 +22,7 @@ mod origin;
 pub mod tables;
 pub mod web;
 
+pub use loadtwin_archive as archive;
 pub use loadtwin_can as can;
 pub use loadtwin_can::image::{key, seal, upload_protocol};
 pub use loadtwin_design::{bearing, build, gearbox, reduce, rotor};

@@ -18,6 +18,17 @@ use super::system::{FileId, Owner, link, unnamed};
 /// there. The next run removes one that a kill between these two calls left.
 const BETWEEN: &str = ".loadtwin-new";
 
+/// Removes from `folder` what a kill between two calls left there, where no run works in it.
+///
+/// # Errors
+/// When it cannot be removed.
+pub fn remove_leftover(folder: &Path) -> io::Result<()> {
+    match std::fs::remove_file(folder.join(BETWEEN)) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
+}
+
 /// Longest wait for other runs that publish into the same folder. They take
 /// milliseconds; `flock FOLDER loadtwin ...` of a script would never end.
 const LOCK_TIME: Duration = Duration::from_secs(1);

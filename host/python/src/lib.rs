@@ -1,5 +1,5 @@
 //! The compiled module `_loadtwin` of the Python package `loadtwin`: machine descriptions, replays
-//! as streams of estimates, and functions that run a command or write Parquet.
+//! as streams of estimates, archives, and functions that run a command or write Parquet.
 //!
 //! Estimators run here, on streams of Arrow; the other commands run as a program of their own,
 //! by `program`, so that an interrupt ends them.
@@ -8,8 +8,8 @@
     reason = "PyO3 hands over what it converted, `map_err` its error"
 )]
 
+mod archive;
 mod capsule;
-mod counting;
 mod replay_threads;
 mod worker;
 
@@ -27,7 +27,6 @@ use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyCapsule};
 
-use counting::Counting;
 use replay_threads::Stop;
 use worker::{Pause, SharedEnd, Source, Task, Worker};
 
@@ -92,35 +91,7 @@ impl Description {
             .collect()
     }
 
-    /// The files that the description names, and those that these name.
-    #[getter]
-    fn named_files(&self) -> Vec<PathBuf> {
-        loadtwin::machine::named_files(&self.0.path)
-    }
-
-    /// Whether a replay has a state with which another one goes on.
-    #[getter]
-    fn has_state(&self) -> bool {
-        loadtwin::replay::has_state(&self.0)
-    }
-
-    /// Samples in a row that may be absent.
-    #[getter]
-    fn largest_gap(&self) -> u32 {
-        self.0.recording.largest_gap
-    }
-
-    /// Nominal value of each load; of a bearing the width of its range.
-    #[getter]
-    fn nominal(&self) -> Vec<(String, f64)> {
-        let loads = self.0.loads().into_iter();
-        loads
-            .map(|load| (load.name.to_owned(), load.nominal))
-            .collect()
-    }
-
     /// Starts a replay.
-    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn stream(
         &self,
         py: Python<'_>,
@@ -129,7 +100,6 @@ impl Description {
         sensors: Option<&str>,
         filter: &str,
         more: bool,
-        counts: counting::Saved,
     ) -> PyResult<Stream> {
         let filter = match filter {
             "aekf" => Filter::Aekf,
@@ -141,7 +111,6 @@ impl Description {
             }
         };
         let sensors = Sensors::choose(&self.0, sensors).map_err(error)?;
-        let counting = Counting::continued(&self.0, counts, state.is_none())?;
         let stop = Stop::default();
         let source = match recording.extract::<PathBuf>() {
             Ok(path) => Source::File(path),
@@ -153,7 +122,6 @@ impl Description {
             source,
             state,
             more,
-            counting,
         };
         let worker = py.detach(|| Worker::start(task, stop))?;
         Ok(Stream {
@@ -224,24 +192,6 @@ impl Stream {
     fn notes(&self) -> Vec<String> {
         let end = self.end.lock().unwrap_or_else(PoisonError::into_inner);
         end.as_ref().map_or(Vec::new(), |end| end.notes.clone())
-    }
-
-    /// Sums of loads and sensors as JSON, at the end.
-    #[getter]
-    fn sums(&self) -> PyResult<Option<String>> {
-        let end = self.end.lock().unwrap_or_else(PoisonError::into_inner);
-        let sums = end.as_ref().map(|end| serde_json::to_string(&end.sums));
-        sums.transpose().map_err(error)
-    }
-
-    /// Counts of load cycles at the end.
-    #[getter]
-    fn counts<'py>(&self, py: Python<'py>) -> Vec<(String, Bound<'py, PyBytes>)> {
-        let end = self.end.lock().unwrap_or_else(PoisonError::into_inner);
-        let counts = end.iter().flat_map(|end| &end.counts);
-        counts
-            .map(|(name, bytes)| (name.clone(), PyBytes::new(py, bytes)))
-            .collect()
     }
 }
 
@@ -316,7 +266,7 @@ fn forget_all() {
 #[pymodule]
 mod _loadtwin {
     #[pymodule_export]
-    use super::counting::{damage_of, empty_counts};
+    use super::archive::{archive_tasks, replay_archive, replay_task, write_outcome};
 
     #[pymodule_export]
     use super::{
@@ -326,11 +276,4 @@ mod _loadtwin {
     #[pymodule_export]
     #[expect(non_upper_case_globals, reason = "its name in Python")]
     const __version__: &str = env!("CARGO_PKG_VERSION");
-
-    #[pymodule_export]
-    const BIASED: f64 = loadtwin::replay::BIASED;
-    #[pymodule_export]
-    const CONTRADICTING: f64 = loadtwin::replay::CONTRADICTING;
-    #[pymodule_export]
-    const SETTLED: u64 = loadtwin::replay::SETTLED;
 }

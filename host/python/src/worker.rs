@@ -11,11 +11,10 @@ use arrow_schema::{ArrowError, SchemaRef};
 use loadtwin::build::{self, Sensors};
 use loadtwin::machine::Machine;
 use loadtwin::recording::{self, Batches, Input};
-use loadtwin::replay::{EstimateRows, ReplayError, Run, Sample, Sums, SumsReport};
+use loadtwin::replay::{EstimateRows, ReplayError, Run, Sample};
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::io::estimate::Estimate;
 
-use crate::counting::{Counting, Saved};
 use crate::message;
 use crate::replay_threads::{self, Stop};
 
@@ -40,8 +39,6 @@ pub(crate) struct Task {
     pub(crate) state: Option<Vec<u8>>,
     /// Whether another part follows.
     pub(crate) more: bool,
-    /// Counts of load cycles that go on.
-    pub(crate) counting: Counting,
 }
 
 /// What is there at the end.
@@ -51,8 +48,6 @@ pub(crate) struct End {
     pub(crate) state: Option<Vec<u8>>,
     /// How the recording was read, where it is not as usual.
     pub(crate) notes: Vec<String>,
-    pub(crate) sums: SumsReport,
-    pub(crate) counts: Saved,
 }
 
 /// The end of a replay, once it is there.
@@ -200,21 +195,15 @@ impl Queue {
 }
 
 /// Gathers what a replay gives, row by row.
-struct Gathered {
-    rows: EstimateRows,
-    sums: Sums,
-    counting: Counting,
-}
+struct Gathered(EstimateRows);
 
 impl Gathered {
     fn push(&mut self, sample: &Sample<'_>, estimate: &Estimate, line: &Estimator<'_>) {
-        self.rows.push(sample.t, estimate, line);
-        self.sums.push(sample.t, estimate);
-        self.counting.push(estimate);
+        self.0.push(sample.t, estimate, line);
     }
 
     fn deliver(&mut self, queue: &Queue) -> bool {
-        let batch = self.rows.take(recording::record_batch);
+        let batch = self.0.take(recording::record_batch);
         queue.send(batch.map_err(|error| error.to_string()))
     }
 }
@@ -227,11 +216,7 @@ fn work(task: Task, rows: EstimateRows, queue: &Queue) -> Result<Option<End>, St
     let said = |error: ReplayError| message(&error);
     let (machine, sensors) = (&task.machine, &task.sensors);
     let image = build::image(machine, sensors).map_err(|error| message(&error))?;
-    let mut gathered = Gathered {
-        rows,
-        sums: Sums::new(machine, sensors),
-        counting: task.counting,
-    };
+    let mut gathered = Gathered(rows);
     let input = match &task.source {
         Source::File(path) => Input::from(path),
         Source::Batches(batches) => Input::Batches(batches),
@@ -260,13 +245,8 @@ fn work(task: Task, rows: EstimateRows, queue: &Queue) -> Result<Option<End>, St
     if !task.more {
         run.finish(|sample, estimate, line| gathered.push(sample, estimate, line));
     }
-    if !gathered.rows.is_empty() && !gathered.deliver(queue) {
+    if !gathered.0.is_empty() && !gathered.deliver(queue) {
         return Ok(None);
     }
-    Ok(Some(End {
-        state,
-        notes,
-        sums: gathered.sums.report(),
-        counts: gathered.counting.save()?,
-    }))
+    Ok(Some(End { state, notes }))
 }

@@ -3,15 +3,14 @@
 Three simulated machines are replayed; the page then has so many rows, with names of their own.
 """
 
+import json
 import sys
 from pathlib import Path
 
-import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from simulated_archive import GEARBOX, add_machine, describe, recording
 
-from loadtwin.archive import Options, outcome, run
+from loadtwin.archive import Options, run
 
 archive, machines = Path(sys.argv[1]), int(sys.argv[2])
 whole = recording(seed=1, seconds=24)
@@ -29,10 +28,11 @@ describe(
 )
 done = run(archive, processes=1, options=Options())
 results = Path(done["results"])
-three = pq.read_table(results / outcome.MACHINES)
-faults = pq.read_table(results / outcome.FAULTS)
-copies = machines - len(three)
-rows = three.take([k % len(three) for k in range(copies)])
-rows = rows.set_column(0, "machine", pa.array([f"machine-{k}" for k in range(copies)]))
-outcome.write_page(results / "page", pa.concat_tables([three, rows]), faults)
+fleet = results / "page" / "fleet.js"
+begin, end = "const fleet = ", ";\n"
+three = json.loads(fleet.read_text().removeprefix(begin).removesuffix(end))
+copies = machines - done["machines"]
+rows = {name: column + [column[k % len(column)] for k in range(copies)] for name, column in three.items()}
+rows["machine"] = three["machine"] + [f"machine-{k}" for k in range(copies)]
+fleet.write_text(f"{begin}{json.dumps(rows)}{end}")
 print(results / "page" / "index.html")

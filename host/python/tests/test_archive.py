@@ -1,6 +1,7 @@
 """Archives: the bits of one recording, whatever is cut, late, broken, killed or changed."""
 
 import csv
+import json
 import os
 import shutil
 import signal
@@ -17,7 +18,7 @@ import pyarrow.parquet as pq
 from simulated_archive import GEARBOX, HEADER, add_machine, day_folder, day_name, describe, made, make, recording
 
 import loadtwin
-from loadtwin.archive import Options, overview, run
+from loadtwin.archive import Options, run
 
 DAYS = 4
 PLAIN = f"g,2026-01-01,{GEARBOX}"
@@ -107,9 +108,6 @@ class TestArchive(unittest.TestCase):
         # So many times the recorded time bring the damage to 1.
         seconds = sum(row["seconds"] for row in self.days())
         self.assertAlmostEqual(damage[-1] * (1 + machines[0]["remaining_s"] / seconds), 1, delta=1e-9)
-        self.assertEqual(overview.remaining_s("main_shaft", 1.5, {}), 0)
-        self.assertIsNone(overview.remaining_s("main_shaft", None, {}))
-        self.assertIsNone(overview.remaining_s("main_shaft", 0.0, {}))
 
     def test_timestamps_follow_one_another(self):
         t = self.whole.schema.get_field_index("t")
@@ -121,6 +119,8 @@ class TestArchive(unittest.TestCase):
         self.run_all()
         self.assertEqual(self.faults(), [])
         self.assertEqual([row["recordings"][0]["continued"] for row in self.days()], [False] + [True] * (DAYS - 1))
+        first = self.written()["t"][0].as_py()
+        self.assertAlmostEqual(first, 1_790_000_000 + self.whole["t"][0].as_py(), places=6)
         loads = ["main_shaft", "main_shaft_fault"]
         self.assertTrue(self.written().select(loads).equals(self.estimates.select(loads)))
 
@@ -144,6 +144,26 @@ class TestArchive(unittest.TestCase):
         alone = pa.table(self.machine.replay(table[500:])[0])
         found = pq.read_table(self.results / "estimates/machine=g" / f"day={day_name(2)}/rec.parquet", partitioning=None)
         self.assertTrue(found.combine_chunks().equals(alone.combine_chunks()))
+
+    def test_the_command_makes_the_same_files(self):
+        self.one_machine()
+        done = self.run_all(columns="loads")
+        other = self.archive.parent / "other"
+        command = [sys.executable, "-m", "loadtwin", "replay", "--archive", self.archive, "-o", other, "--columns", "loads"]
+        printed = subprocess.run([*command, "--json"], capture_output=True, text=True, check=True).stdout
+        theirs = json.loads(printed)
+        self.assertEqual(list(theirs), list(done))
+        own = {"seconds": 0, "results": ""}
+        self.assertEqual({**theirs, **own}, {**done, **own})
+        self.assertEqual(made(other), made(self.results))
+        for table in ("machines.parquet", "faults.parquet", "contradicting.csv", "page/fleet.js", "page/machines/g.js"):
+            self.assertEqual((other / table).read_bytes(), (self.results / table).read_bytes(), table)
+        again = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        self.assertIn(f"1 machines, {DAYS} days, {len(self.whole)} samples; 0 days replayed", again)
+        one = [*command[:4], "machine.toml", "recording.csv", "--columns", "loads"]
+        for refused in ([*command, "--estimates", "x.csv"], one):
+            wrong = subprocess.run(refused, capture_output=True, text=True, check=False)
+            self.assertEqual((wrong.returncode, wrong.stdout), (2, ""))
 
     # --- runs again -------------------------------------------------------
 
@@ -261,9 +281,11 @@ class TestArchive(unittest.TestCase):
 
     def test_faults_are_in_a_table_and_the_rest_goes_on(self):
         def page(path):
-            # In the pages of a column: found only when its rows are read.
+            # In the pages of a channel: found only when its rows are read. Columns that are no channel are not read.
+            group = pq.ParquetFile(path).metadata.row_group(0)
+            (chunk,) = (group.column(k) for k in range(group.num_columns) if group.column(k).path_in_schema == "ta1")
             content = bytearray(path.read_bytes())
-            middle = len(content) // 2
+            middle = chunk.data_page_offset + chunk.total_compressed_size // 3
             content[middle : middle + 2000] = bytes(2000)
             path.write_bytes(content)
 

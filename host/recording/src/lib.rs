@@ -19,6 +19,7 @@ mod column_selection;
 mod csv;
 mod error;
 mod file_survey;
+mod first_time;
 mod foreign_formats;
 mod mdf;
 mod parquet;
@@ -35,6 +36,7 @@ pub use clock_state::Clock;
 use error::clipped;
 pub use error::{Problem, RecordingError, Row};
 pub use file_survey::{Change, RATES_HZ, Survey, SurveyedColumn, survey};
+pub use first_time::first_time;
 pub use reader::{Block, Reader};
 pub use recording_layout::{
     ChannelLayout, Column, ColumnType, CsvLayout, Role, Timing, Wanted, WrittenNan,

@@ -393,7 +393,7 @@ impl Reader {
 }
 
 /// Reads rows, converts their time, and refuses one that runs backwards.
-fn read_rows(
+pub(super) fn read_rows(
     source: &Source,
     selection: &Selection,
     rows_before: u64,

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Once};
 
-use super::arrow::{ArrowStream, Batches};
+use super::arrow::{ArrowStream, Batches, Since};
 use super::channel_names::named;
 use super::csv::Csv;
 use super::error::{Problem, RecordingError, Row};
@@ -61,6 +61,9 @@ impl Rows {
 pub enum Input<'a> {
     /// In a file.
     File(&'a Path),
+    /// In a file of an archive: a time of timestamps is in seconds since 1970 (UTC), so that
+    /// recordings follow one another.
+    Archived(&'a Path),
     /// In memory, or in a stream that is read once.
     Batches(&'a Batches),
 }
@@ -69,7 +72,7 @@ impl<'a> Input<'a> {
     /// What it is called in messages.
     pub fn name(self) -> &'a Path {
         match self {
-            Self::File(path) => path,
+            Self::File(path) | Self::Archived(path) => path,
             Self::Batches(_) => Path::new("table"),
         }
     }
@@ -80,7 +83,7 @@ impl<'a> Input<'a> {
     /// When the stream cannot be read.
     pub fn head(self, rows: usize) -> Result<Option<Batches>, RecordingError> {
         match self {
-            Self::File(_) => Ok(None),
+            Self::File(_) | Self::Archived(_) => Ok(None),
             Self::Batches(batches) => {
                 let head = batches.head(rows).map_err(|problem| self.error(problem))?;
                 Ok(Some(head))
@@ -126,7 +129,7 @@ impl Opened {
     ) -> Result<Self, Problem> {
         let simulated;
         let layout = match input {
-            Input::File(path) if is_simulated_text(path) => {
+            Input::File(path) | Input::Archived(path) if is_simulated_text(path) => {
                 simulated = layout.of_simulated();
                 &simulated
             }
@@ -134,6 +137,7 @@ impl Opened {
         };
         let format = match input {
             Input::File(path) => Format::open(path, layout, wanted)?,
+            Input::Archived(path) => Format::open_since(path, layout, wanted, Since::Epoch)?,
             Input::Batches(batches) => Format::Arrow(ArrowStream::open(batches, layout)),
         };
         let notes = match &format {
@@ -192,6 +196,16 @@ impl Format {
         layout: &CsvLayout,
         wanted: &[(&str, bool)],
     ) -> Result<Self, Problem> {
+        Self::open_since(path, layout, wanted, Since::First)
+    }
+
+    /// As [`Self::open`], with timestamps of Parquet as seconds `since`.
+    fn open_since(
+        path: &Path,
+        layout: &CsvLayout,
+        wanted: &[(&str, bool)],
+        since: Since,
+    ) -> Result<Self, Problem> {
         let file = File::open(path)?;
         // A pipe can be read once: its start is not inspected. Parquet and MDF4 are not read from a pipe.
         let mut start = Vec::new();
@@ -206,7 +220,7 @@ impl Format {
             });
         }
         if start.starts_with(b"PAR1") {
-            contained("Parquet", || Parquet::open(file, layout)).map(Self::Parquet)
+            contained("Parquet", || Parquet::open(file, layout, since)).map(Self::Parquet)
         } else if start.starts_with(b"MDF ") || start.starts_with(b"UnFinMF ") {
             contained("MDF4", || Mdf::open(path, layout, wanted))
                 .map(|mdf| Self::Mdf(Box::new(mdf)))

@@ -107,4 +107,4 @@ def start(
     more: bool,
 ) -> Stream:
     """Start a replay."""
-    return Stream(description.stream(recording, state, sensors, filter, more, []))
+    return Stream(description.stream(recording, state, sensors, filter, more))

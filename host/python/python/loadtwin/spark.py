@@ -8,6 +8,8 @@ and results lie on a file system that all executors see.
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import json
 import os
 import sys
 import time
@@ -17,16 +19,11 @@ from typing import Any
 
 import pyarrow as pa
 from py4j.protocol import Py4JError
-from pyspark import cloudpickle
 from pyspark.errors import PySparkException
 from pyspark.sql import SparkSession
-from pyspark.sql.pandas.types import from_arrow_schema
 
-from . import Error
-from .archive import outcome, overview
-from .archive.layout import Results
+from . import Error, _loadtwin
 from .archive.options import Options, given, parser, results_folder
-from .archive.run import prepared, replay_machine
 from .archive.text import program
 
 #: Partitions for each task that runs at once: the more, the less the last of them runs alone.
@@ -65,27 +62,38 @@ def run(
     Error
         When the archive or the folder of the results is refused.
     """
-    began, options = time.monotonic(), options or Options()
-    target = Results(results if results is not None else os.path.join(archive, "results"))
-    works = prepared(archive, target.folder, options)
+    target = results if results is not None else os.path.join(archive, "results")
+    figures, _ = _replayed(spark, archive, target, partitions, options or Options())
+    return json.loads(figures)
+
+
+def _replayed(
+    spark: SparkSession,
+    archive: str | os.PathLike[str],
+    results: str | os.PathLike[str],
+    partitions: int | None,
+    options: Options,
+) -> tuple[str, str]:
+    """Replay all machines; give the figures of the run as JSON and as text."""
+    began = time.monotonic()
+    tasks = _loadtwin.archive_tasks(archive, results, dataclasses.astuple(options))
     if partitions is None:
         partitions = _PARTITIONS * spark.sparkContext.defaultParallelism
-    partitions = max(1, min(partitions, len(works)))
-    machines = pa.table({"machine": [work[2] for work in works], "work": [cloudpickle.dumps(work) for work in works]})
-    done = spark.createDataFrame(machines).repartition(partitions).mapInArrow(_replayed, _schema())
-    return outcome.write(target.folder, done.toArrow(), options, began)
+    partitions = max(1, min(partitions, len(tasks)))
+    machines, contents = zip(*tasks)
+    table = pa.table({"machine": pa.array(machines), "task": pa.array(contents, pa.binary())})
+    done = spark.createDataFrame(table).repartition(partitions).mapInArrow(_rows, "row binary").toArrow()
+    rows = done["row"].to_pylist()
+    folder = os.path.abspath(results)
+    return _loadtwin.write_outcome(folder, rows, options.page, time.monotonic() - began)
 
 
-def _schema() -> Any:
-    return from_arrow_schema(overview.SCHEMA)
-
-
-def _replayed(batches: Iterator[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
-    """Replay machines, one after the other."""
+def _rows(batches: Iterator[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
+    """Replay machines, one after the other; give a row for each."""
     for batch in batches:
-        for work in batch.column("work"):
-            row = replay_machine(cloudpickle.loads(work.as_py()))
-            yield pa.RecordBatch.from_pylist([row], overview.SCHEMA)
+        for task in batch.column("task"):
+            row = _loadtwin.replay_task(task.as_py())
+            yield pa.RecordBatch.from_pydict({"row": pa.array([row], pa.binary())})
 
 
 def _session(arguments: argparse.Namespace) -> SparkSession:
@@ -106,15 +114,11 @@ def _session(arguments: argparse.Namespace) -> SparkSession:
     return session
 
 
-def _run_in_session(arguments: argparse.Namespace) -> dict[str, Any]:
+def _run_in_session(arguments: argparse.Namespace) -> tuple[str, str]:
     session = _session(arguments)
     try:
-        return run(
-            session,
-            arguments.archive,
-            results_folder(arguments),
-            partitions=arguments.partitions,
-            options=given(arguments),
+        return _replayed(
+            session, arguments.archive, results_folder(arguments), arguments.partitions, given(arguments)
         )
     finally:
         session.stop()
@@ -128,9 +132,10 @@ def main() -> int:
     options.add_argument("--conf", action="append", default=[], metavar="KEY=VALUE", help="setting of Spark")
     arguments = options.parse_args()
 
-    def start() -> dict[str, Any]:
+    def start() -> tuple[str, str]:
         # What is wrong with the archive is said before Spark starts.
-        prepared(arguments.archive, results_folder(arguments), given(arguments))
+        options = dataclasses.astuple(given(arguments))
+        _loadtwin.archive_tasks(arguments.archive, results_folder(arguments), options)
         try:
             return _run_in_session(arguments)
         except (PySparkException, Py4JError, ConnectionError) as error:

@@ -14,7 +14,7 @@ use super::row_source::{Output, Rows};
 use super::{BLOCK_ROWS, shown};
 pub(crate) use batches::ArrowStream;
 pub use batches::Batches;
-pub(crate) use values::is_number;
+pub(crate) use values::{Since, is_number};
 use values::{Values, is_text, is_time, unit};
 
 /// Key of the unit in a field's metadata.
@@ -27,6 +27,7 @@ pub(super) struct ArrowTable {
     /// How columns of text are read, where the layout says it.
     kinds: Vec<Option<Kind>>,
     nan_is_missing: bool,
+    since: Since,
 }
 
 impl ArrowTable {
@@ -49,7 +50,13 @@ impl ArrowTable {
             types: fields.iter().map(|f| f.data_type().clone()).collect(),
             kinds,
             nan_is_missing: layout.written_nan == WrittenNan::Missing,
+            since: Since::First,
         }
+    }
+
+    /// The same with timestamps as seconds `since`.
+    pub(super) fn since(self, since: Since) -> Self {
+        Self { since, ..self }
     }
 
     pub(super) fn columns(&self) -> &[Column] {
@@ -84,7 +91,8 @@ impl ArrowTable {
         let mut rows = Rows::with_columns(picks.len());
         let mut sources: Vec<Values> = (picks.iter())
             .map(|&column| {
-                Values::new(shown(&self.columns[column].name), self.kinds[column].take())
+                let name = shown(&self.columns[column].name);
+                Values::new(name, self.kinds[column].take(), self.since)
             })
             .collect();
         for batch in batches {

@@ -56,10 +56,20 @@ pub(super) fn is_text(data_type: &DataType) -> bool {
     }
 }
 
+/// Where the seconds of timestamps begin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Since {
+    /// At the first timestamp of the recording.
+    First,
+    /// At 1970-01-01 UTC, so that recordings follow one another.
+    Epoch,
+}
+
 /// A column of Arrow, appended as f64.
 pub(super) struct Values {
     /// First timestamp, in its own unit: seconds are counted from it.
     origin: Option<i64>,
+    since: Since,
     /// How its text is read, where it is text.
     text: Option<Kind>,
     /// Its name.
@@ -67,9 +77,10 @@ pub(super) struct Values {
 }
 
 impl Values {
-    pub(super) fn new(name: String, text: Option<Kind>) -> Self {
+    pub(super) fn new(name: String, text: Option<Kind>, since: Since) -> Self {
         Self {
             origin: None,
+            since,
             text,
             name,
         }
@@ -161,11 +172,23 @@ impl Values {
     }
 
     /// Times in seconds: a duration as it is, a timestamp since the first one. Their difference is
-    /// taken in integers, and one division makes it the nearest number to the decimal.
+    /// taken in integers, and one division makes it the nearest number to the decimal. Since 1970,
+    /// whole seconds and nanoseconds are converted apart: together they have more digits than f64.
     fn append_time(&mut self, values: &ArrayRef, to: &mut Vec<f64>) -> Result<(), Problem> {
         let (whole, per_second) = whole_times(values)?;
         let whole = whole.as_primitive::<Int64Type>();
         let is_stamp = matches!(values.data_type(), DataType::Timestamp(..));
+        if is_stamp && self.since == Since::Epoch {
+            let per_second = per_second as i64;
+            let ns = 1_000_000_000 / per_second;
+            to.extend(whole.iter().map(|v| {
+                v.map_or(f64::NAN, |v| {
+                    let after = v.rem_euclid(per_second) * ns;
+                    v.div_euclid(per_second) as f64 + after as f64 * 1e-9
+                })
+            }));
+            return Ok(());
+        }
         if is_stamp && self.origin.is_none() {
             self.origin = whole.iter().flatten().next();
         }

@@ -11,7 +11,7 @@ use parquet::arrow::arrow_reader::{
     ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReaderBuilder,
 };
 
-use super::arrow::{ArrowTable, is_number};
+use super::arrow::{ArrowTable, Since, is_number};
 use super::error::Problem;
 use super::recording_layout::{Column, CsvLayout};
 use super::row_source::Output;
@@ -32,12 +32,12 @@ fn damaged(error: impl std::fmt::Display) -> Problem {
 }
 
 impl Parquet {
-    pub(super) fn open(file: File, layout: &CsvLayout) -> Result<Self, Problem> {
+    pub(super) fn open(file: File, layout: &CsvLayout, since: Since) -> Result<Self, Problem> {
         let metadata = ArrowReaderMetadata::load(&file, ArrowReaderOptions::default())
             .and_then(plain)
             .map_err(damaged)?;
         Ok(Self {
-            table: ArrowTable::new(metadata.schema(), layout),
+            table: ArrowTable::new(metadata.schema(), layout).since(since),
             file,
             metadata,
         })

@@ -1,13 +1,15 @@
 //! The command `loadtwin replay`: runs the estimator on a recording with one set of sensors or all,
-//! and reports the error; writes estimates, filter state and a page with plots.
+//! and reports the error; writes estimates, filter state and a page with plots. With `--archive` all
+//! machines of an archive.
 
+mod archive;
 mod text_output;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, anyhow};
+use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::io::estimate::Estimate;
@@ -37,9 +39,11 @@ use text_output::{print_baselines, print_displacements, print_flags, print_phaso
 #[derive(Debug, Args)]
 pub struct Replay {
     /// Machine description (TOML).
-    machine: PathBuf,
+    #[arg(required_unless_present = "archive")]
+    machine: Option<PathBuf>,
     /// Recording (CSV, Parquet or MDF4); - is standard input.
-    recording: PathBuf,
+    #[arg(required_unless_present = "archive")]
+    recording: Option<PathBuf>,
     /// Set of sensors; the first of the description where absent.
     #[arg(long, value_name = "NAME", conflicts_with = "all_sensors")]
     sensors: Option<String>,
@@ -73,6 +77,8 @@ pub struct Replay {
     replace: Replace,
     #[command(flatten)]
     layout: LayoutFile,
+    #[command(flatten)]
+    archive: archive::ArchiveOptions,
 }
 
 /// What is written as the state of a replay.
@@ -128,9 +134,17 @@ impl Outcome {
 
 impl Replay {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
-        let recording = spooled(&self.recording)?;
+        let sensors = self.sensors.as_deref();
+        if self.archive.run(sensors, self.filter, as_json)? {
+            return Ok(());
+        }
+        let (Some(description), Some(named)) = (&self.machine, &self.recording) else {
+            // The parser asks for both.
+            bail!("found no machine and recording, allowed: both, or --archive DIR");
+        };
+        let recording = spooled(named)?;
         Plan::new(self.replace)
-            .description(&self.machine)
+            .description(description)
             .reads(self.layout.file())
             .reads([&recording.path])
             .writes("--estimates", self.estimates.as_deref(), ESTIMATES)
@@ -138,13 +152,13 @@ impl Replay {
             .writes("--state-out", self.state_out.as_deref(), STATE)
             .writes("--report", self.report.as_deref(), PAGE)
             .check(as_json)?;
-        let machine = self.layout.machine(&self.machine)?;
+        let machine = self.layout.machine(description)?;
         if self.all_sensors {
             let outcomes = every_set(&machine, &recording.path, self.filter)?;
             if as_json {
                 let sets: Vec<Value> = outcomes
                     .iter()
-                    .map(|o| report(&machine, &self.recording, o))
+                    .map(|o| report(&machine, named, o))
                     .collect();
                 say!("{}", json!({ "machine": machine.name, "sets": sets }));
             } else {
@@ -157,9 +171,9 @@ impl Replay {
             }
             return Ok(());
         }
-        let outcome = self.replay(&machine, &recording.path)?;
+        let outcome = self.replay(&machine, &recording.path, named)?;
         if as_json {
-            say!("{}", report(&machine, &self.recording, &outcome));
+            say!("{}", report(&machine, named, &outcome));
         } else {
             print_table(&machine, std::slice::from_ref(&outcome));
             print_sizes(&machine, &outcome.figures);
@@ -187,7 +201,8 @@ impl Replay {
         Ok(())
     }
 
-    fn replay(&self, machine: &Machine, recording: &Path) -> anyhow::Result<Outcome> {
+    /// `named`: what the recording is called.
+    fn replay(&self, machine: &Machine, recording: &Path, named: &Path) -> anyhow::Result<Outcome> {
         let sensors = Sensors::choose(machine, self.sensors.as_deref())?.filtered_by(self.filter);
         let nodes = (self.nodes.as_ref())
             .map(|choice| NodeColumns::new(machine, &sensors, choice))
@@ -229,8 +244,8 @@ impl Replay {
             files.push(writer.complete()?);
         }
         if let (Some(page), Some(path)) = (page, &self.report) {
-            let recording = self.recording.display().to_string();
-            let page = outcome.page(page, machine, &sensors, &recording);
+            let named = named.display().to_string();
+            let page = outcome.page(page, machine, &sensors, &named);
             files.push(with_origin(page, Some(&machine.path)).complete(path)?);
         }
         if let (Some(state), Some(path)) = (&outcome.state, &self.state_out) {

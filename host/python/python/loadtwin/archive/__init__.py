@@ -1,12 +1,10 @@
 """Replay of an archive: recordings of many machines over many days.
 
-``python -m loadtwin.archive ARCHIVE`` works with processes of one computer, ``python -m
-loadtwin.spark ARCHIVE`` on Apache Spark; both run :class:`MachineHistory` for each machine.
+``python -m loadtwin.archive ARCHIVE`` works on the cores of one computer, as ``loadtwin replay
+--archive ARCHIVE`` does, ``python -m loadtwin.spark ARCHIVE`` on Apache Spark.
 """
 
-from .layout import Archive, Results
-from .machine_history import MachineHistory
 from .options import Options
 from .run import run
 
-__all__ = ["Archive", "MachineHistory", "Options", "Results", "run"]
+__all__ = ["Options", "run"]
