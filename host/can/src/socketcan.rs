@@ -18,7 +18,7 @@ use super::CanError;
 use super::bus::{Backoff, Bus, BusError, Received, next_within};
 use super::bus_frame::{BusFrame, ERROR_FLAG, FrameKind};
 
-/// Level of the options of any socket, Linux on every architecture that has SocketCAN here.
+/// Level of the options of any socket, Linux on every architecture that has `SocketCAN` here.
 const SOL_SOCKET: i32 = 1;
 
 /// Option: receive buffer (bytes), up to the limit of the system.

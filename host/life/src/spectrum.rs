@@ -1,5 +1,5 @@
-//! Spectrum of load cycles by range, of one machine or merged from several; and turns of a shaft at
-//! each load.
+//! Spectrum of load cycles by range, of one machine or merged from several, also with all ranges
+//! wider or narrower by one amount; and turns of a shaft at each load.
 
 use loadtwin_common::counting::{Cycle, LoadCounts, TURN_BINS};
 

@@ -1,5 +1,5 @@
-//! Replay of an archive: all machines on threads, or one task after the other for an engine that
-//! hands them out.
+//! Functions of the Python module for archives: replay of all machines on threads; or, for an engine
+//! that hands out tasks, their list, the replay of one, and tables and page of all outcomes.
 
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};

@@ -1,4 +1,5 @@
-//! Time of raw samples by their ticks, also across restarts of the recorder and of the machine.
+//! Time of raw samples by their ticks, also across restarts of the recorder; of each sample, whether
+//! ticks are missing before it, it is repeated, or the machine started anew (`Step`).
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,6 @@
-//! Output of `loadtwin tune` for a drivetrain: table of the tuned noise, hold-out results,
-//! warnings, JSON, and the CSV file of the frequency response.
+//! Output of `loadtwin tune` for a drivetrain: table of the tuned noise, hold-out results, warnings
+//! (a response short of the cut-off), JSON with a Monte Carlo check of the process noise, and the CSV
+//! file of the frequency response.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! Quasi-static equilibrium of a gearbox: forces of planets and bearings on its housing for 1 N
-//! m of carrier torque.
+//! Quasi-static equilibrium of a gearbox: forces of planets and bearings on its housing for 1 N m of
+//! carrier torque; and the places of its shafts' axes.
 
 use std::f64::consts::TAU;
 

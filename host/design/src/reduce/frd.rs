@@ -9,7 +9,7 @@ use crate::reduce::csv_table::complete;
 use crate::reduce::{Node, ReduceError};
 use loadtwin_recording::Unit;
 
-/// Columns of a node's number, from column 4 on (format of CalculiX results).
+/// Columns of a node's number, from column 4 on (format of `CalculiX` results).
 const NUMBER: usize = 10;
 
 /// Columns of a value.
