@@ -9,9 +9,9 @@ use super::printing::print;
 
 /// Pages with terms, by what they explain.
 const PAGES: [(&str, &str); 3] = [
-    ("flag", include_str!("../../../docs/reference/flags.md")),
-    ("effect", include_str!("../../../docs/reference/effects.md")),
-    ("question", include_str!("../../../docs/faq.md")),
+    ("flag", include_str!("../../explained/flags.md")),
+    ("effect", include_str!("../../explained/effects.md")),
+    ("question", include_str!("../../explained/faq.md")),
 ];
 
 /// Explain a flag, an effect or an error.
