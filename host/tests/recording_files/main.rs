@@ -21,8 +21,11 @@ const ROWS: std::ops::Range<usize> = 14_900..16_400;
 
 fn machine() -> Machine {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let mut machine = Machine::load(&here.join("../examples/gearbox/calibrated.toml")).unwrap();
-    // The files have one reference.
+    with_one_reference(Machine::load(&here.join("../examples/gearbox/calibrated.toml")).unwrap())
+}
+
+/// As the files have.
+fn with_one_reference(mut machine: Machine) -> Machine {
     machine.references.retain(|r| r.name == "torque_main");
     machine
 }
@@ -270,7 +273,7 @@ fn a_layout_file_is_shared_by_machines() {
 
     let load = |recording: &str| {
         let text = format!("{description}\n{recording}");
-        Machine::load(&put("machine.toml", &text))
+        Machine::load(&put("machine.toml", &text)).map(with_one_reference)
     };
     let expected = read(&machine(), &base).unwrap();
     let named = "[recording]\nlayout = 'catman.toml'\n".to_owned();
