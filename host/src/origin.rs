@@ -7,6 +7,7 @@ use std::time::SystemTime;
 use chrono::{DateTime, Utc};
 use sha2::{Digest, Sha256};
 
+use crate::files::hex::hex;
 use crate::report::Report;
 
 /// Digits of a hash that are shown: enough for the versions of one file.
@@ -48,9 +49,7 @@ fn with_hash(path: &Path) -> String {
         .to_string_lossy()
         .into_owned();
     if let Ok(content) = std::fs::read(path) {
-        let bytes = Sha256::digest(&content);
-        let first = bytes.iter().take(SHOWN / 2);
-        let hash = first.fold(String::new(), |hash, byte| hash + &format!("{byte:02x}"));
+        let hash = hex(&Sha256::digest(&content)[..SHOWN / 2]);
         name += &format!(" (SHA-256 {hash})");
     }
     name

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
+use loadtwin_files::hex::hex;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::described::hex;
 use crate::load_counting::SavedCounts;
 use crate::{ArchiveError, complete_file};
 

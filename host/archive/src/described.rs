@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use loadtwin_design::build::{self, Sensors};
+use loadtwin_files::hex::hex;
 use loadtwin_machine::{Machine, named_files};
 use sha2::{Digest, Sha256};
 
@@ -17,13 +18,6 @@ pub(crate) struct Described {
     pub(crate) image: Vec<u8>,
     /// Hash of the description, followed by the files that it names in the order of their paths.
     pub(crate) sha256: String,
-}
-
-/// The digits of a hash.
-pub(crate) fn hex(digest: impl AsRef<[u8]>) -> String {
-    let bytes = digest.as_ref().iter();
-    let digits: Vec<String> = bytes.map(|byte| format!("{byte:02x}")).collect();
-    digits.concat()
 }
 
 impl Described {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use csv::{ReaderBuilder, StringRecord};
+use loadtwin_life::number_pair;
 use serde::{Deserialize, Serialize};
 
 use crate::ArchiveError;
@@ -167,9 +168,7 @@ fn date(name: &str, text: &str) -> Result<String, String> {
 }
 
 fn pair(name: &str, text: &str) -> Result<(f64, f64), String> {
-    let number = |text: &str| text.trim().parse::<f64>().ok();
-    let numbers = (text.split_once(':')).and_then(|(a, b)| Some((number(a)?, number(b)?)));
-    numbers
+    number_pair(text)
         .ok_or_else(|| format!("{name}: found '{text}', allowed: two numbers with a colon between"))
 }
 

@@ -95,7 +95,7 @@ fn system_error(error: &(dyn Error + 'static)) -> Option<i32> {
 }
 
 /// An error and its causes, but for those that its text ends with already.
-pub(crate) fn message(error: &dyn Error) -> String {
+pub fn message(error: &dyn Error) -> String {
     let mut said = error.to_string();
     let mut cause = error.source();
     while let Some(error) = cause {

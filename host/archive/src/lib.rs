@@ -42,7 +42,7 @@ mod table;
 mod verdict;
 
 pub use description_table::Entry;
-pub use error::ArchiveError;
+pub use error::{ArchiveError, message};
 pub use machine_history::MachineTask;
 pub use options::{Columns, Options};
 pub use outcome::{Figures, write_outcome};

@@ -6,11 +6,8 @@ use std::collections::BTreeMap;
 use loadtwin_common::counting::saved_counts::MAX_BYTES;
 use loadtwin_common::counting::{LevelScale, LoadCounts, SHAFTS};
 use loadtwin_common::io::estimate::Estimate;
-use loadtwin_life::{Beyond, SnCurve, Spectrum, damage};
+use loadtwin_life::{Beyond, GATE_LEVELS, SnCurve, Spectrum, damage};
 use loadtwin_machine::Machine;
-
-/// Gate of the counts (levels), as of `loadtwin life`.
-const GATE_LEVELS: u8 = 2;
 
 /// Counts as bytes by load.
 pub(crate) type SavedCounts = BTreeMap<String, Vec<u8>>;

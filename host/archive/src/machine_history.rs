@@ -8,6 +8,7 @@ use std::path::Path;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
+use loadtwin_files::hex::hex;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -15,7 +16,7 @@ use crate::carried_state::CarriedState;
 use crate::complete_file::{Lock, remove_parts};
 use crate::day::{Day, DaySums, Days, RecordingOfDay};
 use crate::day_replay::DayReplay;
-use crate::described::{Described, hex};
+use crate::described::Described;
 use crate::description_table::{self, Entry};
 use crate::layout::{Archive, Recording, Results, is_date};
 use crate::options::Options;

@@ -29,7 +29,7 @@ pub(crate) type Column = Result<ArrayRef, ArrowError>;
 /// [`ArchiveError::Io`] when it cannot be written.
 pub(crate) fn write(path: &Path, table: &RecordBatch) -> Result<(), ArchiveError> {
     let mut file = complete_file::begin(path).map_err(ArchiveError::io(path))?;
-    let written = || -> Result<(), ParquetError> {
+    let mut written = || -> Result<(), ParquetError> {
         let properties = WriterProperties::builder()
             .set_created_by(concat!("loadtwin ", env!("CARGO_PKG_VERSION")).into())
             .set_compression(Compression::ZSTD(ZstdLevel::default()))
@@ -38,7 +38,6 @@ pub(crate) fn write(path: &Path, table: &RecordBatch) -> Result<(), ArchiveError
         writer.write(table)?;
         writer.close().map(drop)
     };
-    let mut written = written;
     written().map_err(|error| ArchiveError::unwritable(path, &error))?;
     complete_file::finish(file, path).map_err(ArchiveError::io(path))
 }

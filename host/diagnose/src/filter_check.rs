@@ -78,6 +78,15 @@ impl FilterCheck {
         self.sets.iter().filter(|set| set.is_worse())
     }
 
+    /// Each set of sensors with the effects that were kept.
+    pub(crate) fn last_sets(&self) -> &[Comparison] {
+        if self.left_out.is_empty() {
+            &self.sets
+        } else {
+            &self.sets_without
+        }
+    }
+
     /// On which data, in words.
     pub fn data(&self) -> String {
         let names: Vec<String> = (self.evaluated.recordings.iter())

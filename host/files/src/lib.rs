@@ -22,6 +22,7 @@ pub mod atomic_file;
 pub mod bounded;
 pub mod content;
 mod destination;
+pub mod hex;
 pub mod mark;
 pub mod outputs;
 pub mod scratch;

@@ -4,6 +4,7 @@
 use std::path::Path;
 
 use loadtwin_files::bounded;
+use loadtwin_files::hex::hex;
 use sha2::{Digest, Sha256};
 
 use crate::refusal::Refusal;
@@ -51,7 +52,6 @@ impl Resources {
         digest.update((self.image.len() as u64).to_le_bytes());
         digest.update(&self.image);
         digest.update(&self.interface);
-        let digest: [u8; 32] = digest.finalize().into();
-        (digest.iter()).fold(String::new(), |text, byte| text + &format!("{byte:02x}"))
+        hex(digest.finalize())
     }
 }

@@ -20,6 +20,7 @@ use std::time::Duration;
 
 use arrow_array::{RecordBatch, RecordBatchIterator};
 use arrow_schema::SchemaRef;
+use loadtwin::archive::message;
 use loadtwin::build::{Filter, Sensors};
 use loadtwin::machine::Machine;
 use pyo3::create_exception;
@@ -39,20 +40,6 @@ create_exception!(
 
 /// Time after which an interrupt is looked for.
 const PATIENCE: Duration = Duration::from_millis(50);
-
-/// An error and its causes, but for those that its text ends with already.
-fn message(error: &dyn std::error::Error) -> String {
-    let mut said = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        let text = error.to_string();
-        if !said.ends_with(&text) {
-            said = format!("{said}: {text}");
-        }
-        cause = error.source();
-    }
-    said
-}
 
 fn error(error: impl std::error::Error) -> PyErr {
     Error::new_err(message(&error))

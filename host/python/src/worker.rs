@@ -15,8 +15,8 @@ use loadtwin::replay::{EstimateRows, ReplayError, Run, Sample};
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::io::estimate::Estimate;
 
-use crate::message;
 use crate::replay_threads::{self, Stop};
+use loadtwin::archive::message;
 
 /// Blocks of estimates ahead of whoever reads them.
 const AHEAD: usize = 4;

@@ -260,7 +260,8 @@ impl Comparison {
 }
 
 impl Change {
-    fn text(&self, digits: usize, unit: &str) -> String {
+    /// Before, after with its unit, and the interval of the change in brackets.
+    pub fn text(&self, digits: usize, unit: &str) -> String {
         let interval = self.interval.map_or_else(String::new, |[low, high]| {
             format!(" ({low:+.digits$} to {high:+.digits$})")
         });

@@ -133,18 +133,15 @@ fn errors<S: Diagnosable>(
     effects: usize,
 ) -> Vec<[String; 2]> {
     let all = if effects > 1 { " with all effects" } else { "" };
-    let set = filter.and_then(|check| check.sets.first());
+    let set = filter.and_then(|check| check.last_sets().first());
     let loads: Vec<[String; 2]> = (set.into_iter())
         .flat_map(|set| {
-            let rows = set.rows().into_iter();
-            rows.filter(|[name, _]| name.starts_with("NMAE "))
-                .map(|[name, change]| {
-                    let load = name.trim_start_matches("NMAE ");
-                    [
-                        format!("Error of {load}{all}, sensors {}", set.sensors),
-                        change.replacen('(', "(change: ", 1),
-                    ]
-                })
+            (set.nmae_percent.iter()).map(|(load, change)| {
+                [
+                    format!("Error of {load}{all}, sensors {}", set.sensors),
+                    change.text(2, " %").replacen('(', "(change: ", 1),
+                ]
+            })
         })
         .collect();
     if !loads.is_empty() {

@@ -6,13 +6,9 @@ use loadtwin_common::counting::{LEVELS, LevelScale, LoadCounts};
 
 use super::Life;
 use crate::cli::progress::Progress;
-use crate::life::{CountedLoad, LoadFile, LoadSurvey, Loads, NoiseRemoved, Spectrum};
+use crate::life::{CountedLoad, GATE_LEVELS, LoadFile, LoadSurvey, Loads, NoiseRemoved, Spectrum};
 use crate::machine::Machine;
 use crate::recording::Unit;
-
-/// Gate where none is given (levels): one bin of the matrix, so that a load between two levels
-/// makes no cycles.
-const GATE_LEVELS: u8 = 2;
 
 /// Counts of one load in one machine or several.
 pub(super) struct Counted {

@@ -19,7 +19,7 @@ use self::figures::Figures;
 use super::file_plan::{Plan, Replace};
 use super::printing::{say, shown_all};
 use crate::atomic_file::publish;
-use crate::life::{Beyond, COUNTS, CountsTable, EXPONENTS, Loads, SnCurve};
+use crate::life::{Beyond, COUNTS, CountsTable, EXPONENTS, Loads, SnCurve, number_pair};
 use crate::origin::with_origin;
 use crate::report::PAGE;
 
@@ -101,10 +101,7 @@ impl FromStr for Pair {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let numbers = text.split_once(':').and_then(|(a, b)| {
-            let number = |text: &str| text.trim().parse().ok().filter(|x: &f64| x.is_finite());
-            Some(Self(number(a)?, number(b)?))
-        });
+        let numbers = number_pair(text).map(|(first, second)| Self(first, second));
         numbers.ok_or_else(|| "allowed: two numbers with a colon between, as 1e6:250".into())
     }
 }
