@@ -154,8 +154,9 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
                         variance: gauges[i].variance * inflation,
                         ..gauges[i]
                     };
-                    *slot =
-                        self.update_gauge(state, (i, together), (channel, &gauge, value), &before);
+                    let when = (together, estimate.homed);
+                    let of = (i, channel, &gauge, value);
+                    *slot = self.update_gauge(state, when, of, &before);
                     if slot.fault.is_none() && state.vote.contradicts(d) {
                         slot.fault = Fault::Contradicted;
                     }
@@ -185,15 +186,18 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
     fn update_gauge(
         &self,
         state: &mut DrivetrainState<NX>,
-        (i, together): (usize, bool),
-        (channel, gauge, value): (&Channel<'_>, &Gauge, f32),
+        (together, homed): (bool, bool),
+        (i, channel, gauge, value): (usize, &Channel<'_>, &Gauge, f32),
         before: &SVector<f32, NX>,
     ) -> SensorEstimate {
         let Some(row) = self.channel_rows.get(i) else {
             return SensorEstimate::default();
         };
         let mut gradient = row * gauge.sensitivity;
-        if let Role::Measure { biases, .. } = &channel.role {
+        // Until the angle is known, the map's changes over it look like a zero that moves.
+        if let Role::Measure { biases, .. } = &channel.role
+            && homed
+        {
             for bias in biases {
                 if let Some(g) = gradient.get_mut(usize::from(bias.state)) {
                     *g += bias.factor;

@@ -10,6 +10,10 @@ pub(crate) struct Tables {
     pub sensed: f64,
     pub mean: f64,
     pub deviation: f64,
+    /// Root mean square of the noise over the angle [SI].
+    pub noise: f64,
+    /// The map of the description, in 1 or in [`MAP_ENTRIES`] steps [SI].
+    sensitivity: Vec<f64>,
     pub map: Vec<u8>,
     pub variance: Vec<u8>,
 }
@@ -36,9 +40,22 @@ impl Tables {
             sensed,
             mean,
             deviation,
+            noise: (noise.iter().map(|n| n * n).sum::<f64>() / noise.len() as f64).sqrt(),
             variance: little_endian(variance),
             map: little_endian(map.iter().map(|m| m * sensed / unit)),
+            sensitivity: map,
         })
+    }
+
+    /// Response to the nominal load at step `step` of [`MAP_ENTRIES`] over the angle [SI].
+    pub fn response(&self, step: usize) -> f64 {
+        let entry = self.sensitivity.get(step).or(self.sensitivity.first());
+        entry.map_or(0.0, |m| m * self.sensed)
+    }
+
+    /// Root mean square of the response to the nominal load over the angle [SI].
+    pub fn rms_response(&self) -> f64 {
+        self.mean.hypot(self.deviation) * self.sensed
     }
 }
 

@@ -42,13 +42,18 @@ pub(super) fn consistency(dt_s: f64, speed: f64) -> Consistency {
     }
 }
 
+/// Standard deviation of a gauge's zero that no description gives [SI].
+pub(super) fn zero_std(tables: &Tables) -> f64 {
+    ZERO_STD * tables.rms_response()
+}
+
 /// Standard deviation of the reading's model error at any load, and at nominal load beside it
 /// [the channel's unit].
 pub(super) fn model_error(channel: &Channel, tables: &Tables) -> [f32; 2] {
-    let response = tables.mean.hypot(tables.deviation) * tables.sensed / tables.unit;
+    let response = tables.rms_response() / tables.unit;
     let drift = (channel.drift).map_or(0.0, |drift| channel.to_si(drift.std) / tables.unit);
     [
-        (ZERO_STD * response).hypot(drift) as f32,
+        (zero_std(tables) / tables.unit).hypot(drift) as f32,
         (MAP_STD * response) as f32,
     ]
 }

@@ -3,6 +3,7 @@
 
 mod channel_tables;
 mod consistency_parameters;
+mod gauge_zeros;
 mod load_signals;
 mod model_image;
 mod operating_point;

@@ -15,6 +15,7 @@ use crate::encoder_scaling;
 use crate::error::BuildError;
 use crate::gearbox::channel_tables::Tables;
 use crate::gearbox::consistency_parameters::{consistency, model_error};
+use crate::gearbox::gauge_zeros::estimated_zeros;
 use crate::gearbox::load_signals::{error_bands, load_signals};
 use crate::gearbox::process_noise::process_noise;
 use crate::gearbox::steady_gains::{SteadyTable, steady_gains};
@@ -42,12 +43,12 @@ pub fn image(
     drivetrain: &Drivetrain,
     sensors: &Sensors,
 ) -> Result<Vec<u8>, BuildError> {
-    let mut plan = Plan::new(machine, drivetrain, sensors);
     let tables: Vec<Tables> = sensors
         .channels
         .iter()
         .map(|c| Tables::new(machine, drivetrain, c))
         .collect::<Result<_, _>>()?;
+    let mut plan = Plan::new(machine, drivetrain, sensors, &tables);
     plan.size_drifts(&tables);
     let channels = sensors
         .channels
@@ -88,7 +89,12 @@ struct Plan {
 }
 
 impl Plan {
-    fn new(machine: &Machine, drivetrain: &Drivetrain, sensors: &Sensors) -> Self {
+    fn new(
+        machine: &Machine,
+        drivetrain: &Drivetrain,
+        sensors: &Sensors,
+        tables: &[Tables],
+    ) -> Self {
         let torsion = Torsion::new(drivetrain);
         let n = drivetrain.inertias.len();
         let nominal: Vec<f64> = drivetrain.loads.iter().map(|l| l.nominal_nm).collect();
@@ -98,20 +104,16 @@ impl Plan {
         scale.extend(std::iter::repeat_n(drivetrain.nominal_speed_rad_s, n));
         let mechanical = scale.len();
         let zeros = sensors.encoders.len().saturating_sub(1);
-        // Up to a number of states that a filter is compiled for.
-        let gauges = || {
-            let channels = sensors.channels.iter().enumerate();
-            channels.filter(|(_, channel)| !matches!(channel.senses, Senses::Drive(_)))
-        };
-        let mut drifts: Vec<(Option<usize>, Drift)> = gauges()
-            .filter_map(|(i, channel)| {
-                let drift = channel.drift?;
-                let std = channel.to_si(drift.std);
-                Some((Some(i), Drift { std, ..drift }))
-            })
+        let mut drifts: Vec<(Option<usize>, Drift)> = estimated_zeros(sensors, tables)
+            .into_iter()
+            .map(|(channel, drift)| (Some(channel), drift))
             .collect();
+        let bends = |c: &loadtwin_machine::Channel| {
+            c.bending != 0.0 && !matches!(c.senses, Senses::Drive(_))
+        };
         let bending = drivetrain.bending.map(|bending| (None, bending));
-        drifts.extend(bending.filter(|_| gauges().any(|(_, channel)| channel.bending != 0.0)));
+        drifts.extend(bending.filter(|_| sensors.channels.iter().any(bends)));
+        // Up to a number of states that a filter is compiled for.
         let needed = mechanical + zeros + drifts.len() + LOADS;
         let compiled = STATES
             .into_iter()
