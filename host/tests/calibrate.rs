@@ -207,6 +207,58 @@ fn bad_gauges_are_named() {
 }
 
 #[test]
+fn a_bridge_recorded_in_millivolts_per_volt_is_calibrated_as_one_in_strain() {
+    let bench = Bench::new(|_| ());
+    let strain = bench.path("strain.csv");
+    let mut scenario = Scenario::by_name("torque-ramps").unwrap();
+    scenario.duration_s = 30.0;
+    let effects = Applied::list::<&str>(&[]).unwrap();
+    Simulation::new(&bench.machine(), &scenario, 1, Some(7), &effects)
+        .unwrap()
+        .write(&strain, |_| ())
+        .unwrap();
+    // A full bridge of gauge factor 2: one m/m gives 2000 mV/V.
+    let described = std::fs::read_to_string(bench.path("machine.toml")).unwrap();
+    let (before, channel) = described.split_once("name = \"ta1\"").unwrap();
+    let (fields, rest) = channel.split_once("adc = ").unwrap();
+    let (_, rest) = rest.split_once('\n').unwrap();
+    let bridge = "bridge = { bridge = \"full-1\", gauge_factor = 2.0, gauge_resistance_ohm = 350.0, \
+                  tension_reads = \"positive\" }";
+    let text = format!("{before}name = \"ta1\"{fields}adc = {{ lsb = 1e-6 }}\n{bridge}\n{rest}");
+    std::fs::write(bench.path("bridge.toml"), text).unwrap();
+    let recording = std::fs::read_to_string(&strain).unwrap();
+    let mut lines = recording.lines().filter(|line| !line.starts_with('#'));
+    let mut header: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let ta1 = header.iter().position(|name| *name == "ta1 [m/m]").unwrap();
+    header[ta1] = "ta1 [mV/V]";
+    let mut text = header.join(",") + "\n";
+    for line in lines {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        cells[ta1] = (cells[ta1].parse::<f64>().unwrap() * 2000.0).to_string();
+        text += &(cells.join(",") + "\n");
+    }
+    let ratio = bench.path("ratio.csv");
+    std::fs::write(&ratio, text).unwrap();
+    let placement = |machine: &str, recording: &PathBuf| {
+        let machine = Machine::load(&bench.path(machine)).unwrap();
+        let observed =
+            Observations::read(&machine, std::slice::from_ref(recording), |_| ()).unwrap();
+        let gauges = calibrate(&machine, &observed, recording, 0.1, MapSource::Placed).unwrap();
+        bench.gauge(&gauges, "ta1").placement.clone().unwrap()
+    };
+    let strain = placement("machine.toml", &strain);
+    let ratio = placement("bridge.toml", &ratio);
+    assert!(
+        (ratio.gain - strain.gain).abs() < 1e-5,
+        "{ratio:?} {strain:?}"
+    );
+    assert!(
+        (ratio.offset - strain.offset).abs() < 1e-9,
+        "{ratio:?} {strain:?}"
+    );
+}
+
+#[test]
 fn too_little_data_is_refused_with_the_reason() {
     let bench = Bench::new(|_| ());
     let constant = bench.record("constant", 20.0, 1, &[]);

@@ -440,6 +440,14 @@ fn a_bridge_is_zeroed_and_shunted_and_keeps_its_raw_gauge_factor() {
     let output = zero(&["--shunt", "zero.csv", "--shunt-ohm", "174650"]);
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&output.stderr).contains("um/m"));
+    bench.write("zero.csv", constant(5000.0));
+    let output = zero(&[]);
+    assert_eq!(output.status.code(), Some(1));
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        message.contains("5000") && message.contains("unit"),
+        "{message}"
+    );
 }
 
 #[test]

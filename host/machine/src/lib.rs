@@ -22,6 +22,7 @@ mod angle_map;
 mod balance;
 mod bearing;
 mod channel;
+mod channel_encoding;
 mod check;
 mod drive_sensors;
 mod drivetrain;
@@ -57,6 +58,7 @@ pub use channel::{
     Auxiliary, Channel, Creep, Displacement, Drift, Group, Hysteresis, LATEST_S, Place, Reference,
     SLOWEST_S, Senses, Thermal, earlier, followed, lag,
 };
+pub use channel_encoding::Encoding;
 pub use drivetrain::{Direction, Drivetrain, ErrorBand, Inertia, Load, MOST_INERTIAS, Shaft};
 pub use encoder::{Counter, Eccentricity, Encoder, Index, IndexSignal, QUANTISATION};
 pub use error::{MachineError, Violation};

@@ -12,9 +12,9 @@ use super::displacements::displacement_columns;
 use super::encoder_counts::{Motion, motions};
 use super::index_pulse::{Pulse, Pulses};
 use super::reading_correction::Correction;
-use super::wanted_columns::{Encoding, encodings, missing_references, optional, wanted_sensors};
+use super::wanted_columns::{missing_references, optional, wanted_sensors};
 use loadtwin_design::build::Sensors;
-use loadtwin_machine::{Channel, Encoder, Machine, Reference, Regime, Segment};
+use loadtwin_machine::{Channel, Encoder, Encoding, Machine, Reference, Regime, Segment};
 use loadtwin_recording::{
     Block, Clock, CsvLayout, Input, Reader, Role, Timing, Unit, Wanted, columns,
 };
@@ -182,7 +182,9 @@ impl Samples {
                 .ok()
                 .map(Unit::quantity)
         };
-        let encodings = encodings(sensors, quantity);
+        let encodings: Vec<Encoding> = (sensors.channels.iter())
+            .map(|channel| Encoding::of(channel, &found))
+            .collect();
         let motions = motions(machine, sensors, quantity);
         let (mut wanted, mut roles) = wanted_sensors(sensors, &encodings, &motions);
         if let (Some(index), Some(_)) = (&machine.index, &index) {

@@ -3,35 +3,8 @@
 
 use super::encoder_counts::Motion;
 use loadtwin_design::build::Sensors;
-use loadtwin_machine::{Machine, Reference};
-use loadtwin_recording::{Column, Quantity, Role, Unit, Wanted};
-
-/// What the column of an analogue channel holds.
-#[derive(Clone, Copy)]
-pub(super) enum Encoding {
-    /// The converter's words themselves.
-    Word,
-    /// The output of the channel's bridge.
-    Ratio,
-    /// The reading.
-    Reading,
-}
-
-/// How the file has each channel, by the quantity of its column.
-pub(super) fn encodings(
-    sensors: &Sensors,
-    quantity: impl Fn(&str) -> Option<Quantity>,
-) -> Vec<Encoding> {
-    sensors
-        .channels
-        .iter()
-        .map(|channel| match quantity(&channel.name) {
-            Some(Quantity::Counts) => Encoding::Word,
-            Some(Quantity::BridgeRatio) if channel.bridge.is_some() => Encoding::Ratio,
-            _ => Encoding::Reading,
-        })
-        .collect()
-}
+use loadtwin_machine::{Encoding, Machine, Reference};
+use loadtwin_recording::{Column, Role, Unit, Wanted};
 
 /// The columns of the channels and encoders, and how each is resampled.
 pub(super) fn wanted_sensors<'a>(
@@ -41,14 +14,9 @@ pub(super) fn wanted_sensors<'a>(
 ) -> (Vec<Wanted<'a>>, Vec<Role>) {
     let mut wanted = Vec::new();
     for (channel, encoding) in sensors.channels.iter().zip(encodings) {
-        let unit = match encoding {
-            Encoding::Word => Unit::COUNTS,
-            Encoding::Ratio => Unit::VOLT_PER_VOLT,
-            Encoding::Reading => channel.unit.si(),
-        };
         wanted.push(Wanted {
             name: &channel.name,
-            unit,
+            unit: encoding.unit(channel),
             required: true,
         });
     }

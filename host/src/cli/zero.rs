@@ -11,8 +11,8 @@ use super::file_plan::{Plan, Replace};
 use super::layout_option::LayoutFile;
 use super::printing::{say, shown};
 use crate::calibrate::Description;
-use crate::machine::{Channel, DESCRIPTION, Machine};
-use crate::recording::{Quantity, Reader, Unit, Wanted, columns};
+use crate::machine::{Channel, DESCRIPTION, Encoding, Machine};
+use crate::recording::{Reader, Unit, Wanted, columns};
 use crate::strain::{Calibration, MV_PER_V, ShuntReading, Simulates, calibrate};
 
 /// Largest standard deviation of the reading of a machine that stands still [`noise_std` of the channel]. `noise_std`
@@ -161,11 +161,8 @@ impl Zero {
 /// Bridge output of `channel` over a recording [V/V]; missing samples left out.
 fn ratios(machine: &Machine, channel: &Channel, path: &Path) -> anyhow::Result<Vec<f64>> {
     let layout = &machine.recording;
-    let counts = columns(path, layout, &[(&channel.name, true)])?
-        .iter()
-        .find(|column| column.name == channel.name)
-        .and_then(|column| column.unit.as_deref()?.parse::<Unit>().ok())
-        .is_some_and(|unit| unit.quantity() == Quantity::Counts);
+    let found = columns(path, layout, &[(&channel.name, true)])?;
+    let counts = Encoding::of(channel, &found) == Encoding::Word;
     let unit = if counts {
         Unit::COUNTS
     } else {

@@ -7,7 +7,7 @@ use std::path::Path;
 use crate::diagnosis::DiagnoseError;
 use crate::smoothing::moving_mean;
 use loadtwin_identification::calibrate::Motion;
-use loadtwin_machine::{Encoder, Machine};
+use loadtwin_machine::{Encoder, Encoding, Machine};
 use loadtwin_math::count_unwrapping::unwrapped;
 use loadtwin_recording::{Quantity, Reader, Role, Unit, Wanted, columns};
 
@@ -66,8 +66,8 @@ impl DrivetrainRecording {
 /// The columns of channels, encoders and thermometer in one file, and the units they are read in.
 struct SensorColumns<'a> {
     machine: &'a Machine,
-    /// Unit of each channel: counts where the file has words.
-    channels: Vec<Unit>,
+    /// How the file has each channel.
+    channels: Vec<Encoding>,
     /// Unit of each encoder: radians where the file has angles.
     encoders: Vec<Unit>,
 }
@@ -96,7 +96,6 @@ impl<'a> SensorColumns<'a> {
             let unit = written(name).and_then(|unit| unit.parse::<Unit>().ok());
             unit.is_some_and(|unit| unit.quantity() == Quantity::Counts)
         };
-        let channel = |name: &str, si| if holds_counts(name) { Unit::COUNTS } else { si };
         let encoder = |name: &str| {
             if holds_counts(name) || written(name).is_none() {
                 Unit::COUNTS
@@ -107,7 +106,7 @@ impl<'a> SensorColumns<'a> {
         Ok(Self {
             machine,
             channels: (machine.channels.iter())
-                .map(|c| channel(&c.name, c.unit.si()))
+                .map(|channel| Encoding::of(channel, &found))
                 .collect(),
             encoders: machine.encoders.iter().map(|e| encoder(&e.name)).collect(),
         })
@@ -119,13 +118,15 @@ impl<'a> SensorColumns<'a> {
     /// When the file cannot be read or has another rate.
     fn read(&self, path: &Path, n: usize) -> Result<SensorReadings, DiagnoseError> {
         let machine = self.machine;
-        let required = |(name, unit): (&'a String, &Unit)| Wanted {
+        let required = |(name, unit): (&'a String, Unit)| Wanted {
             name,
-            unit: *unit,
+            unit,
             required: true,
         };
-        let channels = machine.channels.iter().map(|c| &c.name).zip(&self.channels);
-        let encoders = machine.encoders.iter().map(|e| &e.name).zip(&self.encoders);
+        let channels = (machine.channels.iter().zip(&self.channels))
+            .map(|(channel, encoding)| (&channel.name, encoding.unit(channel)));
+        let encoders = (machine.encoders.iter().zip(&self.encoders))
+            .map(|(encoder, unit)| (&encoder.name, *unit));
         let mut wanted: Vec<Wanted<'_>> = channels.chain(encoders).map(required).collect();
         let mut roles = vec![Role::Continuous; machine.channels.len()];
         let encoders = machine.encoders.iter().zip(&self.encoders);
@@ -153,13 +154,11 @@ impl<'a> SensorColumns<'a> {
         }
         let temperature = columns.split_off(sensors).pop();
         let encoders = columns.split_off(machine.channels.len());
-        for ((channel, unit), column) in
+        for ((channel, encoding), column) in
             (machine.channels.iter().zip(&self.channels)).zip(&mut columns)
         {
-            if *unit == Unit::COUNTS {
-                for value in column {
-                    *value = channel.reading(*value);
-                }
+            for value in column {
+                *value = encoding.reading(channel, *value);
             }
         }
         Ok(SensorReadings {

@@ -35,8 +35,8 @@ pub use crate::calibrate::surface_fit::Surface;
 pub use measurement_noise::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
 
 use self::fit_inputs::FitInputs;
-use loadtwin_machine::{Channel, Machine, MachineError, Senses};
-use loadtwin_recording::{Column, Quantity, Reader, RecordingError, Unit, Wanted, columns};
+use loadtwin_machine::{Channel, Encoding, Machine, MachineError, Senses};
+use loadtwin_recording::{Column, Reader, RecordingError, Wanted, columns};
 use loadtwin_replay::ReplayError;
 
 /// Least standard deviation of what a gauge senses, as part of its root mean
@@ -185,18 +185,18 @@ impl Observations {
             })
             .collect();
         let mut reader = open(machine, recording, jobs.iter().map(|job| job.channel))?;
-        let words: Vec<bool> = jobs
+        let encodings: Vec<Encoding> = jobs
             .iter()
-            .map(|job| is_words(reader.columns(), job.channel))
+            .map(|job| Encoding::of(job.channel, reader.columns()))
             .collect();
         let mut row = 0;
         while let Some(block) = reader.next().transpose()? {
             jobs.par_iter_mut()
-                .zip(&words)
+                .zip(&encodings)
                 .zip(&block.columns)
-                .for_each(|((job, words), column)| {
+                .for_each(|((job, encoding), column)| {
                     if let Some(column) = column {
-                        job.push(column, *words, row, machine.rate_hz);
+                        job.push(column, *encoding, row, machine.rate_hz);
                     }
                 });
             row += block.len();
@@ -221,18 +221,14 @@ struct Reading<'a> {
 
 impl Reading<'_> {
     /// Adds the values of a block, whose first one is sample `row`.
-    fn push(&mut self, column: &[f64], is_words: bool, row: usize, rate_hz: f64) {
+    fn push(&mut self, column: &[f64], encoding: Encoding, row: usize, rate_hz: f64) {
         let (channel, inputs) = (self.channel, &self.inputs);
         let stuck_after = match channel.stuck_after() {
             0 => (gauge_fault::STUCK_AFTER_S * rate_hz) as u32,
             words => u32::from(words),
         };
         for (i, value) in column.iter().enumerate() {
-            let y = if is_words {
-                channel.reading(*value)
-            } else {
-                *value
-            };
+            let y = encoding.reading(channel, *value);
             self.moments.watch(y, stuck_after);
             let k = row + i;
             if !y.is_nan() && k < inputs.angle.len() {
@@ -283,28 +279,16 @@ fn warming(machine: &Machine, recording: &Path) -> Result<Option<Vec<f64>>, Cali
     ))
 }
 
-fn is_words(columns: &[Column], channel: &Channel) -> bool {
-    columns
-        .iter()
-        .find(|column| column.name == channel.name)
-        .and_then(|column| column.unit.as_deref()?.parse::<Unit>().ok())
-        .is_some_and(|unit| unit.quantity() == Quantity::Counts)
-}
-
-/// A channel in SI, or in words where a recording of the columns `found` has those.
+/// A channel as a recording of the columns `found` has it.
 fn as_written<'a>(channel: &'a Channel, found: &[Column]) -> Wanted<'a> {
     Wanted {
         name: &channel.name,
-        unit: if is_words(found, channel) {
-            Unit::COUNTS
-        } else {
-            channel.unit.si()
-        },
+        unit: Encoding::of(channel, found).unit(channel),
         required: true,
     }
 }
 
-/// Opens `recording` for `channels`, each in SI or in words.
+/// Opens `recording` for `channels`, each as the file has it.
 fn open<'a>(
     machine: &Machine,
     recording: &Path,

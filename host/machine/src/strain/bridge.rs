@@ -153,6 +153,16 @@ impl StrainBridge {
         zero + self.sign() * vr
     }
 
+    /// Size of the change of the output ratio [V/V] by a tension of `strain` [m/m], with the raw gauge factor.
+    pub(super) fn output_change(&self, strain: f64) -> f64 {
+        let raw = Self {
+            calibration: None,
+            initial_mv_per_v: 0.0,
+            ..self.clone()
+        };
+        raw.ratio(strain).abs()
+    }
+
     /// Relative resistance change of a gauge along the strain, `gf strain`, seen at the terminals.
     pub(super) fn relative_change(&self, vr: f64) -> f64 {
         let nu = self.poisson_ratio;

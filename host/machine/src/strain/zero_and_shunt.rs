@@ -4,6 +4,11 @@
 use super::bridge::{Calibration, StrainBridge, is_iso_date};
 use super::{MICROSTRAIN, MV_PER_V};
 
+/// Strain at which metal foil gauges break [m/m].
+///
+/// Source: HBK, data sheets of the foil strain gauges of series Y: maximum elongation 50 000 µm/m.
+const BREAKING_STRAIN: f64 = 0.05;
+
 /// What a shunt resistor across one arm looks like to the bridge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Simulates {
@@ -30,6 +35,17 @@ pub enum CalibrationError {
     /// No readings, or one that is not a number.
     #[error("zero reading: found {0}, allowed are one or more finite ratios")]
     Zero(String),
+    /// The zero is beyond the strain at which gauges break: another unit, or a broken arm.
+    #[error(
+        "zero reading: found {found:.6} mV/V, allowed is -{largest:.3} to {largest:.3} mV/V (a strain of 5 %); \
+         check the column's unit and the wiring"
+    )]
+    Unbalanced {
+        /// Mean output [mV/V].
+        found: f64,
+        /// Largest output of a gauge that holds [mV/V].
+        largest: f64,
+    },
     /// The shunt resistor is not a resistance.
     #[error("shunt resistor: found {0} ohm, allowed is a number > 0")]
     Shunt(f64),
@@ -85,6 +101,13 @@ pub fn calibrate(
         return Err(CalibrationError::Zero(bad.to_string()));
     }
     let zero = zero_ratios.iter().sum::<f64>() / zero_ratios.len() as f64;
+    let largest = bridge.output_change(BREAKING_STRAIN);
+    if zero.abs() > largest {
+        return Err(CalibrationError::Unbalanced {
+            found: zero / MV_PER_V,
+            largest: largest / MV_PER_V,
+        });
+    }
     let gauge_factor = shunt
         .map(|reading| adjusted_gauge_factor(bridge, zero, reading))
         .transpose()?;
