@@ -231,6 +231,11 @@ fn a_machine_that_is_wrong_is_refused_with_line_field_and_range() {
     );
     bench.refused_machine(
         "moment_kg_m2 = 40.0",
+        "moment_kg_m2 = 1e300",
+        &["bad.toml:14", "moment_kg_m2", "1e18"],
+    );
+    bench.refused_machine(
+        "moment_kg_m2 = 40.0",
         "moment = 40.0",
         &["bad.toml:14", "moment"],
     );
@@ -252,6 +257,19 @@ fn a_machine_that_is_wrong_is_refused_with_line_field_and_range() {
     bench.refused_machine("rate_hz = 500.0", "rate_hz = 100.0", &["0.002", "0.01"]);
     bench.refused_machine("two_inertias_map.csv", "absent.csv", &["absent.csv"]);
     bench.refused_machine("rate_hz = 500.0", "rate_hz = ", &["bad.toml:3"]);
+    bench.refused_machine(
+        "rate_hz = 500.0",
+        "rate_hz = 500,0",
+        &["bad.toml:3", "decimal point"],
+    );
+    bench.refused_machine(
+        "rate_hz = 500.0",
+        "rate_hz = \"500 Hz\"",
+        &["bad.toml:3", "a number", "without unit"],
+    );
+    let latin1 = [MACHINE.as_bytes(), b"# gr\xf6sste\n"].concat();
+    std::fs::write(bench.path("latin1.toml"), latin1).unwrap();
+    bench.refused("latin1.toml", "good.csv", &["0xf6", "UTF-8"]);
     bench.refused_machine(
         "adc = { lsb = 0.001, stuck_after = 8 }",
         "adc = { lsb = 0.001 }\nthermal = { gain_per_k = 0.01 }",

@@ -63,8 +63,13 @@ pub struct Violation {
 impl MachineError {
     /// The error of a text that is no TOML or holds a field that is not known.
     pub fn syntax(path: &Path, text: &str, error: &toml::de::Error) -> Self {
-        let (line, column) = position(text, error.span().map_or(0, |span| span.start));
-        let message = error.message().replace('\n', "; ");
+        let start = error.span().map_or(0, |span| span.start);
+        let (line, column) = position(text, start);
+        let message = if has_decimal_comma(text, start) {
+            "found a decimal comma, allowed: a decimal point, as 2.72".to_owned()
+        } else {
+            in_words(&error.message().replace('\n', "; "))
+        };
         Self::Syntax {
             path: path.to_owned(),
             line,
@@ -88,6 +93,36 @@ impl MachineError {
             allowed,
         }
     }
+}
+
+/// Whether byte `at` of `text` is a comma between digits.
+fn has_decimal_comma(text: &str, at: usize) -> bool {
+    let is_digit = |i: Option<usize>| {
+        i.and_then(|i| text.as_bytes().get(i))
+            .is_some_and(u8::is_ascii_digit)
+    };
+    text.as_bytes().get(at) == Some(&b',') && is_digit(at.checked_sub(1)) && is_digit(Some(at + 1))
+}
+
+/// `message` of a deserialiser with the names of Rust's types in words.
+fn in_words(message: &str) -> String {
+    const WORDS: [(&str, &str); 7] = [
+        (
+            "expected f64",
+            "expected a number without quotes and without unit",
+        ),
+        ("expected u8", "expected a whole number from 0 to 255"),
+        ("expected u16", "expected a whole number from 0 to 65535"),
+        ("expected u32", "expected a whole number >= 0"),
+        ("expected usize", "expected a whole number >= 0"),
+        ("expected i32", "expected a whole number"),
+        ("expected a boolean", "expected true or false"),
+    ];
+    let words = WORDS.iter().find(|(name, _)| message.ends_with(name));
+    words.map_or_else(
+        || message.to_owned(),
+        |(name, word)| message.replace(name, word),
+    )
 }
 
 /// Line and column, from 1, of byte `offset`.

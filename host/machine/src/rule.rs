@@ -27,20 +27,25 @@ pub(super) fn within(field: &str, found: impl Display, is: bool, allowed: &str) 
     }
 }
 
+/// Largest value of a description, in its unit: the estimator squares it in single precision.
+const LARGEST: f64 = 1e18;
+
 pub(super) fn finite(field: &str, value: f64) -> Checked {
-    within(field, value, value.is_finite(), "a finite number")
+    let is = value.abs() <= LARGEST;
+    within(field, value, is, "a number of at most 1e18 in size")
 }
 
 pub(super) fn positive(field: &str, value: f64) -> Checked {
-    within(field, value, value > 0.0 && value.is_finite(), "> 0")
+    let is = (1.0 / LARGEST..=LARGEST).contains(&value);
+    within(field, value, is, "> 0 (1e-18 to 1e18)")
 }
 
 pub(super) fn nonzero(field: &str, value: f64) -> Checked {
     within(
         field,
         value,
-        value != 0.0 && value.is_finite(),
-        "a finite number other than 0",
+        (1.0 / LARGEST..=LARGEST).contains(&value.abs()),
+        "a number other than 0 (1e-18 to 1e18 in size)",
     )
 }
 

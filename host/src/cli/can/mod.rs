@@ -382,6 +382,12 @@ impl Prove {
 
 impl Monitor {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
+        let description = &self.args.interface;
+        anyhow::ensure!(
+            !description.ends_with(".toml"),
+            "{description}: found a machine description, allowed: a bus or a log first, the description after it, as \
+             in `loadtwin monitor can0 {description}`"
+        );
         let (image, sensors) = match &self.machine {
             Some(machine) => {
                 let machine = machine.clone();
