@@ -1,5 +1,5 @@
-//! Atomic counters of the board: overruns, missed samples, bus-off events (by the state of the
-//! bus), frames dropped by a full queue.
+//! Atomic counters of the board: overruns, missed samples, transitions of the CAN controller to
+//! bus-off, and frames dropped because the transmit queue was full.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 

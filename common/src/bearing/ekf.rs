@@ -1,6 +1,6 @@
-//! Extended Kalman filter of one hypothesis, with both ball rows and all gauges in one state:
-//! prediction by one block, an update for each gauge from its harmonics, loads taken as known, and
-//! one Newton step of the equilibrium with the contact features at the estimated loads.
+//! Extended Kalman filter for one hypothesis of the ball phases. States: ball-pass phases and cage
+//! slips, loads, preload, gauge biases. Prediction by a block, update by gauge from the harmonics,
+//! conditioning on known loads, and one Newton step of the contact equilibrium.
 //!
 //! States: phases of ball passing `theta_r` (rad) and slips `s_r` of both rows,
 //! loads (kN), preload (um), biases of the bulk strains [um/m].

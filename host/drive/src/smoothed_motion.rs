@@ -5,9 +5,9 @@
 use std::path::{Path, PathBuf};
 
 use crate::BalanceError;
+use crate::gaussian_smoother::Smoother;
 use crate::noise_levels;
 use crate::outliers;
-use crate::savitzky_golay::Smoother;
 use loadtwin_machine::{Balance, Machine, QUANTISATION, Regime, Signal};
 use loadtwin_recording::{Reader, Timing, Wanted};
 

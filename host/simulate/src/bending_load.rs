@@ -1,5 +1,5 @@
-//! Bending load as described: a first-order Gauss-Markov process that gauges read in addition to
-//! torque.
+//! Simulated bending load on the gauges, in addition to torque: a first-order Gauss-Markov process
+//! with the standard deviation and time constant of the machine description.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

@@ -1,5 +1,6 @@
-//! Printing on standard output, as text or JSON, that survives a closed pipe; notes on standard
-//! error.
+//! Printing of text on standard output, or on standard error where the command writes a file to
+//! standard output; a closed pipe is ignored, any other write error ends the program. Notes on
+//! standard error; paths as text for JSON.
 
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write, stderr, stdout};

@@ -1,5 +1,6 @@
-//! The emulated flash for models, in memory that keeps its contents over a reset. At power-on it is
-//! filled from `MODEL`, with the signing key and the identity of the machine.
+//! Model flash of the emulated board, in RAM that keeps its contents over a reset. At power-on it
+//! is copied from the memory region `MODEL` (linker script; filled by the test before start). It
+//! also holds the public key that images are checked with, and the identity of the machine.
 #![allow(unsafe_code)]
 
 use core::{ptr, slice};

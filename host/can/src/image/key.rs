@@ -1,5 +1,5 @@
-//! Ed25519 key pairs (RFC 8032) that sign model images: generation, reading and writing of key
-//! files.
+//! Ed25519 key pairs (RFC 8032) that sign model images: generation, signature, PEM key files, and
+//! the key page of a board (public key and machine identity). Existing files are not overwritten.
 //!
 //! Kept as PEM (PKCS #8 and `SubjectPublicKeyInfo`, RFC 8410), so that OpenSSL
 //! makes, reads and guards them as well.

@@ -1,5 +1,6 @@
-//! `Diagnosable` and `ResidualModel` for drivetrains: recordings read as residuals, with nuisance
-//! parameters, regressor columns, covariates, shafts and remarks.
+//! Implementation of the traits `Diagnosable` and `ResidualModel` for drivetrains: residuals and
+//! null samples from recordings, nuisance and regressor columns, covariates, shaft angles, and
+//! notes on missing references and on inertia or twist that differ from their description.
 
 use std::path::{Path, PathBuf};
 

@@ -1,15 +1,15 @@
 //! File functions that differ between systems, in two pairs of modules. Linux or not: unnamed files
 //! and their link. Unix or not: write permission, owner, identity of files, standard streams.
 
-#[cfg(not(unix))]
-mod other;
 #[cfg(unix)]
 mod unix;
+#[cfg(windows)]
+mod windows;
 
-#[cfg(not(unix))]
-pub(crate) use other::{FileId, Owner, check_writable, stdin_file, stdout_file};
 #[cfg(unix)]
 pub(crate) use unix::{FileId, Owner, check_writable, stdin_file, stdout_file};
+#[cfg(windows)]
+pub(crate) use windows::{FileId, Owner, check_writable, stdin_file, stdout_file};
 
 #[cfg(target_os = "linux")]
 mod linux;

@@ -1,5 +1,6 @@
-//! Edits of a machine description that keep the comments and the format of the file: setting,
-//! insertion and removal of fields, and writing of the file with the maps beside it.
+//! Edits of a machine description (TOML) that keep its comments and format: setting, insertion and
+//! removal of fields. Writers of the description and of the file of maps: functions of the carrier
+//! angle, one column for each channel.
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,5 @@
-//! Choice between the placed and the measured sensitivity map of a gauge by two-fold
-//! cross-validation over turns of the carrier.
+//! Choice between two sensitivity maps of a gauge by two-fold cross-validation over carrier turns:
+//! the described map, shifted and widened to fit (placed), or a map fitted to readings (measured).
 
 use crate::calibrate::Patch;
 use crate::calibrate::channel_moments::Moments;

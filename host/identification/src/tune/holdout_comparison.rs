@@ -1,4 +1,5 @@
-//! Hold-out comparison of described and tuned noise, on data that took no part in the tuning.
+//! Hold-out non-inferiority test of tuned against described noise: measured R with the tuned random
+//! walks of the loads, and where these are refused, measured R with the described walks.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -1,4 +1,5 @@
-//! Conversion of Arrow columns of any numeric, time or dictionary type to f64.
+//! Conversion of Arrow columns to f64: numbers, booleans, dictionaries, text by its layout, times
+//! as seconds since the first time stamp or since 1970. Also the classification of column types.
 use arrow_array::cast::AsArray;
 use arrow_array::types::{
     ArrowPrimitiveType, Decimal32Type, Decimal64Type, Decimal128Type, Float16Type, Float32Type,

@@ -7,7 +7,6 @@ mod delay;
 mod drift;
 mod eccentricity;
 mod friction;
-mod gain;
 mod mains_interference;
 mod nonlinearity;
 mod order;
@@ -16,6 +15,7 @@ mod peak;
 mod position;
 mod sudden_change;
 mod torsion;
+mod zero_and_gain;
 
 use std::str::FromStr;
 
@@ -82,9 +82,9 @@ pub static EFFECTS: &[Effect] = &[
     peak::OVERESTIMATED,
     drift::CREEP,
     drift::THERMAL,
-    gain::OFFSET,
-    gain::GAIN,
-    gain::THERMAL,
+    zero_and_gain::OFFSET,
+    zero_and_gain::GAIN,
+    zero_and_gain::THERMAL,
     order::CARRIER_ORDER,
     order::PLANET_SHARING,
     bending::BENDING,

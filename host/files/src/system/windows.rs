@@ -1,5 +1,5 @@
-//! Identity of files by their path, and write permission, on systems other than Unix; owner and
-//! mode are left as they are.
+//! Windows counterpart of `unix.rs`: identity of files by canonical path, check of write access,
+//! standard streams as files. Owner and permissions are not changed.
 
 use std::fs::{File, Metadata};
 use std::io;

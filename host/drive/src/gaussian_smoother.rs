@@ -1,5 +1,6 @@
-//! Zero-phase smoothing with Gaussian weights (Savitzky-Golay): weighted mean as a low-pass,
-//! derivatives by a local cubic fit, gain of noise; for regular and irregular sampling.
+//! Gaussian-weighted smoothing of regular or irregular samples: local mean (half power at the
+//! cut-off), local cubic fit with two derivatives (weighted Savitzky-Golay) and its noise gain.
+//! Zero-phase except at the ends.
 
 /// Width of a Gaussian that passes `cutoff_hz` with half the power, times the cut-off:
 /// `sqrt(ln 2) / (2 pi)`.
