@@ -1,4 +1,4 @@
-//! Estimation of a drifting gauge's offset as a state beside sound gauges, so that the drift is
+//! Estimation of a gauge's zero as a state, so that a drift, or a zero that is not as described, is
 //! not taken for torque.
 
 use std::path::{Path, PathBuf};
@@ -14,9 +14,9 @@ fn example(file: &str) -> PathBuf {
         .join(file)
 }
 
-/// NMAE of the main shaft [%] with the three gauges of the high-speed housing.
-fn nmae(machine: &Machine, recording: &Path) -> f64 {
-    let sensors = Sensors::choose(machine, Some("high-speed-housing-3")).unwrap();
+/// NMAE of the main shaft [%] with the sensors of `set`.
+fn nmae(machine: &Machine, set: &str, recording: &Path) -> f64 {
+    let sensors = Sensors::choose(machine, Some(set)).unwrap();
     let mut figures = Figures::new(machine);
     replay::run(machine, &sensors, recording, |sample, estimate, _| {
         figures.push(sample, estimate);
@@ -57,6 +57,7 @@ fn three_gauges_of_unequal_signs_separate_their_drift_from_the_torque() {
     }
     // Twice the creep that was there when the gauges were calibrated.
     let crept = record("start-stop", &["paper", "gauge-creep"]);
+    let nmae = |machine, recording| nmae(machine, "high-speed-housing-3", recording);
     let (without, with) = (nmae(&plain, &crept), nmae(&drifting, &crept));
     println!("drift: {without:.2} % without the states, {with:.2} % with them");
     assert!(with < 4.0 && with < 0.8 * without, "{without} {with}");
@@ -65,4 +66,28 @@ fn three_gauges_of_unequal_signs_separate_their_drift_from_the_torque() {
     let (without, with) = (nmae(&plain, &usual), nmae(&drifting, &usual));
     println!("no more drift: {without:.2} % without the states, {with:.2} % with them");
     assert!(with < without + 0.3, "{without} {with}");
+}
+
+#[test]
+fn a_wrong_zero_of_a_gauge_whose_map_passes_through_zero_is_no_torque() {
+    let folder = tempfile::tempdir().unwrap();
+    let described = Machine::load(&example("machine.toml")).unwrap();
+    for scenario in ["constant", "start-stop", "turbulent"] {
+        let recording = folder.path().join(format!("{scenario}.parquet"));
+        let steps = Scenario::by_name(scenario).unwrap();
+        let effects = Applied::list::<&str>(&[]).unwrap();
+        Simulation::new(&described, &steps, 21, Some(3), &effects)
+            .unwrap()
+            .write(&recording, |_| ())
+            .unwrap();
+        let errors = [0.0, 0.5e-6, 5e-6].map(|zero| {
+            let mut machine = described.clone();
+            let gauge = machine.channels.iter_mut().find(|c| c.name == "rg1");
+            gauge.unwrap().offset += zero;
+            nmae(&machine, "ring-gear-1", &recording)
+        });
+        println!("{scenario}: zero off by 0, 0.5, 5 µm/m: {errors:.2?} %");
+        assert!(errors[1] < errors[0] + 0.2, "{scenario} {errors:?}");
+        assert!(errors[2] < errors[0] + 1.0, "{scenario} {errors:?}");
+    }
 }
