@@ -95,7 +95,7 @@ impl Overview {
             first_day: days.keys().next().cloned(),
             last_day: days.keys().next_back().cloned(),
             samples,
-            seconds: days.values().map(|day| day.sums.seconds).sum(),
+            seconds: recorded_s(days.values()),
             valid_percent: (samples > 0).then(|| 100.0 * valid as f64 / samples as f64),
             nis: (used > 0).then(|| nis / used as f64),
             sensor: worst.map(|sensor| sensor.name.clone()),
@@ -155,10 +155,14 @@ fn remaining_s(load: &str, damage: f64, days: &Days) -> Option<f64> {
         return None;
     }
     let has_load = |day: &&Day| day.sums.loads.iter().any(|of| of.name == load);
-    let counted_s: f64 = (days.values().filter(has_load))
-        .map(|day| day.sums.seconds)
-        .sum();
+    let counted_s = recorded_s(days.values().filter(has_load));
     Some(counted_s * (1.0 - damage).max(0.0) / damage)
+}
+
+/// Time that the recordings of some days span (s).
+fn recorded_s<'a>(days: impl Iterator<Item = &'a Day>) -> f64 {
+    // An empty sum of floats is -0.
+    days.fold(0.0, |sum, day| sum + day.sums.seconds)
 }
 
 #[cfg(test)]
@@ -169,5 +173,7 @@ mod tests {
     fn no_time_remains_after_a_damage_of_one_and_none_is_known_without_damage() {
         assert_eq!(remaining_s("shaft", 1.5, &Days::new()), Some(0.0));
         assert_eq!(remaining_s("shaft", 0.0, &Days::new()), None);
+        let seconds = Overview::failed("g", String::new()).seconds;
+        assert!(seconds.is_sign_positive(), "{seconds:?}");
     }
 }
