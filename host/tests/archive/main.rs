@@ -8,7 +8,11 @@ use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use bench::{Bench, DAYS, Files, RECORDING, date};
+use arrow_array::Array;
+use arrow_array::cast::AsArray;
+use arrow_array::types::Float64Type;
+
+use bench::{Bench, DAYS, Files, RECORDING, date, rows};
 
 /// What belongs to one machine.
 fn of_machine(files: &Files, machine: usize) -> Files {
@@ -138,6 +142,60 @@ fn a_machine_without_description_has_a_fault_each_day() {
         (&figures["faults"], &figures["replayed_days"]),
         (&0.into(), &DAYS.into())
     );
+}
+
+#[test]
+fn remaining_life_by_a_design_spectrum() {
+    let bench = Bench::new(2);
+    let write = |name: &str, text: &str| fs::write(bench.archive().join(name), text).unwrap();
+    let table = fs::read_to_string(bench.archive().join("descriptions.csv")).unwrap();
+    let described = |design: &str| {
+        let curve = "main_shaft,\"1e4:5e5,2e6:1e5\",-3e6:3e6";
+        let described = table.lines().skip(1).enumerate().map(|(k, row)| {
+            let design = if k == 0 { design } else { "" };
+            format!("{row},{curve},{design}\n")
+        });
+        let header = "machine,from,description,load,sn,range,design\n";
+        bench.describe(&(header.to_owned() + &described.collect::<String>()));
+    };
+    described("design.csv");
+    // At the points of the curve: 2 / 1e4 + 100 / 2e6 an hour.
+    write("design.csv", "range,cycles_per_hour\n5e5,2\n1e5,100\n");
+    bench.run(&[]);
+    let machines = rows(&bench.results().join("machines.parquet"));
+    let column = |name: &str| {
+        machines
+            .column_by_name(name)
+            .unwrap()
+            .as_primitive::<Float64Type>()
+    };
+    let damage = column("damage").value(0);
+    let hours = column("remaining_by_design_s").value(0) / 3600.0;
+    assert!(
+        damage > 0.0 && (hours * 2.5e-4 / (1.0 - damage) - 1.0).abs() < 1e-9,
+        "{hours}"
+    );
+    assert!(column("remaining_by_design_s").is_null(1) && column("damage").is_valid(1));
+    // Another spectrum replays nothing.
+    write("design.csv", "range,cycles_per_hour\n5e5,4\n");
+    assert_eq!(bench.run(&[])["replayed_days"], 0);
+    for (text, reason) in [
+        ("range,cycles\n5e5,4\n", "range,cycles_per_hour"),
+        ("range,cycles_per_hour\n-5e5,4\n", "a range above 0"),
+        ("range,cycles_per_hour\n5e5,many\n", "line: 2"),
+    ] {
+        write("design.csv", text);
+        let refused = bench.command(&[]).output().unwrap();
+        let said = String::from_utf8_lossy(&refused.stderr);
+        assert!(
+            refused.status.code() == Some(1) && said.contains(reason),
+            "{said}"
+        );
+        assert!(
+            said.contains("descriptions.csv:2") && said.contains("design.csv"),
+            "{said}"
+        );
+    }
 }
 
 #[cfg(unix)]
