@@ -79,8 +79,7 @@ fn on_a_full_disk_nothing_is_half_and_what_is_not_written_is_counted() {
         scope.spawn(|| adapter.carry(&Model::from_bytes(&image).expect("good"), &samples));
         thread::sleep(Duration::from_secs(9));
         let folder = recorder.archive.join("recordings/machine=bench");
-        let written = folder.exists().then(|| files(&folder)).unwrap_or_default();
-        assert!(written.is_empty(), "{written:?}");
+        assert!(!folder.exists() || files(&folder).is_empty());
         Recorder::free(&running);
     });
     thread::sleep(Duration::from_secs(2));
