@@ -14,7 +14,10 @@ use crate::layout::is_date;
 pub(crate) const TABLE: &str = "descriptions.csv";
 
 const REQUIRED: [&str; 3] = ["machine", "from", "description"];
-const OPTIONAL: [&str; 5] = ["to", "sha256", "load", "sn", "range"];
+const OPTIONAL: [&str; 6] = ["to", "sha256", "load", "sn", "range", "design"];
+
+/// Columns of a design spectrum.
+const DESIGN: [&str; 2] = ["range", "cycles_per_hour"];
 
 /// Byte order mark that spreadsheets write.
 const MARK: &str = "\u{feff}";
@@ -36,6 +39,9 @@ pub struct Entry {
     pub sn: Vec<(f64, f64)>,
     /// Loads that the levels of the counts cover [unit of the load].
     pub range: Option<(f64, f64)>,
+    /// Cycles that the machine is designed for: range [unit of the load], cycles an hour; empty for
+    /// none.
+    pub design: Vec<(f64, f64)>,
 }
 
 /// Reads the table of the archive in `folder`: rows by machine, in the order of their first days.
@@ -142,6 +148,10 @@ fn entry(
     if load.is_none() && (sn.is_some() || range.is_some()) {
         return Err("sn or range without the load that they are for".into());
     }
+    let design = cell("design");
+    if sn.is_none() && design.is_some() {
+        return Err("design without the S-N curve (sn) that it is for".into());
+    }
     let path = archive.join(description);
     let entry = Entry {
         first: date("from", cell("from").unwrap_or_default())?,
@@ -154,8 +164,32 @@ fn entry(
             .map(|text| pair("sn", text))
             .collect::<Result<_, _>>()?,
         range: range.map(|text| pair("range", text)).transpose()?,
+        design: design.map_or(Ok(Vec::new()), |name| design_spectrum(&archive.join(name)))?,
     };
     Ok((machine.to_owned(), entry))
+}
+
+/// Reads a design spectrum: a row for each range of cycles.
+fn design_spectrum(path: &Path) -> Result<Vec<(f64, f64)>, String> {
+    let shown = path.display();
+    let refused = |error: csv::Error| format!("{shown}: {error}");
+    let mut reader = csv::Reader::from_path(path).map_err(refused)?;
+    if reader.headers().map_err(refused)? != DESIGN.as_slice() {
+        return Err(format!(
+            "{shown}: allowed: the columns {}",
+            DESIGN.join(",")
+        ));
+    }
+    let rows = reader.deserialize().map(|row| {
+        let (range, per_hour): (f64, f64) = row.map_err(refused)?;
+        if range > 0.0 && per_hour >= 0.0 && range.is_finite() && per_hour.is_finite() {
+            return Ok((range, per_hour));
+        }
+        Err(format!(
+            "{shown}: found {range},{per_hour}, allowed: a range above 0 and cycles from 0 on"
+        ))
+    });
+    rows.collect()
 }
 
 fn date(name: &str, text: &str) -> Result<String, String> {

@@ -119,7 +119,8 @@ impl MachineHistory<'_> {
         if self.task.options.page {
             machine_page::write(&self.results, machine, &self.rows, replayed > 0)?;
         }
-        Ok(Overview::of(machine, &self.rows, replayed))
+        let overview = Overview::of(machine, &self.rows, replayed);
+        Ok(overview.against_design(&self.task.entries))
     }
 
     fn save(&mut self) -> Result<(), ArchiveError> {

@@ -159,6 +159,10 @@ fn machine_table(machines: &[Overview]) -> Table {
             ("load", of(|row| row.load.as_deref())),
             ("damage", number(|row| row.damage)),
             ("remaining_s", number(|row| row.remaining_s)),
+            (
+                "remaining_by_design_s",
+                number(|row| row.remaining_by_design_s),
+            ),
             ("description", of(|row| row.description.as_deref())),
         ]
         .map(|(name, column)| (name, column, true)),
@@ -249,6 +253,9 @@ fn write_page(folder: &Path, machines: &[Overview]) -> Result<(), ArchiveError> 
     });
     column("damage", &|row| json!(row.damage));
     column("remaining_s", &|row| round(row.remaining_s, 0));
+    column("remaining_by_design_s", &|row| {
+        round(row.remaining_by_design_s, 0)
+    });
     column("faults", &|row| json!(row.faults.len()));
     let text = format!("const fleet = {};\n", Value::Object(columns));
     complete_file::write(&folder.join("fleet.js"), text.as_bytes())?;

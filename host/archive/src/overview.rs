@@ -1,9 +1,14 @@
 //! A machine in one row: its state, its figures, its faults.
 
+use loadtwin_life::{Beyond, SnCurve};
 use serde::{Deserialize, Serialize};
 
 use crate::day::{Day, Days};
+use crate::description_table::{self, Entry};
 use crate::verdict::{Verdict, worst};
+
+/// Seconds of an hour.
+const SECONDS: f64 = 3600.0;
 
 /// A fault of a day or of one of its recordings.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -57,6 +62,8 @@ pub struct Overview {
     pub damage: Option<f64>,
     /// Recorded time until the damage is 1, at the mean rate so far (s).
     pub remaining_s: Option<f64>,
+    /// Time until the damage is 1, by the design spectrum of the table of descriptions (s).
+    pub remaining_by_design_s: Option<f64>,
     /// Description of the last day with samples.
     pub description: Option<String>,
     /// Recordings of the last day with samples, relative to the archive.
@@ -95,7 +102,7 @@ impl Overview {
             first_day: days.keys().next().cloned(),
             last_day: days.keys().next_back().cloned(),
             samples,
-            seconds: days.values().map(|day| day.sums.seconds).sum(),
+            seconds: recorded_s(days.values()),
             valid_percent: (samples > 0).then(|| 100.0 * valid as f64 / samples as f64),
             nis: (used > 0).then(|| nis / used as f64),
             sensor: worst.map(|sensor| sensor.name.clone()),
@@ -106,9 +113,22 @@ impl Overview {
             load: damage.map(|(load, _)| load.to_owned()),
             damage: damage.map(|(_, damage)| damage),
             remaining_s: damage.and_then(|(load, damage)| remaining_s(load, damage, days)),
+            remaining_by_design_s: None,
             description: of_last.and_then(|day| day.description.clone()),
             recordings: recordings.collect(),
             faults: faults(days),
+        }
+    }
+
+    /// With the time that remains by the design spectrum, where the description of the last day has one.
+    pub(crate) fn against_design(self, entries: &[Entry]) -> Self {
+        let last = self.last_day.as_ref();
+        let entry = last.and_then(|day| description_table::at(entries, day).ok());
+        let rate = entry.and_then(|entry| design_damage(&entry.design, &entry.sn));
+        let remaining_s = |(rate, damage): (f64, f64)| SECONDS * (1.0 - damage).max(0.0) / rate;
+        Self {
+            remaining_by_design_s: rate.zip(self.damage).map(remaining_s),
+            ..self
         }
     }
 
@@ -155,10 +175,24 @@ fn remaining_s(load: &str, damage: f64, days: &Days) -> Option<f64> {
         return None;
     }
     let has_load = |day: &&Day| day.sums.loads.iter().any(|of| of.name == load);
-    let counted_s: f64 = (days.values().filter(has_load))
-        .map(|day| day.sums.seconds)
-        .sum();
+    let counted_s = recorded_s(days.values().filter(has_load));
     Some(counted_s * (1.0 - damage).max(0.0) / damage)
+}
+
+/// Damage an hour by a design spectrum and an S-N curve, where there is any: `sum n_i / N(S_i)`.
+fn design_damage(design: &[(f64, f64)], sn: &[(f64, f64)]) -> Option<f64> {
+    let curve = SnCurve::through(sn, Beyond::Haibach).ok()?;
+    let damage = design.iter().fold(0.0, |sum, &(range, per_hour)| {
+        let cycles = curve.cycles_to_failure(range);
+        sum + cycles.map_or(0.0, |cycles| per_hour / cycles)
+    });
+    (damage > 0.0).then_some(damage)
+}
+
+/// Time that the recordings of some days span (s).
+fn recorded_s<'a>(days: impl Iterator<Item = &'a Day>) -> f64 {
+    // An empty sum of floats is -0.
+    days.fold(0.0, |sum, day| sum + day.sums.seconds)
 }
 
 #[cfg(test)]
@@ -169,5 +203,7 @@ mod tests {
     fn no_time_remains_after_a_damage_of_one_and_none_is_known_without_damage() {
         assert_eq!(remaining_s("shaft", 1.5, &Days::new()), Some(0.0));
         assert_eq!(remaining_s("shaft", 0.0, &Days::new()), None);
+        let seconds = Overview::failed("g", String::new()).seconds;
+        assert!(seconds.is_sign_positive(), "{seconds:?}");
     }
 }

@@ -13,7 +13,8 @@ pub fn damage(spectrum: &Spectrum, curve: &SnCurve) -> f64 {
         let cycles_to_failure = curve.cycles_to_failure(cycle.range)?;
         Some(cycle.count / cycles_to_failure)
     });
-    parts.sum()
+    // An empty sum of floats is -0.
+    parts.fold(0.0, |sum, part| sum + part)
 }
 
 /// Range of `cycles` equal cycles that do the same damage:
@@ -71,7 +72,12 @@ mod tests {
         let curve = SnCurve::with_slope(3.0, 1e6, 20.0, Beyond::CutOff).unwrap();
         assert!((damage(&spectrum(500), &curve) - 5e-4).abs() < 1e-15);
         let strong = SnCurve::with_slope(3.0, 1e6, 21.0, Beyond::CutOff).unwrap();
-        assert_eq!(damage(&spectrum(500), &strong), 0.0);
+        for none in [
+            damage(&spectrum(500), &strong),
+            damage(&spectrum(0), &strong),
+        ] {
+            assert!(none == 0.0 && none.is_sign_positive(), "{none:?}");
+        }
     }
 
     #[test]

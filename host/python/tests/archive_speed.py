@@ -1,11 +1,13 @@
 """Time and processor time of an archive on one core and on two: python archive_speed.py ARCHIVE [REPEATS].
 
-Each run has new results, which are removed. One core: all processes are bound to it.
+The runs alternate; of their repeats the median, the least and the most are printed. Each run has new results, which are
+removed. One core: all processes are bound to it.
 """
 
 import json
 import os
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -63,25 +65,32 @@ def measure(archive, results, module, options, cores):
     return time.monotonic() - began, used.seconds, done
 
 
+def spread(values, digits=1):
+    middle, *ends = (f"{of(values):.{digits}f}" for of in (statistics.median, min, max))
+    return f"{middle} ({' to '.join(ends)})"
+
+
 def main():
     archive, repeats = sys.argv[1], int((sys.argv[2:] or ["1"])[0])
-    least, first = {}, None
+    found, first = {run: [] for run in RUNS}, None
     for _ in range(repeats):
-        for (engine, cores), (module, *options) in RUNS.items():
+        for run, (module, *options) in RUNS.items():
             with tempfile.TemporaryDirectory() as folder:
                 results = Path(folder) / "results"
-                total, used, done = measure(archive, results, module, options, cores)
+                total, used, done = measure(archive, results, module, options, run[1])
                 first = first or made(results)
                 assert made(results) == first, "other bits"
                 shutil.rmtree(results)
-            print(
-                f"{engine} on {cores}: {total:.1f} s, job {done['seconds']:.1f} s, processor {used:.1f} s, "
-                f"{done['samples'] / done['seconds']:.0f} samples/s",
-                flush=True,
-            )
-            least[engine, cores] = min(done["seconds"], least.get((engine, cores), 1e9))
+            found[run].append((total, done["seconds"], used))
+            print(*run, *(f"{value:.1f}" for value in found[run][-1]), flush=True)
+    for (engine, cores), runs in found.items():
+        total, job, used = map(spread, zip(*runs))
+        print(f"{engine} on {cores}: {total} s, the job alone {job} s, processor {used} s")
+    print(f"{done['samples']} samples; time of 2 cores by that of 1:")
     for engine in ("processes", "Spark"):
-        print(f"{engine}: 2 cores take {least[engine, 2] / least[engine, 1]:.2f} of the time of 1")
+        pairs = list(zip(found[engine, 2], found[engine, 1]))
+        total, job = (spread([two[k] / one[k] for two, one in pairs], 2) for k in (0, 1))
+        print(f"{engine}: {total}, the job alone {job}")
 
 
 if __name__ == "__main__":

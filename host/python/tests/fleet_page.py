@@ -21,10 +21,11 @@ add_machine(archive, "scaled", scaled, 4)
 add_machine(archive, "undescribed", whole, 2)
 sn = '"1e4:5e5,2e6:1e5"'
 names = ('"g<b>1 & ""2\'"', "scaled")
+(archive / "design.csv").write_text("range,cycles_per_hour\n2e5,30\n")
 describe(
     archive,
-    [f"{name},2026-01-01,{GEARBOX},main_shaft,{sn},-3e6:3e6" for name in names],
-    "machine,from,description,load,sn,range",
+    [f"{name},2026-01-01,{GEARBOX},main_shaft,{sn},-3e6:3e6,design.csv" for name in names],
+    "machine,from,description,load,sn,range,design",
 )
 done = run(archive, processes=1, options=Options())
 results = Path(done["results"])

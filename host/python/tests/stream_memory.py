@@ -47,7 +47,8 @@ if source == "arrays":
 else:
     query = """select i / 1000 as "t [s]", -0.02 * sin(i / 1000) + 0.1 * cos(3 * i / 1000) as "torque [Nm]",
         2 * sin(i / 1000) as "angle [rad]" from range(?) as rows(i)"""
-    reader = duckdb.connect().sql(query, params=[rows]).to_arrow_reader(BLOCK)
+    # Of several threads it holds more or less of its own, by their timing.
+    reader = duckdb.connect(config={"threads": 1}).sql(query, params=[rows]).to_arrow_reader(BLOCK)
 stream = machine.stream(reader)
 found = sum(batch.num_rows for batch in pa.RecordBatchReader.from_stream(stream))
 assert found == rows, found

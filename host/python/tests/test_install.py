@@ -9,11 +9,15 @@ import subprocess
 import sys
 import tarfile
 import tempfile
+import time
 import unittest
 import zlib
 from pathlib import Path
 
 from loadtwin import _loadtwin
+
+#: Where all of them compile, so that they compile the dependencies once, and not again in the next run.
+TARGET = Path("target/installs").absolute()
 
 #: Size of a wheel [bytes].
 LARGEST = 30e6
@@ -90,26 +94,29 @@ class TestInstall(unittest.TestCase):
 
     @unittest.skipUnless("LOADTWIN_INSTALLS" in os.environ, "compiles for minutes: tests/run long")
     def test_wheel_source_distribution_and_clone_install(self):
+        began = time.monotonic()
         run(
             *(sys.executable, "-m", "maturin", "build", "--release", "--sdist"),
             *("-m", PACKAGE / "Cargo.toml", "-o", self.folder, "-i", sys.executable),
+            env={**os.environ, "CARGO_TARGET_DIR": str(TARGET)},
         )
         (wheel,), (source,) = self.folder.glob("*.whl"), self.folder.glob("*.tar.gz")
-        print(f"{wheel.name}: {wheel.stat().st_size / 1e6:.1f} MB")
+        print(f"{wheel.name}: {wheel.stat().st_size / 1e6:.1f} MB, compiled in {time.monotonic() - began:.0f} s")
         self.assertLess(wheel.stat().st_size, LARGEST)
         self.assertIn("-abi3-", wheel.name)
         clone = self.folder / "clone"
         run("git", "clone", "-q", "--depth", "1", Path.cwd().as_uri(), clone)
         for installed in (wheel, source, clone / PACKAGE):
             with self.subTest(installed.name):
+                began = time.monotonic()
                 self.install(installed)
+                print(f"{installed.name}: installed in {time.monotonic() - began:.0f} s")
 
     def install(self, installed):
         environment = self.folder / f"venv-{installed.name}"
         run(sys.executable, "-m", "venv", environment)
         python = environment / "bin/python"
-        # Dependencies are compiled once for both.
-        target = {**os.environ, "CARGO_TARGET_DIR": str(self.folder / "target")}
+        target = {**os.environ, "CARGO_TARGET_DIR": str(TARGET)}
         del target["PYTHONPATH"]
         run(python, "-m", "pip", "install", "-q", installed, env=target, cwd=self.folder)
         rows, file = run(python, "-c", REPLAY % str(Path.cwd()), env=target, cwd=self.folder).split()

@@ -1,9 +1,11 @@
 """Wrong input is an exception with a reason, and never the end of the process."""
 
+import gc
 import os
 import re
 import tempfile
 import unittest
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -183,9 +185,20 @@ class TestRefused(unittest.TestCase):
             "a negative rate": self.text.replace("rate_hz = 500", "rate_hz = -500"),
             "a rate without end": self.text.replace("rate_hz = 500", "rate_hz = 1e300"),
         }
-        for name, text in cases.items():
-            with self.subTest(name):
-                self.refuse(lambda: loadtwin.Machine(text))
+        # Nothing stays of a text, and nobody is warned of it.
+        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            before, tempfile.tempdir = tempfile.tempdir, folder
+            try:
+                for name, text in cases.items():
+                    with self.subTest(name):
+                        self.refuse(lambda: loadtwin.Machine(text))
+                self.assertEqual(loadtwin.Machine(self.text).rate_hz, 500.0)
+                gc.collect()
+                self.assertEqual(os.listdir(folder), [])
+            finally:
+                tempfile.tempdir = before
+        self.assertEqual([str(warning.message) for warning in warned], [])
         self.refuse(lambda: loadtwin.Machine("examples/none.toml"), "none.toml")
         self.refuse(lambda: loadtwin.Machine(RECORDING), "Parquet")
         self.refuse(lambda: loadtwin.Machine("examples"))

@@ -120,16 +120,31 @@ class TestReplay(unittest.TestCase):
             pages = Path("/proc/self/statm").read_text().split()[1]
             return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
+        text = Path(GEARBOX).read_text().replace("rate_hz = 500", "rate_hz = 0")
+        wrong = [
+            lambda: self.machine.replay(part, b"none"),
+            lambda: self.machine.replay(part.drop_columns(["ta1"])),
+            lambda: self.machine.replay(part, filter="none"),
+            lambda: self.machine.replay(self.at("none.parquet")),
+            lambda: loadtwin.Machine(text),
+        ]
+
         def call(times):
-            for _ in range(times):
-                _, state = self.machine.replay(part, more=True)
+            for k in range(times):
+                self.machine.replay(part, more=True)
+                # A stream that nobody reads.
+                self.machine.stream(part)
                 with self.assertRaises(loadtwin.Error):
-                    self.machine.replay(part, b"none")
+                    wrong[k % len(wrong)]()
 
         call(50)
         before = resident()
-        call(int(os.environ.get("LOADTWIN_CALLS", "100")))
-        self.assertLess(resident() - before, 8e6)
+        calls = int(os.environ.get("LOADTWIN_CALLS", "1000"))
+        began = time.monotonic()
+        call(calls)
+        grown = resident() - before
+        print(f"{3 * calls} calls: {grown / 1e6:.1f} MB more, {time.monotonic() - began:.0f} s")
+        self.assertLess(grown, 8e6)
 
     def test_an_interrupt_ends_a_long_call(self):
         def endless():

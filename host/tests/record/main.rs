@@ -1,9 +1,11 @@
-//! Recorder with a real mosquitto: kills of the recorder and the broker, a network that is cut.
+//! Recorder with a real mosquitto: kills of the recorder and the broker, a network that is cut, a full
+//! disk.
 #![cfg(unix)]
 
 #[path = "../can/machine.rs"]
 #[expect(dead_code, reason = "the tests of CAN use the others")]
 mod machine;
+mod outage;
 mod rig;
 
 use std::collections::BTreeSet;
@@ -86,6 +88,15 @@ fn gaps(ticks: &[u64]) -> Vec<u64> {
     steps.filter(|missing| *missing > 0).collect()
 }
 
+fn recorder(dir: &Path, every: u32, broker: u16) -> Recorder {
+    Recorder {
+        machine: Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/two_inertias.toml"),
+        archive: dir.join("archive"),
+        every,
+        broker,
+    }
+}
+
 #[test]
 fn every_sample_is_in_the_archive_once_and_every_message_reaches_a_subscriber() {
     let dir = tempfile::tempdir().expect("a folder");
@@ -97,12 +108,7 @@ fn every_sample_is_in_the_archive_once_and_every_message_reaches_a_subscriber() 
     let (entrance, is_cut) = network(port);
     let (mut mosquitto, mut subscriber) = broker(dir.path(), port, &log);
     let adapter = Adapter::new();
-    let recorder = Recorder {
-        machine: Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/two_inertias.toml"),
-        archive: dir.path().join("archive"),
-        every,
-        broker: entrance,
-    };
+    let recorder = recorder(dir.path(), every, entrance);
     let mut running = recorder.start(&adapter);
     let began = Instant::now();
     let at = |part: f64| {
@@ -139,20 +145,8 @@ fn every_sample_is_in_the_archive_once_and_every_message_reaches_a_subscriber() 
         killed_and_started(&mut running);
     });
     thread::sleep(Duration::from_secs(2));
-    let pid = running.0.id().to_string();
-    assert!(
-        Command::new("kill")
-            .args(["-TERM", &pid])
-            .status()
-            .unwrap()
-            .success()
-    );
-    let status = running.0.wait().expect("ended");
-    let said = std::io::read_to_string(running.0.stdout.take().unwrap()).unwrap();
-    assert!(status.success(), "{said}");
+    let said = running.end();
     thread::sleep(Duration::from_millis(500));
-    let said: Value = serde_json::from_str(&said).expect("a summary");
-    println!("{said}");
 
     let ticks = recorded(&recorder.archive, &samples);
     let missing = gaps(&ticks);
@@ -187,6 +181,23 @@ fn every_sample_is_in_the_archive_once_and_every_message_reaches_a_subscriber() 
 
 /// Each message came, in order but for repetitions, and health came with the last will.
 fn messages_are_complete(log: &Path, said: &Value, length: u32) {
+    let (count, states) = messages(log);
+    assert_eq!(
+        (&said["messages_waiting"], &said["messages_dropped"]),
+        (&0.into(), &0.into())
+    );
+    // Two loads a second, but for the seconds of the starts.
+    assert!(count as u32 > 2 * (length - 6), "{count} messages");
+    assert_eq!(states.last().unwrap(), "offline");
+    assert!(
+        states.iter().filter(|state| *state == "offline").count() >= 2,
+        "{states:?}"
+    );
+    assert!(states.contains(&"online".to_owned()));
+}
+
+/// Number of the messages that came, in order but for repetitions, and the states of the health.
+fn messages(log: &Path) -> (usize, Vec<String>) {
     let text = fs::read_to_string(log).unwrap();
     let (mut seen, mut repeated) = (BTreeSet::new(), 0);
     let mut states = Vec::new();
@@ -214,20 +225,5 @@ fn messages_are_complete(log: &Path, said: &Value, length: u32) {
         "{} messages, {repeated} repeated; health {states:?}",
         seen.len()
     );
-    assert_eq!(
-        (&said["messages_waiting"], &said["messages_dropped"]),
-        (&0.into(), &0.into())
-    );
-    // Two loads a second, but for the seconds of the starts.
-    assert!(
-        seen.len() as u32 > 2 * (length - 6),
-        "{} messages",
-        seen.len()
-    );
-    assert_eq!(states.last().unwrap(), "offline");
-    assert!(
-        states.iter().filter(|state| *state == "offline").count() >= 2,
-        "{states:?}"
-    );
-    assert!(states.contains(&"online".to_owned()));
+    (seen.len(), states)
 }

@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 use loadtwin::can::Model;
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;
+use serde_json::Value;
 use serialport::{ClearBuffer, SerialPort, TTYPort};
 
 /// A program that ends with the test.
@@ -24,6 +25,18 @@ impl Program {
     pub fn kill(&mut self) {
         self.0.kill().expect("killed");
         self.0.wait().expect("ended");
+    }
+
+    /// SIGTERM, and what it prints at its end.
+    pub fn end(mut self) -> Value {
+        let pid = self.0.id().to_string();
+        let sent = Command::new("kill").args(["-TERM", &pid]).status();
+        assert!(sent.expect("kill").success());
+        let status = self.0.wait().expect("ended");
+        let said = std::io::read_to_string(self.0.stdout.take().unwrap()).unwrap();
+        assert!(status.success(), "{said}");
+        println!("{said}");
+        serde_json::from_str(&said).expect("a summary")
     }
 }
 
@@ -179,7 +192,9 @@ pub fn broker(dir: &Path, port: u16, log: &Path) -> (Program, Program) {
     let config = dir.join("mosquitto.conf");
     std::fs::write(
         &config,
-        format!("listener {port} 127.0.0.1\nallow_anonymous true\n"),
+        // Without a limit of those under way: what is acknowledged would wait for the subscriber in
+        // the memory of the broker, and end with it.
+        format!("listener {port} 127.0.0.1\nallow_anonymous true\nmax_inflight_messages 0\n"),
     )
     .unwrap();
     let mosquitto = ["/usr/sbin/mosquitto", "mosquitto"]
@@ -227,7 +242,29 @@ pub struct Recorder {
 impl Recorder {
     /// Starts it, and waits until it has opened the adapter.
     pub fn start(&self, adapter: &Adapter) -> Program {
-        let program = Command::new(env!("CARGO_BIN_EXE_loadtwin"))
+        self.started(Command::new(env!("CARGO_BIN_EXE_loadtwin")), adapter)
+    }
+
+    /// The same where no file may have more than `blocks` of 512 bytes, as on a full disk, until
+    /// [`Self::free`].
+    pub fn start_on_full_disk(&self, adapter: &Adapter, blocks: u32) -> Program {
+        let mut shell = Command::new("sh");
+        let script = format!("trap '' XFSZ; ulimit -S -f {blocks}; exec \"$0\" \"$@\"");
+        shell.args(["-c", &script, env!("CARGO_BIN_EXE_loadtwin")]);
+        self.started(shell, adapter)
+    }
+
+    /// Makes room on the disk of one that runs.
+    pub fn free(running: &Program) {
+        let freed = Command::new("prlimit")
+            .args(["--fsize=unlimited:unlimited", "--pid"])
+            .arg(running.0.id().to_string())
+            .status();
+        assert!(freed.expect("prlimit").success());
+    }
+
+    fn started(&self, mut program: Command, adapter: &Adapter) -> Program {
+        let program = program
             .args([
                 "record",
                 "--json",

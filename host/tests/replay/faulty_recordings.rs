@@ -26,6 +26,12 @@ pub(crate) fn loadtwin(arguments: &[&str]) -> std::process::Output {
         .unwrap()
 }
 
+/// Kinds of faults that a sensor is given.
+const FAULTS: usize = 11;
+
+/// Drift of a strain [m/m a row].
+const DRIFT: f64 = 1e-8;
+
 /// A recording as columns of numbers.
 pub(crate) struct Recorded {
     names: Vec<String>,
@@ -60,7 +66,8 @@ impl Recorded {
         self.columns[0].len()
     }
 
-    /// With sensors that are silent, stuck, off or noisy for a while, and with lost rows.
+    /// With sensors that are silent, stuck, off, noisy, reversed, scaled, drifting, dead, jumping or at
+    /// an end of the converter for a while, and with lost rows.
     pub(crate) fn with_faults(mut self, sensors: &Sensors, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let rows = self.rows();
@@ -75,16 +82,23 @@ impl Recorded {
             }
             let known = column.iter().copied().filter(|v| v.is_finite());
             let size = known.map(f64::abs).fold(0.0, f64::max);
-            for kind in 0..4 {
+            for kind in 0..FAULTS {
                 let from = rng.random_range(0..rows);
-                let until = (from + rng.random_range(1..rows / 6)).min(rows);
+                let until = (from + rng.random_range(1..rows / 12)).min(rows);
                 let held = column[from];
-                for value in &mut column[from..until] {
+                for (k, value) in column[from..until].iter_mut().enumerate() {
                     *value = match kind {
                         0 => f64::NAN,
                         1 => held,
                         2 => *value + 0.3 * size,
-                        _ if rng.random_bool(0.1) => *value - 0.2 * size,
+                        3 if rng.random_bool(0.1) => *value - 0.2 * size,
+                        4 => -*value,
+                        5 => 1.6 * *value,
+                        6 => *value + 1e-3 * size * k as f64,
+                        7 => held + 1e-4 * size * rng.random::<f64>(),
+                        8 if k % 50 == 0 => *value + size,
+                        9 => 1e6 * size,
+                        10 => -1e6 * size,
                         _ => *value,
                     };
                 }
@@ -97,6 +111,38 @@ impl Recorded {
                 row += 1;
                 !lost.iter().any(|lost| (*lost..lost + 3).contains(&row))
             });
+        }
+        self
+    }
+
+    fn sensor(&mut self, name: &str) -> &mut Vec<f64> {
+        let is_it = |of: &String| of.split(" [").next() == Some(name);
+        let column = self.names.iter().position(is_it).unwrap();
+        &mut self.columns[column]
+    }
+
+    /// With two channels that are exchanged from a third of the recording on.
+    pub(crate) fn with_exchanged_wires(mut self, sensors: &Sensors) -> Self {
+        let [one, other] = [0, 1].map(|k| sensors.channels[k].name.as_str());
+        let from = self.rows() / 3;
+        let wires = self.sensor(one).split_off(from);
+        let others = self.sensor(other).split_off(from);
+        self.sensor(one).extend(others);
+        self.sensor(other).extend(wires);
+        self
+    }
+
+    /// With a channel that drifts from the start on, and an encoder that reads at random at the end.
+    pub(crate) fn with_drift(mut self, sensors: &Sensors, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let channel = self.sensor(&sensors.channels[0].name);
+        for (row, value) in channel.iter_mut().enumerate() {
+            *value += DRIFT * row as f64;
+        }
+        let encoder = &sensors.encoders[0];
+        let from = 2 * self.rows() / 3;
+        for count in &mut self.sensor(&encoder.name)[from..] {
+            *count += f64::from(rng.random_range(0..16384));
         }
         self
     }

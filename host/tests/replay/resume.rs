@@ -1,7 +1,8 @@
 //! Continuation of a replay from its saved state: a recording cut anywhere gives the bits of
-//! the whole one, for every machine kind.
-//!
-//! `LOADTWIN_CUTS` is the number of cuts of each machine, 7 where it is not set.
+//! the whole one, estimates and counters, for every machine kind, filter and sensor fault.
+
+use std::collections::BTreeSet;
+use std::f64::consts::TAU;
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 use loadtwin::build::{self, Filter, Sensors};
@@ -9,10 +10,11 @@ use loadtwin::machine::{IndexSignal, Machine};
 use loadtwin::recording::Input;
 use loadtwin::replay::Run;
 use loadtwin_common::counting::saved_counts::MAX_BYTES;
-use loadtwin_common::counting::{LevelScale, LoadCounts, SHAFTS};
+use loadtwin_common::counting::{LevelScale, LoadCounts};
 use loadtwin_common::estimator::{Estimator, MAX_STATE_BYTES};
 use loadtwin_common::image::Image;
 use loadtwin_common::io::estimate::Estimate;
+use loadtwin_common::io::fault::Fault;
 use loadtwin_common::io::raw::RawSample;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -23,6 +25,12 @@ use super::faulty_recordings::{Recorded, example, loadtwin};
 /// Time, references and estimate of each sample, as text of their bits.
 type Rows = Vec<(u64, Vec<u64>, Estimate)>;
 
+/// Cuts of all machines.
+const CUTS: usize = 1000;
+
+/// Turn of a shaft as the counts have it.
+const TURN: f64 = 4_294_967_296.0;
+
 /// A machine with a recording.
 struct Case {
     name: &'static str,
@@ -31,8 +39,8 @@ struct Case {
     image: Vec<u8>,
     recorded: Recorded,
     whole: Rows,
-    /// Of the load cycles of the whole.
-    counts: Vec<u8>,
+    /// Of the load cycles and turns of the whole, of each load.
+    counts: Counts,
 }
 
 impl Case {
@@ -56,12 +64,12 @@ impl Case {
             sensors,
             image,
             whole: Rows::new(),
-            counts: Vec::new(),
+            counts: Counts::default(),
         };
         let (whole, _) = case.piece((0, case.recorded.rows()), None, false);
         assert!(whole.len() >= case.recorded.rows());
         case.whole = whole;
-        let empty = saved(&mut case.empty_counts());
+        let empty = case.empty_counts();
         case.counts = counted(&case.whole, &empty);
         assert_ne!(case.counts, empty, "{name}");
         case
@@ -98,10 +106,18 @@ impl Case {
         (rows, state)
     }
 
-    /// Counts of the first load, of levels over its range.
-    fn empty_counts(&self) -> LoadCounts {
-        let nominal = 1.5 * self.machine.loads()[0].nominal as f32;
-        LoadCounts::try_new(LevelScale::covering(-nominal, nominal).unwrap(), 2).unwrap()
+    /// Counts of each load, of levels over its range.
+    fn empty_counts(&self) -> Counts {
+        let of = |nominal: f64| {
+            let limit = 1.5 * nominal as f32;
+            let scale = LevelScale::covering(-limit, limit).unwrap();
+            saved(&mut LoadCounts::try_new(scale, 2).unwrap())
+        };
+        let loads = self.machine.loads();
+        Counts {
+            loads: loads.iter().map(|load| of(load.nominal)).collect(),
+            angle_rad: None,
+        }
     }
 
     /// Cuts the recording at random and compares.
@@ -113,7 +129,7 @@ impl Case {
         cuts.sort_unstable();
         let mut found = Rows::new();
         let (mut from, mut state) = (0, None);
-        let mut counts = saved(&mut self.empty_counts());
+        let mut counts = self.empty_counts();
         for until in cuts.iter().copied().chain([rows]) {
             let (piece, after) = self.piece((from, until), state.as_deref(), until < rows);
             counts = counted(&piece, &counts);
@@ -162,7 +178,7 @@ impl Case {
         let length = line.save(&self.image, &mut bytes).unwrap();
         bytes.truncate(length);
         let mut taken = 0;
-        for _ in 0..200 {
+        for _ in 0..400 {
             let mut wrong = bytes.clone();
             for _ in 0..rng.random_range(1..4) {
                 wrong[rng.random_range(33..length - 4)] = rng.random();
@@ -181,14 +197,32 @@ impl Case {
     }
 }
 
-/// Counts, as bytes, that go on from others.
-fn counted(rows: &Rows, before: &[u8]) -> Vec<u8> {
-    let mut counts = LoadCounts::continued(before).unwrap();
+/// Counts of each load as bytes, and the angle of the shaft after them.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Counts {
+    loads: Vec<Vec<u8>>,
+    angle_rad: Option<f32>,
+}
+
+/// Counts that go on from others; the first shaft turns by the estimated angle, the other twice as
+/// fast.
+fn counted(rows: &Rows, before: &Counts) -> Counts {
+    let continued = |bytes: &Vec<u8>| LoadCounts::continued(bytes).unwrap();
+    let mut loads: Vec<LoadCounts> = before.loads.iter().map(continued).collect();
+    let mut angle_rad = before.angle_rad;
     for (_, _, estimate) in rows {
-        let valid = Some(&estimate.loads[0]).filter(|load| load.fault.is_none());
-        counts.push(valid.map(|load| load.value), [0; SHAFTS]);
+        let last = angle_rad.replace(estimate.angle_rad);
+        let advance_rad = f64::from(estimate.angle_rad - last.unwrap_or(estimate.angle_rad));
+        let advance = (advance_rad.rem_euclid(TAU) / TAU * TURN) as u32;
+        for (counts, load) in loads.iter_mut().zip(&estimate.loads) {
+            let valid = load.fault.is_none().then_some(load.value);
+            counts.push(valid, [advance, advance.wrapping_mul(2)]);
+        }
     }
-    saved(&mut counts)
+    Counts {
+        loads: loads.iter_mut().map(saved).collect(),
+        angle_rad,
+    }
 }
 
 fn saved(counts: &mut LoadCounts) -> Vec<u8> {
@@ -220,11 +254,13 @@ fn gearbox() -> Recorded {
     Recorded::simulated("gearbox/machine.toml", &arguments)
 }
 
-fn plain_gearbox() -> Case {
+fn gearbox_with(name: &'static str, recorded: impl FnOnce(&Sensors) -> Recorded) -> Case {
     let machine = load("gearbox/machine.toml");
-    Case::new("gearbox", machine, Filter::Aekf, |s| {
-        gearbox().with_faults(s, 1)
-    })
+    Case::new(name, machine, Filter::Aekf, recorded)
+}
+
+fn plain_gearbox() -> Case {
+    gearbox_with("gearbox", |s| gearbox().with_faults(s, 1))
 }
 
 const EFFECTS: &str = r#"
@@ -265,6 +301,8 @@ fn cases() -> Vec<Case> {
     let bearing = load("bearing/calibrated.toml");
     vec![
         plain_gearbox(),
+        gearbox_with("gearbox, wires", |s| gearbox().with_exchanged_wires(s)),
+        gearbox_with("gearbox, drift", |s| gearbox().with_drift(s, 7)),
         Case::new("gearbox, steady", steady, Filter::Steady, |s| {
             gearbox().with_faults(s, 2)
         }),
@@ -294,27 +332,27 @@ fn cases() -> Vec<Case> {
 
 #[test]
 fn a_recording_cut_anywhere_gives_the_bits_of_a_whole() {
-    let wanted: usize = std::env::var("LOADTWIN_CUTS")
-        .ok()
-        .map_or(7, |cuts| cuts.parse().unwrap());
     let cases = cases();
+    let mut flags = BTreeSet::new();
     for case in &cases {
-        let faulty = (case.whole.iter())
-            .filter(|row| row.2.sensors.iter().any(|s| !s.fault.is_none()))
-            .count();
-        assert!(faulty > 100, "{}: {faulty} faulty samples", case.name);
+        let rows = || case.whole.iter().map(|row| &row.2);
+        let sensors = rows().flat_map(|estimate| estimate.sensors.iter().map(|s| s.fault));
+        let loads = rows().flat_map(|estimate| estimate.loads.iter().map(|l| l.fault));
+        let faulty = sensors.clone().filter(|fault| !fault.is_none()).count();
+        assert!(faulty > 100, "{}: {faulty} faulty", case.name);
+        let of_case: BTreeSet<&str> = sensors.chain(loads).map(Fault::name).collect();
+        println!("{}: {of_case:?}", case.name);
+        flags.extend(of_case);
     }
+    let all = Fault::ALL.map(Fault::name);
+    assert_eq!(flags, BTreeSet::from(all), "a fault that none is cut at");
     let mut rng = ChaCha8Rng::seed_from_u64(44);
     for case in &cases {
         case.endure_wrong_numbers(&mut rng);
     }
-    let mut done = 0;
-    for case in &cases {
-        let mut cuts = 0;
-        while cuts < wanted {
-            cuts += case.cut(&mut rng);
-        }
-        done += cuts;
+    let (mut done, mut next) = (0, cases.iter().cycle());
+    while done < CUTS {
+        done += next.next().unwrap().cut(&mut rng);
     }
     println!("{done} cuts, {} machines", cases.len());
 }

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -46,10 +48,11 @@ class Machine:
     """
 
     def __init__(self, description: str | os.PathLike[str]) -> None:
-        self._folder = None
         if isinstance(description, str) and "\n" in description:
-            self._folder = tempfile.TemporaryDirectory(prefix="loadtwin-")
-            self.path = Path(self._folder.name) / "machine.toml"
+            folder = tempfile.mkdtemp(prefix="loadtwin-")
+            # With the machine, also where its description is refused.
+            weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+            self.path = Path(folder) / "machine.toml"
             self.path.write_text(description, encoding="utf-8")
         else:
             self.path = Path(description).absolute()

@@ -15,16 +15,18 @@ import sys
 import time
 import warnings
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pyarrow as pa
 from py4j.protocol import Py4JError
+from pyspark import SparkConf, SparkContext
 from pyspark.errors import PySparkException
-from pyspark.sql import SparkSession
 
 from . import Error, _loadtwin
 from .archive.options import Options, given, parser, results_folder
 from .archive.text import program
+
+if TYPE_CHECKING:
+    from pyspark.sql import SparkSession
 
 #: Partitions for each task that runs at once: the more, the less the last of them runs alone.
 _PARTITIONS = 32
@@ -63,12 +65,12 @@ def run(
         When the archive or the folder of the results is refused.
     """
     target = results if results is not None else os.path.join(archive, "results")
-    figures, _ = _replayed(spark, archive, target, partitions, options or Options())
+    figures, _ = _replayed(spark.sparkContext, archive, target, partitions, options or Options())
     return json.loads(figures)
 
 
 def _replayed(
-    spark: SparkSession,
+    context: SparkContext,
     archive: str | os.PathLike[str],
     results: str | os.PathLike[str],
     partitions: int | None,
@@ -78,50 +80,45 @@ def _replayed(
     began = time.monotonic()
     tasks = _loadtwin.archive_tasks(archive, results, dataclasses.astuple(options))
     if partitions is None:
-        partitions = _PARTITIONS * spark.sparkContext.defaultParallelism
+        partitions = _PARTITIONS * context.defaultParallelism
     partitions = max(1, min(partitions, len(tasks)))
-    machines, contents = zip(*tasks)
-    table = pa.table({"machine": pa.array(machines), "task": pa.array(contents, pa.binary())})
-    done = spark.createDataFrame(table).repartition(partitions).mapInArrow(_rows, "row binary").toArrow()
-    rows = done["row"].to_pylist()
+    # Not a table of Spark SQL: Java would load and compile its planner, for seconds.
+    rows = context.parallelize([task for _, task in tasks], partitions).mapPartitions(_rows).collect()
     folder = os.path.abspath(results)
     return _loadtwin.write_outcome(folder, rows, options.page, time.monotonic() - began)
 
 
-def _rows(batches: Iterator[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
+def _rows(tasks: Iterator[bytes]) -> Iterator[bytes]:
     """Replay machines, one after the other; give a row for each."""
-    for batch in batches:
-        for task in batch.column("task"):
-            row = _loadtwin.replay_task(task.as_py())
-            yield pa.RecordBatch.from_pydict({"row": pa.array([row], pa.binary())})
+    return map(_loadtwin.replay_task, tasks)
 
 
-def _session(arguments: argparse.Namespace) -> SparkSession:
-    # Of the versions of pandas, which is not used here.
+def _context(arguments: argparse.Namespace) -> SparkContext:
+    # Of the versions of pandas, which Spark looks at and nothing here uses.
     warnings.filterwarnings("ignore", category=FutureWarning, module="pyspark")
     # Workers of this computer run the Python that has this package.
     os.environ.setdefault("PYSPARK_PYTHON", sys.executable)
-    builder = SparkSession.builder.appName("loadtwin")
+    settings = SparkConf().setAppName("loadtwin")
     if arguments.master:
-        builder = builder.master(arguments.master)
-    builder = builder.config("spark.ui.showConsoleProgress", "false")
-    builder = builder.config("spark.driver.extraJavaOptions", _JAVA)
+        settings.setMaster(arguments.master)
+    settings.set("spark.ui.showConsoleProgress", "false")
+    settings.set("spark.driver.extraJavaOptions", _JAVA)
     for setting in arguments.conf:
         key, _, value = setting.partition("=")
-        builder = builder.config(key, value)
-    session = builder.getOrCreate()
-    session.sparkContext.setLogLevel("ERROR")
-    return session
+        settings.set(key, value)
+    context = SparkContext.getOrCreate(settings)
+    context.setLogLevel("ERROR")
+    return context
 
 
-def _run_in_session(arguments: argparse.Namespace) -> tuple[str, str]:
-    session = _session(arguments)
+def _run_in_context(arguments: argparse.Namespace) -> tuple[str, str]:
+    context = _context(arguments)
     try:
         return _replayed(
-            session, arguments.archive, results_folder(arguments), arguments.partitions, given(arguments)
+            context, arguments.archive, results_folder(arguments), arguments.partitions, given(arguments)
         )
     finally:
-        session.stop()
+        context.stop()
 
 
 def main() -> int:
@@ -137,7 +134,7 @@ def main() -> int:
         options = dataclasses.astuple(given(arguments))
         _loadtwin.archive_tasks(arguments.archive, results_folder(arguments), options)
         try:
-            return _run_in_session(arguments)
+            return _run_in_context(arguments)
         except (PySparkException, Py4JError, ConnectionError) as error:
             reason = next(iter(str(error).splitlines()), type(error).__name__)
             raise Error(f"Spark ended: {reason}; run it again: days that are done stay") from None
