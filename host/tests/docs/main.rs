@@ -1,7 +1,8 @@
 //! Test program of the documentation: commands are run and their output compared, links and
-//! lists are checked.
+//! lists are checked; what `explain` finds in it.
 
 mod commands;
+mod explained;
 mod fragment;
 mod links;
 mod markdown_page;
