@@ -2,6 +2,7 @@
 //! references and sensors, orbits of a rotor.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use loadtwin_common::io::estimate::Estimate;
 
@@ -64,6 +65,11 @@ impl ReportPage {
         }
     }
 
+    /// Writes every sample to a file beside `page`, instead of into the page; before the first sample.
+    pub fn write_samples_beside(&mut self, page: &Path) {
+        self.plots.write_samples_beside(page);
+    }
+
     /// Adds one sample and its estimate.
     pub fn push(&mut self, sample: &Sample<'_>, estimate: &Estimate) {
         for (slot, column) in self.references.iter_mut().zip(&self.reference_of) {
@@ -85,7 +91,7 @@ impl ReportPage {
         displacements: &Displacements,
         phasor: &Phasor,
     ) -> Report {
-        let (time, mut sections) = self.plots.finish();
+        let (time, samples, mut sections) = self.plots.finish();
         sections.extend(displacements.sections());
         let mut tables = vec![error_table(machine, figures)];
         tables.extend(baseline_table(machine, phasor));
@@ -106,6 +112,7 @@ impl ReportPage {
             key_figures: key_figures(figures),
             tables,
             time: Some(time),
+            samples: Some(samples),
             sections,
         }
     }
