@@ -60,7 +60,11 @@ impl ReportPage {
         });
         Self {
             references: vec![f64::NAN; reference_of.len()],
-            plots: ReplayPlots::new(load_labels, channels.chain(encoders).collect()),
+            plots: ReplayPlots::new(
+                load_labels,
+                channels.chain(encoders).collect(),
+                machine.rate_hz,
+            ),
             reference_of,
         }
     }

@@ -50,6 +50,7 @@
 mod decimator;
 mod finding;
 mod html_page;
+mod innovation_spectra;
 mod markup;
 mod plot_check;
 mod replay_plots;

@@ -5,6 +5,7 @@ use super::{
     Axis, Combination, Data, Limit, Mark, MinMaxDecimator, Plot, Role, Samples, Section, Series,
     Shaded,
 };
+use crate::innovation_spectra::InnovationSpectra;
 use crate::sensor_plots::{SENSOR_COLUMNS, SENSOR_STORED, SensorPlots, flag};
 use loadtwin_common::io::estimate::{Estimate, LoadEstimate};
 use loadtwin_math::metrics::{NisConsistency, chi_squared_bounds};
@@ -55,6 +56,8 @@ pub struct SensorLabel {
 pub struct ReplayPlots {
     loads: Vec<(LoadLabel, bool)>,
     sensors: Vec<SensorPlots>,
+    labels: Vec<SensorLabel>,
+    spectra: InnovationSpectra,
     time: MinMaxDecimator,
     row: Vec<f64>,
     samples: Samples,
@@ -64,13 +67,16 @@ pub struct ReplayPlots {
 }
 
 impl ReplayPlots {
-    /// Nothing gathered yet; loads and sensors in the order of [`Estimate`].
-    pub fn new(loads: Vec<LoadLabel>, sensors: Vec<SensorLabel>) -> Self {
+    /// Nothing gathered yet, at `rate_hz` samples a second; loads and sensors in the order of [`Estimate`].
+    pub fn new(loads: Vec<LoadLabel>, sensors: Vec<SensorLabel>, rate_hz: f64) -> Self {
         let columns = LOAD_COLUMNS * loads.len() + SENSOR_COLUMNS * sensors.len() + NIS_COLUMNS;
         let samples = samples_of(loads.len(), sensors.len());
+        let names = loads.iter().map(|load| load.name.as_str());
         Self {
+            spectra: InnovationSpectra::new(names, sensors.len(), rate_hz),
             loads: loads.into_iter().map(|load| (load, false)).collect(),
-            sensors: sensors.into_iter().map(SensorPlots::new).collect(),
+            sensors: sensors.iter().cloned().map(SensorPlots::new).collect(),
+            labels: sensors,
             time: MinMaxDecimator::new(columns, BUCKETS),
             row: Vec::with_capacity(columns),
             samples,
@@ -116,6 +122,7 @@ impl ReplayPlots {
             }
             self.row.extend(sensor.push(angle, read));
         }
+        self.spectra.push(&self.labels, references, estimate);
         self.nis.push(nis, channels);
         self.most_channels = self.most_channels.max(channels);
         let nis = if channels > 0 { nis } else { f64::NAN };
@@ -161,8 +168,12 @@ impl ReplayPlots {
         let readings = sensors()
             .flat_map(|(column, s)| s.reading_plots(column))
             .collect();
-        let innovations = sensors()
-            .flat_map(|(column, s)| s.innovation_plots(column))
+        let innovations = (sensors().zip(&self.labels).enumerate())
+            .flat_map(|(i, ((column, sensor), label))| {
+                let mut plots = sensor.innovation_plots(column).to_vec();
+                plots.extend(self.spectra.plots(i, label));
+                plots
+            })
             .collect();
         let section = |title: &str, note: &str, open, plots| Section {
             title: title.to_owned(),
@@ -190,8 +201,9 @@ impl ReplayPlots {
             ),
             section(
                 "Innovations",
-                "Of a complete model they are white: no more than one lag in a hundred is outside \
-                 the bounds, and over their standard deviation they are normal.",
+                "Of a complete model they are white and normal: no more than one lag in a hundred of the \
+                 autocorrelation is outside the bounds, and one value in twenty of the spectrum and of the \
+                 correlation with earlier speeds and estimates. Coherence is with speed and reference loads.",
                 false,
                 innovations,
             ),
@@ -366,7 +378,7 @@ mod tests {
     #[test]
     fn rows_hold_what_the_estimator_said() {
         let (loads, sensors) = labels();
-        let mut plots = ReplayPlots::new(loads, sensors);
+        let mut plots = ReplayPlots::new(loads, sensors, 10.0);
         plots.push(0.0, &[90.0], &estimate([Fault::None, Fault::Erratic]));
         plots.push(0.1, &[], &estimate([Fault::None, Fault::Missing]));
         plots.push(0.2, &[], &Estimate::default());
@@ -412,7 +424,7 @@ mod tests {
     #[test]
     fn a_load_that_is_not_valid_is_a_gap() {
         let (loads, sensors) = labels();
-        let mut plots = ReplayPlots::new(loads, sensors);
+        let mut plots = ReplayPlots::new(loads, sensors, 10.0);
         let mut not_valid = estimate([Fault::None, Fault::Stuck]);
         not_valid.loads[0] = LoadEstimate {
             value: 0.0,
@@ -437,7 +449,7 @@ mod tests {
     fn what_is_not_there_is_not_plotted() {
         let (loads, mut sensors) = labels();
         sensors.truncate(1);
-        let mut plots = ReplayPlots::new(loads, sensors);
+        let mut plots = ReplayPlots::new(loads, sensors, 10.0);
         let unhomed = Estimate {
             homed: false,
             ..estimate([Fault::None; 2])

@@ -53,7 +53,7 @@ fn replay() -> (ReplayPlots, LoadError) {
         factor: 1e6,
         over_angle: true,
     };
-    let mut plots = ReplayPlots::new(vec![load], (0..GAUGES).map(gauge).collect());
+    let mut plots = ReplayPlots::new(vec![load], (0..GAUGES).map(gauge).collect(), RATE_HZ);
     let segment = |name: &str, from_s, to_s| Segment {
         name: name.into(),
         from_s,
@@ -249,8 +249,8 @@ fn every_plot_draws_and_the_cursors_measure() {
     let result = selftest(&dom(&path, "selftest"));
     assert_eq!(result["errors"], serde_json::json!([]));
     assert_eq!(result["requests"], serde_json::json!([]));
-    // Load, its error, NIS and the flags; then five of each gauge.
-    assert_eq!(result["plots"], 4 + 5 * GAUGES);
+    // Load, its error, NIS and the flags; then eight of each gauge.
+    assert_eq!(result["plots"], 4 + 8 * GAUGES);
     assert_eq!(result["drawn"], result["plots"]);
     assert_eq!(result["blank"], serde_json::json!([]));
 
@@ -379,7 +379,7 @@ fn odd_signals_do_no_harm() {
             quantity: "Torque".into(),
             unit: "Nm".into(),
         };
-        let mut plots = ReplayPlots::new(vec![load], vec![sensor]);
+        let mut plots = ReplayPlots::new(vec![load], vec![sensor], 1.0);
         for i in 0..samples {
             let estimate = Estimate {
                 loads: std::iter::once(LoadEstimate::default()).collect(),

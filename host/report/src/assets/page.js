@@ -41,7 +41,7 @@ function prefixOf(unit, data) {
 function text(v, digits = 5) {
   if (v === null || v === undefined || Number.isNaN(v)) return "–";
   const s = Number(v.toPrecision(digits));
-  return (s !== 0 && (Math.abs(s) < 1e-4 || Math.abs(s) >= 1e7)) ? v.toExponential(3) : String(s).replace("-", "−");
+  return (s !== 0 && (Math.abs(s) < 1e-4 || Math.abs(s) >= 1e7)) ? v.toExponential(3).replace(/\.?0+e/, "e") : String(s).replace("-", "−");
 }
 // Numbers at an axis: with as many decimals as two neighbours need to differ.
 function tickTexts(ticks, factor) {
@@ -336,7 +336,10 @@ function drawLimits(u, plot) {
       ctx.lineTo(right, y);
       ctx.stroke();
     }
-    const above = u.valToPos(value, "y", true) - bbox.top > 18 * px && value >= 0, at = y + (above ? -10 : 10) * px;
+    // Of two limits the labels are outside of the two.
+    const isHighest = plot.limits.length > 1 ? plot.limits.every(l => l.value <= value) : value >= 0;
+    const above = y - bbox.top > 18 * px && isHighest;
+    const at = Math.min(Math.max(y + (above ? -10 : 10) * px, bbox.top + 8 * px), bbox.top + bbox.height - 8 * px);
     const width = ctx.measureText(label).width + 8 * px;
     ctx.fillStyle = colours.card + "e0";
     ctx.fillRect(right - width, at - 7 * px, width, 14 * px);

@@ -25,7 +25,7 @@ use crate::cli::spool::spooled;
 use crate::files::bounded::read;
 use crate::files::content::Content;
 use crate::machine::{Machine, Rotor};
-use crate::origin::with_origin;
+use crate::origin::{image_fact, with_origin};
 use crate::replay::{
     Baselines, Consistency, Displacements, ESTIMATES, EstimateWriter, Figures, LARGEST_STATE,
     NodeChoice, NodeColumns, Phasor, ReplayError, ReportPage, Run, STATE_MARK, Sample, Speeds,
@@ -115,6 +115,8 @@ pub(super) struct Outcome {
     /// How the recording was read, where it is not as usual.
     pub(super) reading: Vec<String>,
     pub(super) seconds: f64,
+    /// Hash of the model image, for the head of a page.
+    image: [String; 2],
     /// The state at the end, where another part follows.
     state: Option<Vec<u8>>,
 }
@@ -128,6 +130,7 @@ impl Outcome {
             &self.displacements,
             &self.phasor,
         );
+        report.facts.push(self.image.clone());
         report
             .tables
             .extend(self.baselines.as_ref().map(Baselines::table));
@@ -351,6 +354,7 @@ fn one_set(
         baselines,
         reading,
         seconds,
+        image: image_fact(&image),
         state,
     })
 }
