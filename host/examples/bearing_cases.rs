@@ -185,7 +185,7 @@ fn main() {
             &[],
         );
         let t1 = t0.elapsed().as_secs_f64();
-        let calibration = match calibrate(&rig, &samples) {
+        let calibration = match calibrate(&rig, &samples, |_| ()) {
             Ok(calibration) => calibration,
             Err(error) => {
                 println!("{individual}: {error}");

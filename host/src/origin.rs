@@ -1,5 +1,5 @@
 //! Origin of a report page, added to its facts: description and the files that it names with their
-//! hashes, command, version, date.
+//! hashes, model image, command, version, date.
 
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -39,6 +39,19 @@ pub(crate) fn with_origin(mut report: Report, description: Option<&Path>) -> Rep
         ["Date".into(), day.to_string()],
     ]);
     report
+}
+
+/// The model image by the start of its SHA-256, and the number that a board with it has in its status.
+pub(crate) fn image_fact(image: &[u8]) -> [String; 2] {
+    let digest = Sha256::digest(image);
+    let mut first = [0; 4];
+    first.copy_from_slice(&digest[..4]);
+    let hash = hex(&digest[..SHOWN / 2]);
+    let on_bus = u32::from_le_bytes(first);
+    [
+        "Image".into(),
+        format!("SHA-256 {hash} (on the bus {on_bus:#010x})"),
+    ]
 }
 
 /// File name, with the start of the hash where the file can be read.

@@ -16,7 +16,7 @@ fn each_set_of_sensors_is_at_least_as_good_as_in_the_paper() {
     let machine = Machine::load(Path::new(path)).unwrap();
     let effects = Applied::list(&["paper"]).unwrap();
     let individual = Individual::new(&machine, 11, &effects).unwrap();
-    let cells = individual.evaluate(&TABLE_2).unwrap();
+    let cells = individual.evaluate(&TABLE_2, || ()).unwrap();
     assert_eq!(cells.len(), TABLE_2.len());
     for (row, cell) in TABLE_2.iter().zip(&cells) {
         let (ours, paper) = (cell.nmae[0], row.nmae.unwrap()[0]);

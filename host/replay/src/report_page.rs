@@ -2,6 +2,7 @@
 //! references and sensors, orbits of a rotor.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use loadtwin_common::io::estimate::Estimate;
 
@@ -59,9 +60,18 @@ impl ReportPage {
         });
         Self {
             references: vec![f64::NAN; reference_of.len()],
-            plots: ReplayPlots::new(load_labels, channels.chain(encoders).collect()),
+            plots: ReplayPlots::new(
+                load_labels,
+                channels.chain(encoders).collect(),
+                machine.rate_hz,
+            ),
             reference_of,
         }
+    }
+
+    /// Writes every sample to a file beside `page`, instead of into the page; before the first sample.
+    pub fn write_samples_beside(&mut self, page: &Path) {
+        self.plots.write_samples_beside(page);
     }
 
     /// Adds one sample and its estimate.
@@ -85,7 +95,7 @@ impl ReportPage {
         displacements: &Displacements,
         phasor: &Phasor,
     ) -> Report {
-        let (time, mut sections) = self.plots.finish();
+        let (time, samples, mut sections) = self.plots.finish();
         sections.extend(displacements.sections());
         let mut tables = vec![error_table(machine, figures)];
         tables.extend(baseline_table(machine, phasor));
@@ -106,6 +116,7 @@ impl ReportPage {
             key_figures: key_figures(figures),
             tables,
             time: Some(time),
+            samples: Some(samples),
             sections,
         }
     }

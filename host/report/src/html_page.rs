@@ -2,8 +2,9 @@
 //! the page fits, and encodes the data.
 
 use super::markup::{cells, columns_of_words, escape, with_minus};
+use super::plot_check::check;
 use super::thinning::thinned;
-use super::{Data, Mark, MinMaxDecimator, Plot, Report, Section, Table, UPLOT_CSS, UPLOT_JS};
+use super::{Data, MinMaxDecimator, Plot, Report, Samples, Section, Table, UPLOT_CSS, UPLOT_JS};
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
 use loadtwin_files::content::Content;
@@ -32,6 +33,9 @@ pub const PAGE: Content = Content {
 /// Nothing but what is in the file itself may be loaded or run.
 const POLICY: &str =
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:";
+
+/// As [`POLICY`], but that the file of samples beside the page may be loaded.
+const POLICY_BESIDE: &str = "default-src 'none'; script-src 'unsafe-inline' 'self'; style-src 'unsafe-inline'; img-src data:";
 
 /// Why there is no report.
 #[derive(Debug, thiserror::Error)]
@@ -100,11 +104,20 @@ impl Report {
             check(plot, self.time.as_ref())?;
         }
         let mut time = self.time.clone();
+        let is_thinned = |time: &MinMaxDecimator| time.samples_per_bucket() > 1;
+        let mut samples = (self.samples.as_ref())
+            .filter(|_| time.as_ref().is_some_and(is_thinned))
+            .map(Samples::json)
+            .unwrap_or_default();
         let mut halvings = 0;
         loop {
-            let page = self.page(time.as_ref(), halvings);
+            let page = self.page(time.as_ref(), &samples, halvings);
             if page.len() <= LARGEST_PAGE {
                 return Ok(page);
+            }
+            if samples.1.take().is_some() {
+                samples.0 = Value::Null;
+                continue;
             }
             halvings += 1;
             if halvings > 16 {
@@ -126,7 +139,12 @@ impl Report {
         self.sections.iter().flat_map(|section| &section.plots)
     }
 
-    fn page(&self, time: Option<&MinMaxDecimator>, halvings: u32) -> String {
+    fn page(
+        &self,
+        time: Option<&MinMaxDecimator>,
+        (samples, chunks): &(Value, Option<String>),
+        halvings: u32,
+    ) -> String {
         let rows = time.map(MinMaxDecimator::rows).unwrap_or_default();
         let data = json!({
             "time": {
@@ -135,6 +153,7 @@ impl Report {
                 "perBucket": time.map_or(1, MinMaxDecimator::samples_per_bucket),
                 "columns": rows.columns.iter().map(|c| encode_f32(c)).collect::<Vec<_>>(),
             },
+            "samples": samples,
             "plots": self.plots().map(|plot| plot_json(plot, halvings)).collect::<Vec<_>>(),
         });
         // In a script element only `<` could end or open anything.
@@ -145,12 +164,29 @@ impl Report {
         html += GENERATOR;
         html += "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">";
         // Writing to a String cannot fail.
+        let policy = if samples["file"].is_null() {
+            POLICY
+        } else {
+            POLICY_BESIDE
+        };
         let _ = write!(
             html,
-            "<meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\"><title>{title}</title><style>{UPLOT_CSS}\n{}</style></head><body>",
+            "<meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\"><title>{title}</title><style>{UPLOT_CSS}\n{}</style></head><body>",
             include_str!("assets/page.css"),
         );
         self.head(&mut html, &title);
+        if let Some(time) = time.filter(|time| time.samples_per_bucket() > 1) {
+            let _ = write!(
+                html,
+                "<p class=\"drawn\"><span id=\"drawn\" role=\"status\">Drawn as the least and the greatest of each {} samples.</span> {}</p>",
+                time.samples_per_bucket(),
+                escape(&zoom_note(
+                    samples,
+                    chunks.is_some(),
+                    self.samples.is_some()
+                )),
+            );
+        }
         let mut next_plot = 0;
         let sections = self.sections.iter();
         let is_empty = |section: &&Section| section.plots.is_empty() && section.tables.is_empty();
@@ -160,8 +196,12 @@ impl Report {
         footer(&mut html, time);
         let _ = write!(
             html,
-            "<script type=\"application/json\" id=\"data\">{data}</script><script>{UPLOT_JS}</script><script>{}</script><script>{}</script></body></html>",
+            "<script type=\"application/json\" id=\"data\">{data}</script><script type=\"application/json\" id=\"samples\">{}</script>\
+             <script>{UPLOT_JS}</script><script>{}</script><script>{}</script><script>{}</script></body></html>",
+            // Base64 in brackets, which needs no escapes.
+            chunks.as_deref().unwrap_or("null"),
             include_str!("assets/save.js"),
+            include_str!("assets/zoom.js"),
             include_str!("assets/page.js"),
         );
         html
@@ -188,6 +228,19 @@ impl Report {
         *html += "</div><div class=\"tables\">";
         tables_html(html, &self.tables);
         *html += "</div>";
+    }
+}
+
+/// What a reader does to see every sample.
+fn zoom_note(samples: &Value, is_in_page: bool, is_gathered: bool) -> String {
+    match samples["file"].as_str() {
+        Some(file) => format!("Zoom in to see each, read from {file} beside this page."),
+        None if is_in_page => "Zoom in to see each.".to_owned(),
+        None if is_gathered => {
+            "They do not fit this page: --report-samples writes them beside it, for zooming."
+                .to_owned()
+        }
+        None => String::new(),
     }
 }
 
@@ -257,71 +310,13 @@ fn tables_html(html: &mut String, tables: &[Table]) {
 fn footer(html: &mut String, time: Option<&MinMaxDecimator>) {
     *html += "</main><footer>";
     if let Some(time) = time {
-        let _ = write!(html, "{} samples over time", time.samples());
-        if time.samples_per_bucket() > 1 {
-            let _ = write!(
-                html,
-                ", drawn as minimum and maximum of each {}",
-                time.samples_per_bucket()
-            );
-        }
-        *html += ". ";
+        let _ = write!(html, "{} samples over time. ", time.samples());
     }
     let _ = write!(
         html,
         "loadtwin {}. Plots by uPlot 1.6.32, MIT licence, copyright Leon Sorokin.</footer>",
         env!("CARGO_PKG_VERSION")
     );
-}
-
-/// Refuses what the page could not draw.
-fn check(plot: &Plot, time: Option<&MinMaxDecimator>) -> Result<(), ReportError> {
-    let columns = time.map_or(0, MinMaxDecimator::columns);
-    let (marks, problem): (Vec<Mark>, Option<String>) = match &plot.data {
-        Data::Time(series) => (
-            series.iter().map(|(series, _)| series.mark).collect(),
-            series
-                .iter()
-                .find(|(_, column)| *column >= columns)
-                .map(|(_, column)| format!("found column {column}, allowed is below {columns}")),
-        ),
-        Data::Own { x, series } => (
-            series.iter().map(|(series, _)| series.mark).collect(),
-            series
-                .iter()
-                .find(|(_, values)| values.len() != x.len())
-                .map(|(s, v)| format!("{:?} has {} values for {} x", s.label, v.len(), x.len()))
-                .or_else(|| (!x.is_sorted()).then(|| "x falls or is not a number".to_owned())),
-        ),
-    };
-    // Each mark but the first with the one before it, the last with nothing after it.
-    let before = std::iter::once(Mark::Line).chain(marks.iter().copied());
-    let after = marks.iter().copied().chain([Mark::Line]);
-    let unpaired = before
-        .zip(after)
-        .any(|(before, mark)| (before == Mark::Upper) != (mark == Mark::Lower));
-    let shaded = (plot.shaded.iter().map(|shaded| shaded.column))
-        .chain(plot.band.into_iter().flatten())
-        .find(|column| *column >= columns);
-    let points = match &plot.data {
-        Data::Time(_) => 0,
-        Data::Own { x, .. } => x.len(),
-    };
-    let names = plot.names.len();
-    let problem = problem
-        .or_else(|| {
-            (names != 0 && names != points).then(|| format!("{names} names for {points} points"))
-        })
-        .or_else(|| {
-            shaded.map(|column| format!("found column {column}, allowed is below {columns}"))
-        })
-        .or_else(|| unpaired.then(|| "an upper edge needs its lower edge next".to_owned()));
-    problem.map_or(Ok(()), |problem| {
-        Err(ReportError::Plot {
-            plot: plot.title.clone(),
-            problem,
-        })
-    })
 }
 
 fn plot_json(plot: &Plot, halvings: u32) -> Value {
@@ -380,7 +375,7 @@ fn encode_f64(values: &[f64]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Axis, Role, Series};
+    use super::super::{Axis, Mark, Role, Series};
     use super::*;
 
     fn with_plot(data: Data, time: Option<MinMaxDecimator>) -> Report {
@@ -404,7 +399,7 @@ mod tests {
     fn text_cannot_become_markup() {
         let page = with_plot(Data::Time(vec![]), None).to_html().unwrap();
         assert!(!page.contains("<script>alert") && !page.contains("<b a="));
-        assert_eq!(page.matches("</script>").count(), 4);
+        assert_eq!(page.matches("</script>").count(), 6);
         assert!(page.contains("&lt;/script&gt;&lt;b a=&#39;&quot;&#39;&gt;&amp;"));
     }
 

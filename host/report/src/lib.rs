@@ -50,8 +50,11 @@
 mod decimator;
 mod finding;
 mod html_page;
+mod innovation_spectra;
 mod markup;
+mod plot_check;
 mod replay_plots;
+mod samples;
 mod scatter;
 mod sensor_plots;
 mod thinning;
@@ -60,6 +63,7 @@ pub use decimator::{MinMaxDecimator, Rows};
 pub use finding::{EffectSize, Finding};
 pub use html_page::{PAGE, ReportError};
 pub use replay_plots::{LoadLabel, ReplayPlots, SensorLabel};
+pub use samples::{Combination, SAMPLES, Samples, samples_beside};
 pub use scatter::ScatterSample;
 
 /// The style sheet of uPlot.
@@ -72,7 +76,7 @@ use loadtwin_math::metrics::{Autocorrelation, Histogram};
 use serde::Serialize;
 
 /// The contents of a report, in their order.
-#[derive(Clone, Debug, Default)]
+#[derive(Default)]
 pub struct Report {
     /// Heading.
     pub title: String,
@@ -84,6 +88,8 @@ pub struct Report {
     pub tables: Vec<Table>,
     /// All signals over time (s); plots choose among its columns and share zoom and cursors.
     pub time: Option<MinMaxDecimator>,
+    /// Every sample of them, for zooming.
+    pub samples: Option<Samples>,
     /// Plots in sections that open and close.
     pub sections: Vec<Section>,
 }

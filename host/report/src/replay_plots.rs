@@ -1,10 +1,15 @@
 //! Plots of a replay, gathered sample by sample: loads with their 2 σ band and error, normalised
 //! innovations squared (NIS), fault flags, and the plots of each sensor.
 
-use super::{Axis, Data, Limit, Mark, MinMaxDecimator, Plot, Role, Section, Series, Shaded};
-use crate::sensor_plots::{SENSOR_COLUMNS, SensorPlots, flag};
+use super::{
+    Axis, Combination, Data, Limit, Mark, MinMaxDecimator, Plot, Role, Samples, Section, Series,
+    Shaded,
+};
+use crate::innovation_spectra::InnovationSpectra;
+use crate::sensor_plots::{SENSOR_COLUMNS, SENSOR_STORED, SensorPlots, flag};
 use loadtwin_common::io::estimate::{Estimate, LoadEstimate};
 use loadtwin_math::metrics::{NisConsistency, chi_squared_bounds};
+use std::path::Path;
 
 /// Buckets over time: with two points each, more than a wide screen has pixels.
 const BUCKETS: usize = 4096;
@@ -17,6 +22,9 @@ const LOAD_COLUMNS: usize = 6;
 
 /// Columns over time for the NIS.
 const NIS_COLUMNS: usize = 4;
+
+/// Columns of a load of which every sample is stored: value, 2 σ, reference, whether it is not valid.
+const LOAD_STORED: usize = 4;
 
 /// How a load is shown.
 #[derive(Clone, Debug)]
@@ -48,22 +56,30 @@ pub struct SensorLabel {
 pub struct ReplayPlots {
     loads: Vec<(LoadLabel, bool)>,
     sensors: Vec<SensorPlots>,
+    labels: Vec<SensorLabel>,
+    spectra: InnovationSpectra,
     time: MinMaxDecimator,
     row: Vec<f64>,
+    samples: Samples,
     nis: NisConsistency,
     smoothed_nis: Option<f64>,
     most_channels: usize,
 }
 
 impl ReplayPlots {
-    /// Nothing gathered yet; loads and sensors in the order of [`Estimate`].
-    pub fn new(loads: Vec<LoadLabel>, sensors: Vec<SensorLabel>) -> Self {
+    /// Nothing gathered yet, at `rate_hz` samples a second; loads and sensors in the order of [`Estimate`].
+    pub fn new(loads: Vec<LoadLabel>, sensors: Vec<SensorLabel>, rate_hz: f64) -> Self {
         let columns = LOAD_COLUMNS * loads.len() + SENSOR_COLUMNS * sensors.len() + NIS_COLUMNS;
+        let samples = samples_of(loads.len(), sensors.len());
+        let names = loads.iter().map(|load| load.name.as_str());
         Self {
+            spectra: InnovationSpectra::new(names, sensors.len(), rate_hz),
             loads: loads.into_iter().map(|load| (load, false)).collect(),
-            sensors: sensors.into_iter().map(SensorPlots::new).collect(),
+            sensors: sensors.iter().cloned().map(SensorPlots::new).collect(),
+            labels: sensors,
             time: MinMaxDecimator::new(columns, BUCKETS),
             row: Vec::with_capacity(columns),
+            samples,
             nis: NisConsistency::default(),
             smoothed_nis: None,
             most_channels: 0,
@@ -106,6 +122,7 @@ impl ReplayPlots {
             }
             self.row.extend(sensor.push(angle, read));
         }
+        self.spectra.push(&self.labels, references, estimate);
         self.nis.push(nis, channels);
         self.most_channels = self.most_channels.max(channels);
         let nis = if channels > 0 { nis } else { f64::NAN };
@@ -123,6 +140,12 @@ impl ReplayPlots {
         let counts = [flagged, not_valid].map(|count| count as f64);
         self.row.extend([nis, smoothed, counts[0], counts[1]]);
         self.time.push(t_s, &self.row);
+        self.samples.push(t_s, stored(&self.row, self.loads.len()));
+    }
+
+    /// Writes every sample to the file beside `page`, instead of into the page; before the first sample.
+    pub fn write_samples_beside(&mut self, page: &Path) {
+        self.samples.write_beside(page);
     }
 
     /// NIS of all sensors in use, gathered so far.
@@ -130,8 +153,9 @@ impl ReplayPlots {
         &self.nis
     }
 
-    /// What goes into [`super::Report::time`] and [`super::Report::sections`].
-    pub fn finish(self) -> (MinMaxDecimator, Vec<Section>) {
+    /// What goes into [`super::Report::time`], [`super::Report::samples`] and [`super::Report::sections`].
+    pub fn finish(mut self) -> (MinMaxDecimator, Samples, Vec<Section>) {
+        self.samples.end();
         let first_sensor = LOAD_COLUMNS * self.loads.len();
         let first_nis = first_sensor + SENSOR_COLUMNS * self.sensors.len();
         let loads = self
@@ -144,16 +168,13 @@ impl ReplayPlots {
         let readings = sensors()
             .flat_map(|(column, s)| s.reading_plots(column))
             .collect();
-        let innovations = sensors()
-            .flat_map(|(column, s)| s.innovation_plots(column))
+        let innovations = (sensors().zip(&self.labels).enumerate())
+            .flat_map(|(i, ((column, sensor), label))| {
+                let mut plots = sensor.innovation_plots(column).to_vec();
+                plots.extend(self.spectra.plots(i, label));
+                plots
+            })
             .collect();
-        let loads_note = match self.time.samples_per_bucket() {
-            1 => String::new(),
-            n => format!(
-                "Drawn as the least and the greatest of each {n} samples; `loadtwin replay --estimates FILE` writes \
-                 every sample."
-            ),
-        };
         let section = |title: &str, note: &str, open, plots| Section {
             title: title.to_owned(),
             note: note.to_owned(),
@@ -162,7 +183,7 @@ impl ReplayPlots {
             plots,
         };
         let sections = vec![
-            section("Loads", &loads_note, true, loads),
+            section("Loads", "", true, loads),
             section(
                 "Consistency",
                 "The NIS of a consistent filter is outside the bounds in 5 % of the samples.",
@@ -180,14 +201,54 @@ impl ReplayPlots {
             ),
             section(
                 "Innovations",
-                "Of a complete model they are white: no more than one lag in a hundred is outside \
-                 the bounds, and over their standard deviation they are normal.",
+                "Of a complete model they are white and normal: no more than one lag in a hundred of the \
+                 autocorrelation is outside the bounds, and one value in twenty of the spectrum and of the \
+                 correlation with earlier speeds and estimates. Coherence is with speed and reference loads.",
                 false,
                 innovations,
             ),
         ];
-        (self.time, sections)
+        (self.time, self.samples, sections)
     }
+}
+
+/// The stored columns of a row over time, and nothing that follows from them.
+fn stored(row: &[f64], loads: usize) -> impl Iterator<Item = f64> {
+    let (loads, others) = row.split_at(LOAD_COLUMNS * loads);
+    let (sensors, nis) = others.split_at(others.len() - NIS_COLUMNS);
+    let of_load = |load: &[f64]| [load[0], load[1] - load[0], load[3], load[5]];
+    let of_sensor = |sensor: &[f64]| [sensor[0], sensor[2], sensor[3]];
+    (loads.chunks_exact(LOAD_COLUMNS).flat_map(of_load))
+        .chain(sensors.chunks_exact(SENSOR_COLUMNS).flat_map(of_sensor))
+        .chain(nis.iter().copied())
+}
+
+/// Samples of the columns that [`stored`] gives, and the columns over time as their sums.
+fn samples_of(loads: usize, sensors: usize) -> Samples {
+    let mut columns: Vec<Combination> = Vec::new();
+    for value in (0..loads).map(|load| LOAD_STORED * load) {
+        let [deviation, reference, not_valid] = [1, 2, 3].map(|i| value + i);
+        columns.extend([
+            vec![(value, 1.0)],
+            vec![(value, 1.0), (deviation, 1.0)],
+            vec![(value, 1.0), (deviation, -1.0)],
+            vec![(reference, 1.0)],
+            vec![(value, 1.0), (reference, -1.0)],
+            vec![(not_valid, 1.0)],
+        ]);
+    }
+    let first = LOAD_STORED * loads;
+    for measured in (0..sensors).map(|sensor| first + SENSOR_STORED * sensor) {
+        columns.extend([
+            vec![(measured, 1.0)],
+            vec![(measured, 1.0), (measured + 1, -1.0)],
+            vec![(measured + 1, 1.0)],
+            vec![(measured + 2, 1.0)],
+        ]);
+    }
+    let first = first + SENSOR_STORED * sensors;
+    columns.extend((first..first + NIS_COLUMNS).map(|nis| vec![(nis, 1.0)]));
+    Samples::new(first + NIS_COLUMNS, columns)
 }
 
 fn load_plots(label: &LoadLabel, known: bool, column: usize) -> Vec<Plot> {
@@ -317,12 +378,12 @@ mod tests {
     #[test]
     fn rows_hold_what_the_estimator_said() {
         let (loads, sensors) = labels();
-        let mut plots = ReplayPlots::new(loads, sensors);
+        let mut plots = ReplayPlots::new(loads, sensors, 10.0);
         plots.push(0.0, &[90.0], &estimate([Fault::None, Fault::Erratic]));
         plots.push(0.1, &[], &estimate([Fault::None, Fault::Missing]));
         plots.push(0.2, &[], &Estimate::default());
         assert_eq!((plots.nis().samples(), plots.nis().mean()), (2, Some(1.0)));
-        let (time, sections) = plots.finish();
+        let (time, _, sections) = plots.finish();
         let rows = time.rows();
         let near = |column: usize, expected: [f32; 3]| {
             for (found, e) in rows.columns[column].iter().zip(expected) {
@@ -363,7 +424,7 @@ mod tests {
     #[test]
     fn a_load_that_is_not_valid_is_a_gap() {
         let (loads, sensors) = labels();
-        let mut plots = ReplayPlots::new(loads, sensors);
+        let mut plots = ReplayPlots::new(loads, sensors, 10.0);
         let mut not_valid = estimate([Fault::None, Fault::Stuck]);
         not_valid.loads[0] = LoadEstimate {
             value: 0.0,
@@ -371,7 +432,7 @@ mod tests {
             ..not_valid.loads[0]
         };
         plots.push(0.0, &[90.0], &not_valid);
-        let (time, _) = plots.finish();
+        let (time, ..) = plots.finish();
         let columns = time.rows().columns;
         for gap in [0, 1, 2, 4] {
             assert!(columns[gap][0].is_nan(), "{gap}: {:?}", columns[gap]);
@@ -388,13 +449,13 @@ mod tests {
     fn what_is_not_there_is_not_plotted() {
         let (loads, mut sensors) = labels();
         sensors.truncate(1);
-        let mut plots = ReplayPlots::new(loads, sensors);
+        let mut plots = ReplayPlots::new(loads, sensors, 10.0);
         let unhomed = Estimate {
             homed: false,
             ..estimate([Fault::None; 2])
         };
         plots.push(0.0, &[f64::NAN], &unhomed);
-        let (_, sections) = plots.finish();
+        let (.., sections) = plots.finish();
         let counts: Vec<_> = sections.iter().map(|s| s.plots.len()).collect();
         assert_eq!(counts, [1, 2, 1, 3]);
     }

@@ -15,6 +15,9 @@ const POINTS: usize = 2000;
 /// Columns over time of a sensor: measured, predicted, innovation, whether it is flagged.
 pub(crate) const SENSOR_COLUMNS: usize = 4;
 
+/// Columns of these of which every sample is stored: the prediction follows.
+pub(crate) const SENSOR_STORED: usize = SENSOR_COLUMNS - 1;
+
 /// What the plots of one sensor are made of.
 pub(crate) struct SensorPlots {
     label: SensorLabel,

@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use super::calibrate::Calibrate;
 use super::printing::{say, shown, shown_all};
+use super::progress::Progress;
 use crate::atomic_file::{AtomicFile, publish};
 use crate::bearing::{CALIBRATION, Calibration, Rig, RigSample};
 use crate::machine::BEARING_LOADS;
@@ -27,7 +28,9 @@ pub(super) fn run(rig: &Rig<'_>, options: &Calibrate, as_json: bool) -> anyhow::
         );
     };
     let samples = recorded(rig.machine, rig.sensors, recording)?;
-    let calibration = crate::bearing::calibrate(rig, &samples)?;
+    let progress = Progress::new("calibrate");
+    let calibration = crate::bearing::calibrate(rig, &samples, |part| progress.show(part))?;
+    drop(progress);
     let mut files = Vec::new();
     if let Some(output) = &options.output {
         let text = toml::to_string(&calibration)?;

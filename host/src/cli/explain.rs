@@ -1,4 +1,4 @@
-//! The command `loadtwin explain`: what a flag, an effect or the words of an error mean, and the next step, out of the
+//! The command `loadtwin explain`: what a flag, an effect or the line of an error means, and the next step, out of the
 //! pages of the documentation.
 
 use anyhow::bail;
@@ -8,18 +8,19 @@ use serde_json::json;
 use super::printing::print;
 
 /// Pages with terms, by what they explain.
-const PAGES: [(&str, &str); 3] = [
+const PAGES: [(&str, &str); 4] = [
     ("flag", include_str!("../../explained/flags.md")),
     ("effect", include_str!("../../explained/effects.md")),
+    ("error", include_str!("../../explained/errors.md")),
     ("question", include_str!("../../explained/faq.md")),
 ];
 
 /// Explain a flag, an effect or an error.
 ///
-/// Without a term it lists all flags and effects.
+/// Without a term it lists all flags and effects. Of an error give the line that was printed.
 #[derive(Debug, Args)]
 pub struct Explain {
-    /// Flag or effect, or some words of a question.
+    /// Flag or effect, the line of an error, or some words of a question.
     term: Vec<String>,
 }
 
@@ -46,7 +47,7 @@ impl Explain {
         let found = matching(&entries, &term);
         if found.is_empty() {
             bail!(
-                "{term}: found in no page, allowed: the name of a flag or an effect, or words of a question; \
+                "{term}: found in no page, allowed: the name of a flag or an effect, the line of an error, or words of a question; \
                  `loadtwin explain` lists the names, docs/README.md the pages"
             );
         }
@@ -93,13 +94,26 @@ fn list(entries: &[Entry], as_json: bool) {
     }
 }
 
-/// Entries of that name; else those that have all the words.
+/// Entries of that name; else the error that it is; else those that have all the words.
 fn matching<'a>(entries: &'a [Entry], term: &str) -> Vec<&'a Entry> {
     let named: Vec<&Entry> = (entries.iter())
         .filter(|e| e.terms.iter().any(|name| name == term))
         .collect();
     if !named.is_empty() {
         return named;
+    }
+    let message = term.replace('`', "");
+    let errors = entries.iter().filter(|e| e.kind == "error");
+    let fixed = |e: &&Entry| {
+        let fitting = e.terms.iter().filter(|pattern| fits(&message, pattern));
+        fitting.map(String::len).max()
+    };
+    // The longest pattern says most.
+    let error = errors
+        .filter(|e| fixed(e).is_some())
+        .max_by_key(|e| fixed(e));
+    if let Some(error) = error {
+        return vec![error];
     }
     let words = term.to_lowercase();
     let has_all = |e: &&Entry| {
@@ -109,6 +123,16 @@ fn matching<'a>(entries: &'a [Entry], term: &str) -> Vec<&'a Entry> {
     (entries.iter())
         .filter(|e| !words.trim().is_empty() && has_all(e))
         .collect()
+}
+
+/// Whether the parts of `pattern` between `...` stand in `message`, in their order.
+fn fits(message: &str, pattern: &str) -> bool {
+    let mut rest = message;
+    pattern.split("...").all(|part| {
+        let found = rest.find(part);
+        rest = found.map_or("", |at| &rest[at + part.len()..]);
+        found.is_some()
+    })
 }
 
 fn entries() -> Vec<Entry> {
@@ -158,7 +182,11 @@ fn entries_of(kind: &'static str, page: &str) -> Vec<Entry> {
 }
 
 fn entry(kind: &'static str, heading: &str, first: &str, text: String) -> Entry {
-    let names = first.split(':').next().unwrap_or_default();
+    // A point of a list has its meaning behind a colon; an error may hold one.
+    let names = match kind {
+        "error" => first,
+        _ => first.split(':').next().unwrap_or_default(),
+    };
     let is_named = kind != "question";
     Entry {
         kind,
@@ -210,5 +238,9 @@ mod tests {
         assert!(explained("backlash").lines().count() == 2);
         assert!(explained("refuses image").contains("key differs"));
         assert_eq!(explained("no such thing"), "");
+        // Of patterns that fit, the longest.
+        let line = "a.csv: row 95 (line 100), column `left`: found `abc`; allowed: a number";
+        assert!(explained(line).starts_with("row ..., column ...: found: a cell holds no number."));
+        assert!(!fits("b then a", "a ... b") && fits("a then b", "a ... b"));
     }
 }

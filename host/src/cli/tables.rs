@@ -2,6 +2,7 @@
 //! gearboxes, and prints the errors beside the published ones.
 
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Instant;
 
 use clap::Args;
@@ -63,14 +64,22 @@ impl Tables {
         let progress = Progress::new("tables");
         let mut cells = Vec::new();
         let mut curves: Vec<Vec<Curve>> = Vec::new();
+        // Rows, and curves of the page, that are done.
+        let done = AtomicU64::new(0);
+        let curve_count = if self.report.is_some() { SETS.len() } else { 0 };
+        let all = self.individuals * (rows.len() + curve_count) as u64;
+        let step = || progress.show((done.fetch_add(1, Relaxed) + 1) as f64 / all as f64);
         for number in 1..=self.individuals {
             let individual = Individual::new(&machine, number, &effects)?;
-            cells.push(individual.evaluate(&rows)?);
+            cells.push(individual.evaluate(&rows, step)?);
             if self.report.is_some() {
-                let of_sets = SETS.iter().map(|set| curve(&individual, set));
+                let of_sets = SETS.iter().map(|set| {
+                    let curve = curve(&individual, set);
+                    step();
+                    curve
+                });
                 curves.push(of_sets.collect::<Result<_, _>>()?);
             }
-            progress.show(number as f64 / self.individuals as f64);
         }
         drop(progress);
         if let Some(path) = &self.report {

@@ -118,11 +118,15 @@ impl Individual {
         })
     }
 
-    /// Tunes and evaluates it: a cell for each of `rows`, in their order.
+    /// Tunes and evaluates it: a cell for each of `rows`, in their order. Calls `each` after each of them.
     ///
     /// # Errors
     /// When the machine lacks a set of sensors.
-    pub fn evaluate(&self, rows: &[Published]) -> Result<Vec<Cell>, TablesError> {
+    pub fn evaluate(
+        &self,
+        rows: &[Published],
+        each: impl Fn() + Sync,
+    ) -> Result<Vec<Cell>, TablesError> {
         rows.par_iter()
             .map(|row| {
                 let mut sensors = self.sensors(row.sensors)?;
@@ -143,8 +147,10 @@ impl Individual {
                     |_| (),
                 )?;
                 let noise = &tuned.methods[0].1;
+                let nmae = self.nmae(sensors, &noise.walk)?;
+                each();
                 Ok(Cell {
-                    nmae: self.nmae(sensors, &noise.walk)?,
+                    nmae,
                     log10_qd: noise.log10_qd.clone(),
                 })
             })

@@ -311,13 +311,9 @@ fn wrong_usage_is_2_and_impossible_is_1() {
 }
 
 #[test]
-fn names_are_explained_and_help_has_examples() {
-    let bench = Bench::new();
-    let text = |arguments: &[&str]| String::from_utf8(bench.run(arguments).stdout).unwrap();
-    assert!(text(&["explain", "stuck"]).contains("too many equal readings"));
-    assert!(text(&["explain", "gauge-creep"]).contains("Record: a long hold"));
-    assert_eq!(bench.run(&["explain", "nosuch"]).status.code(), Some(1));
-    let help = text(&["--quiet", "diagnose", "--help"]);
+fn help_has_examples_and_the_exit_status() {
+    let output = Bench::new().run(&["--quiet", "diagnose", "--help"]);
+    let help = String::from_utf8(output.stdout).unwrap();
     for part in ["Examples:", "Exit status:", "Effects:"] {
         assert!(help.contains(part), "no {part} in: {help}");
     }

@@ -1,7 +1,8 @@
 //! Test program of the documentation: commands are run and their output compared, links and
-//! lists are checked.
+//! lists are checked; what `explain` finds in it.
 
 mod commands;
+mod explained;
 mod fragment;
 mod links;
 mod markdown_page;
@@ -93,15 +94,20 @@ fn every_link_leads_to_a_file_and_a_heading() {
 }
 
 #[test]
-fn the_index_lists_every_page() {
-    let index = Page::read(&root().join("docs/README.md"));
-    let listed = links::targets(&index);
-    for page in documentation() {
-        assert!(
-            page.path == index.path || listed.contains(&page.path),
-            "docs/README.md does not list {}",
-            page.path.display()
-        );
+fn the_index_and_the_navigation_list_every_page() {
+    let [index, navigation] =
+        ["README.md", "SUMMARY.md"].map(|name| Page::read(&root().join("docs").join(name)));
+    for list in [&index, &navigation] {
+        let listed = links::targets(list);
+        for page in documentation() {
+            let is_list = [&index.path, &navigation.path].contains(&&page.path);
+            assert!(
+                is_list || listed.contains(&page.path),
+                "{} does not list {}",
+                list.path.display(),
+                page.path.display()
+            );
+        }
     }
 }
 

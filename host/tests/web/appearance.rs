@@ -26,6 +26,12 @@ fn folder() -> PathBuf {
     folder
 }
 
+/// Writes a picture of the page that is open under `name`.
+pub fn keep(browser: &mut Browser, name: &str) {
+    let path = folder().join(format!("{name}.png"));
+    std::fs::write(path, browser.picture(HIGHEST)).expect("written");
+}
+
 /// Asserts that the page that is open has no fault at any width, light and dark, and for people who do not see it
 /// well; and writes its pictures under `name`.
 pub fn check(browser: &mut Browser, name: &str) {
@@ -36,8 +42,7 @@ pub fn check(browser: &mut Browser, name: &str) {
             for fault in faults(browser) {
                 found.push(format!("{width} px, {theme}: {fault}"));
             }
-            let path = folder().join(format!("{name}-{width}-{theme}.png"));
-            std::fs::write(path, browser.picture(HIGHEST)).expect("written");
+            keep(browser, &format!("{name}-{width}-{theme}"));
         }
         for fault in violations(browser) {
             found.push(format!("{theme}: {fault}"));

@@ -1,9 +1,12 @@
 //! Test program of pages in a real browser: here the live page of `monitor --web` (values, bits,
-//! reconnection); pages of reports in `pages`.
+//! reconnection); pages of reports in `pages`,
+//! their zoom in `zoom`; the documentation's in `site`.
 
 mod appearance;
 mod browser;
 mod pages;
+mod site;
+mod zoom;
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};

@@ -15,13 +15,13 @@ const LARGEST_PAGE: u64 = 8_000_000;
 /// Nobody waits longer for the first text of a page.
 const LONGEST_FIRST_PAINT_MS: f64 = 1000.0;
 
-struct Bench {
+pub struct Bench {
     folder: tempfile::TempDir,
-    browser: Browser,
+    pub browser: Browser,
 }
 
 impl Bench {
-    fn new() -> Self {
+    pub fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         for machine in ["bench", "gearbox", "rotor", "feed-drive"] {
             let target = folder.path().join(machine);
@@ -40,11 +40,11 @@ impl Bench {
         }
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    fn run(&self, line: &str) {
+    pub fn run(&self, line: &str) {
         let arguments: Vec<&str> = line.split_whitespace().collect();
         let output = loadtwin(self.folder.path(), &arguments)
             .output()

@@ -55,13 +55,20 @@ impl Rig<'_> {
 }
 
 /// Fits the responses of the gauges and the bearing's own parameters to `samples`, with their
-/// uncertainty, and the paper's algorithms.
+/// uncertainty, and the paper's algorithms. Calls `each` with the part of the work that is done, 0 to 1.
 ///
 /// # Errors
 /// As [`fit`].
-pub fn calibrate(rig: &Rig<'_>, samples: &[RigSample]) -> Result<Calibration, BuildError> {
-    let (mut calibration, known) = fit(rig, samples)?;
+pub fn calibrate(
+    rig: &Rig<'_>,
+    samples: &[RigSample],
+    mut each: impl FnMut(f64),
+) -> Result<Calibration, BuildError> {
+    // Passes of the fit, uncertainty, the paper's algorithms.
+    let mut part = |step: usize| each(step as f64 / (ITERATIONS + 2) as f64);
+    let (mut calibration, known) = fit_reporting(rig, samples, &mut part)?;
     uncertainty(rig, &known, &mut calibration)?;
+    part(ITERATIONS + 1);
     calibration.baseline = Some(Baseline::fit(rig, samples, &known)?);
     Ok(calibration)
 }
@@ -73,6 +80,15 @@ pub fn calibrate(rig: &Rig<'_>, samples: &[RigSample]) -> Result<Calibration, Bu
 pub fn fit(
     rig: &Rig<'_>,
     samples: &[RigSample],
+) -> Result<(Calibration, Vec<CalibrationBlock>), BuildError> {
+    fit_reporting(rig, samples, &mut |_| ())
+}
+
+/// As [`fit`]; calls `each` with the number of passes that are done.
+fn fit_reporting(
+    rig: &Rig<'_>,
+    samples: &[RigSample],
+    each: &mut impl FnMut(usize),
 ) -> Result<(Calibration, Vec<CalibrationBlock>), BuildError> {
     let mut calibration = Calibration::guess(GAUGES);
     expect(samples, &mut calibration);
@@ -90,6 +106,7 @@ pub fn fit(
         if (1..ITERATIONS - 1).contains(&pass) {
             refine(rig, &known, &mut calibration)?;
         }
+        each(pass + 1);
     }
     Ok((calibration, known))
 }

@@ -53,6 +53,7 @@ pub fn page<S: Diagnosable>(
             .chain(filter.map(filter_table))
             .collect(),
         time: None,
+        samples: None,
         sections: top_residuals(diagnosis)
             .into_iter()
             .map(|k| section(diagnosis, k))

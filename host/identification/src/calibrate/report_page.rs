@@ -61,6 +61,7 @@ pub fn page(
             .chain((!proposals.is_empty()).then(|| proposed(machine, proposals)))
             .collect(),
         time: None,
+        samples: None,
         sections: vec![
             Section {
                 title: "Pareto fronts".into(),

@@ -15,12 +15,16 @@ function bytes(text) {
 }
 // uPlot takes null for "no value".
 const values = text => Array.from(new Float32Array(bytes(text)), v => Number.isNaN(v) ? null : v);
-let timeX = null;
-const timeColumns = [];
+// Times and columns as they are drawn at present; at first the whole recording.
+const whole = { x: null, columns: [], perBucket: page.time.perBucket, buckets: null };
+let view = whole;
+function timeX() { return view.x ??= Array.from(new Float64Array(bytes(page.time.x))); }
+function timeColumn(c) { return view.columns[c] ??= values(page.time.columns[c]); }
+function timeBuckets() { return view.buckets ??= Array.from(new Uint8Array(bytes(page.time.buckets))); }
+
 function dataOf(plot) {
   if (plot.own) return [Array.from(new Float64Array(bytes(plot.own.x))), ...plot.own.columns.map(values)];
-  timeX ??= Array.from(new Float64Array(bytes(page.time.x)));
-  return [timeX, ...plot.columns.map(c => timeColumns[c] ??= values(page.time.columns[c]))];
+  return [timeX(), ...plot.columns.map(timeColumn)];
 }
 
 // ---- numbers
@@ -37,7 +41,7 @@ function prefixOf(unit, data) {
 function text(v, digits = 5) {
   if (v === null || v === undefined || Number.isNaN(v)) return "–";
   const s = Number(v.toPrecision(digits));
-  return (s !== 0 && (Math.abs(s) < 1e-4 || Math.abs(s) >= 1e7)) ? v.toExponential(3) : String(s).replace("-", "−");
+  return (s !== 0 && (Math.abs(s) < 1e-4 || Math.abs(s) >= 1e7)) ? v.toExponential(3).replace(/\.?0+e/, "e") : String(s).replace("-", "−");
 }
 // Numbers at an axis: with as many decimals as two neighbours need to differ.
 function tickTexts(ticks, factor) {
@@ -62,6 +66,7 @@ function show(group, min, max) {
   min = Math.min(Math.max(min, low), high - width);
   group.range = [min, min + width];
   for (const c of group.charts) c.u.setScale("x", { min, max: min + width });
+  if (group.key === "time") refineSoon();
 }
 
 let dragMode = "zoom", cursorsOn = false;
@@ -219,17 +224,19 @@ function seriesOptions(s, chart, i) {
 // Rows that rule the vertical scale: neither flagged or not valid, nor with a band many times as wide as usual, as
 // while a filter settles. None where the plot says nothing of that.
 const WIDE_BAND = 4;
-function rulingRows(plot) {
+function rulingRows(chart) {
+  const { plot } = chart;
   if (plot.own || (!plot.shaded && !plot.band)) return null;
-  const column = c => timeColumns[c] ??= values(page.time.columns[c]);
-  const rules = new Uint8Array(dataOf(plot)[0].length).fill(1);
+  const rules = new Uint8Array(timeX().length).fill(1);
   if (plot.band) {
-    const [upper, lower] = plot.band.map(column), widths = upper.map((v, i) => v === null || lower[i] === null ? null : v - lower[i]);
-    const known = widths.filter(w => w !== null).sort((a, b) => a - b), most = WIDE_BAND * known[known.length >> 1];
-    widths.forEach((w, i) => { if (w > most) rules[i] = 0; });
+    const [upper, lower] = plot.band.map(timeColumn), widths = upper.map((v, i) => v === null || lower[i] === null ? null : v - lower[i]);
+    const known = widths.filter(w => w !== null).sort((a, b) => a - b);
+    // As usual in the whole recording, which is drawn first.
+    chart.widest ??= WIDE_BAND * known[known.length >> 1];
+    widths.forEach((w, i) => { if (w > chart.widest) rules[i] = 0; });
   }
   // Least and greatest of a bucket stand in rows of their own: a neighbour may be the one that is flagged.
-  if (plot.shaded) column(plot.shaded.column).forEach((flag, i) => { if (flag > 0) rules.fill(0, Math.max(i - 1, 0), i + 2); });
+  if (plot.shaded) timeColumn(plot.shaded.column).forEach((flag, i) => { if (flag > 0) rules.fill(0, Math.max(i - 1, 0), i + 2); });
   return rules;
 }
 // Values that rule the scale between two rows; what is known by other means rules it always.
@@ -262,8 +269,7 @@ function yRange(chart) {
 // Spans in which a column of flags is set, each from halfway to the row before to halfway to the row after.
 function spansOf(shaded) {
   if (!shaded) return [];
-  timeX ??= Array.from(new Float64Array(bytes(page.time.x)));
-  const x = timeX, flags = timeColumns[shaded.column] ??= values(page.time.columns[shaded.column]), spans = [];
+  const x = timeX(), flags = timeColumn(shaded.column), spans = [];
   const between = i => i <= 0 ? x[0] : i >= x.length ? x.at(-1) : (x[i - 1] + x[i]) / 2;
   for (let i = 0; i < x.length; i++) {
     if (!(flags[i] > 0)) continue;
@@ -330,7 +336,10 @@ function drawLimits(u, plot) {
       ctx.lineTo(right, y);
       ctx.stroke();
     }
-    const above = u.valToPos(value, "y", true) - bbox.top > 18 * px && value >= 0, at = y + (above ? -10 : 10) * px;
+    // Of two limits the labels are outside of the two.
+    const isHighest = plot.limits.length > 1 ? plot.limits.every(l => l.value <= value) : value >= 0;
+    const above = y - bbox.top > 18 * px && isHighest;
+    const at = Math.min(Math.max(y + (above ? -10 : 10) * px, bbox.top + 8 * px), bbox.top + bbox.height - 8 * px);
     const width = ctx.measureText(label).width + 8 * px;
     ctx.fillStyle = colours.card + "e0";
     ctx.fillRect(right - width, at - 7 * px, width, 14 * px);
@@ -340,14 +349,24 @@ function drawLimits(u, plot) {
   ctx.restore();
 }
 
+// What a chart draws, which rows rule its scale, and what is shaded.
+function setData(chart) {
+  const { plot } = chart, data = dataOf(plot);
+  chart.data = plot.y.logarithmic ? data.map((c, i) => i ? c.map(v => v > 0 ? v : null) : c) : data;
+  chart.rules = rulingRows(chart);
+  chart.spans = spansOf(plot.shaded);
+}
+
 function drawPlot(figure) {
   const index = Number(figure.dataset.plot), plot = page.plots[index];
   figure.dataset.done = "";
-  let data = dataOf(plot);
-  if (plot.y.logarithmic) data = data.map((c, i) => i ? c.map(v => v > 0 ? v : null) : c);
-  const group = groupOf(plot, index), rules = rulingRows(plot);
-  const ruled = rules ? [ruling({ plot, data, rules }, 0, data[0].length - 1)] : data.slice(1);
-  const chart = { plot, data, group, figure, rules, prefix: prefixOf(plot.y.unit, ruled), xPrefix: prefixOf(plot.x.unit, [data[0]]), colours: colourNames(plot), handles: [] };
+  // Its columns may not be among those that were refined.
+  if (!plot.own) { setTime(whole); refineSoon(); }
+  const group = groupOf(plot, index), chart = { plot, group, figure, colours: colourNames(plot), handles: [] };
+  setData(chart);
+  const { data, rules, spans } = chart, ruled = rules ? [ruling(chart, 0, data[0].length - 1)] : data.slice(1);
+  chart.prefix = prefixOf(plot.y.unit, ruled);
+  chart.xPrefix = prefixOf(plot.x.unit, [data[0]]);
   const [prefix, factor] = chart.prefix, [xPrefix, xFactor] = chart.xPrefix;
   if (data.slice(1).every(column => column.every(v => v === null))) {
     const p = document.createElement("p");
@@ -363,7 +382,7 @@ function drawPlot(figure) {
     stroke: () => colours.soft, grid: { stroke: () => colours.grid, width: 1 }, ticks: { stroke: () => colours.line, width: 1, size: 5 },
     font: "11px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif", labelSize: 20,
   };
-  const start = group.range ??= group.full, spans = chart.spans = spansOf(plot.shaded);
+  const start = group.range ??= group.full;
   if (spans.length) {
     const key = document.createElement("span");
     key.className = "shaded";
@@ -397,7 +416,7 @@ function drawPlot(figure) {
       },
     },
     hooks: {
-      drawClear: [u => drawSpans(u, spans)],
+      drawClear: [u => drawSpans(u, chart.spans)],
       draw: [u => { drawLimits(u, plot); chart.u ??= u; drawNames(chart); if (chart.readout) drawCursors(chart); }],
       setScale: [(u, key) => {
         if (key !== "x" || !chart.u) return;

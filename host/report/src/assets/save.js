@@ -41,19 +41,19 @@ function csvOf(chart) {
   const { u, plot, data } = chart, { min, max } = u.scales.x, x = data[0];
   const cell = text => /[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
   const names = columnNames(plot), columns = data.slice(1), inView = i => x[i] >= min && x[i] <= max;
-  const flag = plot.shaded ? timeColumns[plot.shaded.column] : null, flagName = flag ? [plot.shaded.label] : [];
+  const flag = plot.shaded ? timeColumn(plot.shaded.column) : null, flagName = flag ? [plot.shaded.label] : [];
   const lines = [];
-  if (plot.own || page.time.perBucket <= 1) {
+  if (plot.own || view.perBucket <= 1) {
     const named = plot.names.length > 0;
     lines.push([...(named ? ["name"] : []), label(plot.x), ...names, ...flagName]);
     x.forEach((at, i) => {
       if (inView(i)) lines.push([...(named ? [cell(plot.names[i])] : []), at, ...columns.map(c => c[i] ?? ""), ...(flag ? [flag[i] ?? ""] : [])]);
     });
   } else {
-    const time = `${plot.x.quantity} [${plot.x.unit}]`;
-    lines.push([`${time} from`, `${time} to`, ...names.flatMap(name => [`${name} least`, `${name} greatest`]), ...flagName]);
+    const of = `${plot.x.quantity} [${plot.x.unit}]`;
+    lines.push([`${of} from`, `${of} to`, ...names.flatMap(name => [`${name} least`, `${name} greatest`]), ...flagName]);
     let row = 0;
-    for (const count of new Uint8Array(bytes(page.time.buckets))) {
+    for (const count of timeBuckets()) {
       const rows = Array.from({ length: count }, (_, k) => row + k);
       row += count;
       if (!inView(rows[0]) && !inView(rows.at(-1))) continue;

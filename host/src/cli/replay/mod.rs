@@ -25,12 +25,12 @@ use crate::cli::spool::spooled;
 use crate::files::bounded::read;
 use crate::files::content::Content;
 use crate::machine::{Machine, Rotor};
-use crate::origin::with_origin;
+use crate::origin::{image_fact, with_origin};
 use crate::replay::{
     Baselines, Consistency, Displacements, ESTIMATES, EstimateWriter, Figures, LARGEST_STATE,
     NodeChoice, NodeColumns, Phasor, ReplayError, ReportPage, Run, STATE_MARK, Sample, Speeds,
 };
-use crate::report::{PAGE, Report};
+use crate::report::{PAGE, Report, SAMPLES, samples_beside};
 
 pub(super) use text_output::print_table;
 use text_output::{print_baselines, print_displacements, print_flags, print_phasor, print_sizes};
@@ -73,6 +73,9 @@ pub struct Replay {
     /// Write a page with plots to FILE.html.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// Write every sample to FILE.samples.js beside the page, for zooming. Short recordings fit the page.
+    #[arg(long, requires = "report")]
+    report_samples: bool,
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
@@ -112,6 +115,8 @@ pub(super) struct Outcome {
     /// How the recording was read, where it is not as usual.
     pub(super) reading: Vec<String>,
     pub(super) seconds: f64,
+    /// Hash of the model image, for the head of a page.
+    image: [String; 2],
     /// The state at the end, where another part follows.
     state: Option<Vec<u8>>,
 }
@@ -125,6 +130,7 @@ impl Outcome {
             &self.displacements,
             &self.phasor,
         );
+        report.facts.push(self.image.clone());
         report
             .tables
             .extend(self.baselines.as_ref().map(Baselines::table));
@@ -151,6 +157,7 @@ impl Replay {
             .reads(&self.state_in)
             .writes("--state-out", self.state_out.as_deref(), STATE)
             .writes("--report", self.report.as_deref(), PAGE)
+            .writes("--report-samples", self.samples().as_deref(), SAMPLES)
             .check(as_json)?;
         let machine = self.layout.machine(description)?;
         if self.all_sensors {
@@ -201,6 +208,11 @@ impl Replay {
         Ok(())
     }
 
+    /// The file of samples beside the page, where there is to be one.
+    fn samples(&self) -> Option<PathBuf> {
+        (self.report.as_deref().filter(|_| self.report_samples)).map(samples_beside)
+    }
+
     /// `named`: what the recording is called.
     fn replay(&self, machine: &Machine, recording: &Path, named: &Path) -> anyhow::Result<Outcome> {
         let sensors = Sensors::choose(machine, self.sensors.as_deref())?.filtered_by(self.filter);
@@ -211,10 +223,13 @@ impl Replay {
             Some(path) => Some(EstimateWriter::create(path, machine, &sensors, nodes)?),
             None => None,
         };
-        let mut page = self
-            .report
-            .is_some()
-            .then(|| ReportPage::new(machine, &sensors));
+        let mut page = (self.report.as_ref()).map(|path| {
+            let mut page = ReportPage::new(machine, &sensors);
+            if self.report_samples {
+                page.write_samples_beside(path);
+            }
+            page
+        });
         let mut written = Ok(());
         let baselines = (self.baselines.then(|| Baselines::try_new(machine))).transpose()?;
         let state = (self.state_in.as_ref())
@@ -245,7 +260,11 @@ impl Replay {
         }
         if let (Some(page), Some(path)) = (page, &self.report) {
             let named = named.display().to_string();
-            let page = outcome.page(page, machine, &sensors, &named);
+            let mut page = outcome.page(page, machine, &sensors, &named);
+            if let Some(samples) = &mut page.samples {
+                let samples = samples.complete();
+                files.extend(samples.with_context(|| samples_beside(path).display().to_string())?);
+            }
             files.push(with_origin(page, Some(&machine.path)).complete(path)?);
         }
         if let (Some(state), Some(path)) = (&outcome.state, &self.state_out) {
@@ -335,6 +354,7 @@ fn one_set(
         baselines,
         reading,
         seconds,
+        image: image_fact(&image),
         state,
     })
 }
