@@ -1,4 +1,5 @@
-//! Files that are complete or absent, whenever a process is killed, and the lock of a machine.
+//! Atomic writing of files (temporary file, sync, rename), removal of the temporary files that
+//! killed processes left, and a file lock between processes.
 //!
 //! Each file has a name of its own until it is complete, as several processes may write into one
 //! folder, also on different computers.

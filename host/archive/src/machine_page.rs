@@ -1,4 +1,5 @@
-//! Data of a machine's own page: its days.
+//! Writer of the data of a machine's HTML page: verdict, NIS, worst sensor, load ranges and damage
+//! of each day, and the faults of the machine.
 
 use serde_json::{Value, json};
 

@@ -1,4 +1,5 @@
-//! Run over an archive: one machine after the other on each thread.
+//! Replay of all machines of an archive on a thread pool, each machine on one thread; a machine
+//! that fails does not stop the others. `Watch`: progress of the run, and its stop from outside.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
