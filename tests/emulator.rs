@@ -78,11 +78,11 @@ pub fn flash(key: &SigningKey, images: &[Vec<u8>]) -> Vec<u8> {
             RamFlash(bytes),
             LAYOUT,
             Some(key.identity(MACHINE_ID)),
-            |_, _, _| true,
+            |_, _, _| Ok(()),
         )
         .expect("the layout fits");
         store
-            .begin(image, |_| true)
+            .begin(image, |_| Ok(()))
             .expect("it is signed, and newer");
         while !store.install_page(image).expect("the flash is whole") {}
         store.finish().expect("it is whole");

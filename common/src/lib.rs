@@ -9,6 +9,7 @@ pub mod drive;
 pub mod drivetrain;
 pub mod error;
 pub mod estimator;
+pub mod hardware;
 pub mod image;
 pub mod io;
 pub mod kalman;

@@ -2,6 +2,8 @@
 //! over the bus.
 
 use embedded_storage::nor_flash::NorFlash;
+use loadtwin_common::hardware::Hardware;
+use loadtwin_common::image::Image;
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::signed_image::{Header, Identity, ImageError};
 use loadtwin_common::io::uds;
@@ -19,28 +21,32 @@ pub struct Models<F, const N: usize> {
     store: Store<F>,
     upload: Upload<N>,
     room: &'static mut [u8],
+    hardware: Hardware,
 }
 
 impl<F: NorFlash, const N: usize> Models<F, N> {
     /// Finds the image to run.
     ///
-    /// `room`: holds an image while it is checked and installed; it sets the longest image.
+    /// `board`: key and machine; `room`: holds an image while it is checked and installed, and sets
+    /// the longest image.
     ///
     /// # Errors
     /// As [`Store::boot`].
     pub fn boot(
         flash: F,
         layout: Layout,
-        board: Option<Identity>,
+        (board, hardware): (Option<Identity>, Hardware),
         room: &'static mut [u8],
     ) -> Result<Self, loadtwin_common::Error> {
         let store = Store::boot(flash, layout, board, |flash, at, len| {
-            read(flash, at, len, room).is_some_and(is_accepted)
+            let image = read(flash, at, len, room).ok_or(ImageError::Flash)?;
+            accept(image, &hardware)
         })?;
         Ok(Self {
             store,
             upload: Upload::new(),
             room,
+            hardware,
         })
     }
 
@@ -69,7 +75,9 @@ impl<F: NorFlash, const N: usize> Models<F, N> {
     /// Works on the upload; gives the frame to send, and the refusal's code
     /// for the status frame where an image was checked (0: accepted).
     pub fn poll(&mut self) -> (Option<Frame>, Option<u8>) {
-        let progress = self.upload.poll(&mut self.store, self.room, is_accepted);
+        let hardware = self.hardware;
+        let accept = |image: &[u8]| accept(image, &hardware);
+        let progress = self.upload.poll(&mut self.store, self.room, accept);
         let refused = progress.event.map(|event| match event {
             Event::Accepted(_) => 0,
             Event::Refused(refusal) => refusal.code(),
@@ -99,8 +107,13 @@ fn read<'a, F: NorFlash>(flash: &mut F, at: u32, len: u32, room: &'a mut [u8]) -
     bytes.get(..len as usize)
 }
 
-/// Whether an application takes the image.
+/// Whether the hardware serves the image, and an application takes it.
 #[inline(never)]
-fn is_accepted(image: &[u8]) -> bool {
-    App::without_image().load(image, 0).is_ok()
+fn accept(image: &[u8], hardware: &Hardware) -> Result<(), ImageError> {
+    let model = Image::from_bytes(image).map_err(|_| ImageError::BadModel)?;
+    if hardware.serves(&model).is_err() {
+        return Err(ImageError::WrongHardware);
+    }
+    let taken = App::without_image().load(image, 0);
+    taken.map_err(|_| ImageError::BadModel)
 }

@@ -163,7 +163,7 @@ impl<const N: usize> Upload<N> {
         &mut self,
         store: &mut Store<F>,
         room: &mut [u8],
-        accept: impl FnOnce(&[u8]) -> bool,
+        accept: impl FnOnce(&[u8]) -> Result<(), ImageError>,
     ) -> Progress {
         const {
             assert!(N == F::ERASE_SIZE + BLOCK_OVERHEAD);
@@ -339,7 +339,7 @@ fn exit<F: NorFlash>(
     body: &[u8],
     store: &mut Store<F>,
     room: &[u8],
-    accept: impl FnOnce(&[u8]) -> bool,
+    accept: impl FnOnce(&[u8]) -> Result<(), ImageError>,
 ) -> Result<Yes, No> {
     if !body.is_empty() {
         return Err(No::Request(uds::INCORRECT_LENGTH));

@@ -24,11 +24,11 @@ const UPLOADS: u32 = 12;
 type Flash = SimulatedFlash<PAGE, { 8 * PAGE / 8 }>;
 
 fn boot(flash: Flash) -> Store<Flash> {
-    Store::boot(flash, LAYOUT, Some(board()), |_, _, _| true).unwrap()
+    Store::boot(flash, LAYOUT, Some(board()), |_, _, _| Ok(())).unwrap()
 }
 
 fn upload(store: &mut Store<Flash>, image: &[u8]) -> Result<(), ImageError> {
-    store.begin(image, |_| true)?;
+    store.begin(image, |_| Ok(()))?;
     while !store.install_page(image)? {}
     store.finish().map(|_| ())
 }

@@ -24,11 +24,11 @@ type Flash = SimulatedFlash<PAGE, { 8 * PAGE / 8 }>;
 const MOMENTS: [Moment; 3] = [Moment::Before, Moment::Inside, Moment::After];
 
 fn boot(flash: Flash) -> Store<Flash> {
-    Store::boot(flash, LAYOUT, Some(board()), |_, _, _| true).unwrap()
+    Store::boot(flash, LAYOUT, Some(board()), |_, _, _| Ok(())).unwrap()
 }
 
 fn upload(store: &mut Store<Flash>, image: &[u8]) -> Result<(), ImageError> {
-    store.begin(image, |_| true)?;
+    store.begin(image, |_| Ok(()))?;
     while !store.install_page(image)? {}
     store.finish().map(|_| ())
 }
@@ -267,9 +267,9 @@ impl NorFlash for Forgetful {
 #[test]
 fn a_record_page_that_was_not_erased_takes_no_image() {
     let flash = Forgetful(in_service());
-    let mut store = Store::boot(flash, LAYOUT, Some(board()), |_, _, _| true).unwrap();
+    let mut store = Store::boot(flash, LAYOUT, Some(board()), |_, _, _| Ok(())).unwrap();
     let image = image(3);
-    store.begin(&image, |_| true).unwrap();
+    store.begin(&image, |_| Ok(())).unwrap();
     assert_eq!(store.install_page(&image), Err(ImageError::Flash));
     assert_eq!(running(&boot(store.release().0)), Some(2));
 }
@@ -304,9 +304,12 @@ fn nothing_is_written_for_an_image_that_is_refused() {
     // Nothing is erased for an image before all of it was checked.
     let mut damaged = good.clone();
     damaged[PAGE + 3] ^= 1;
-    assert_eq!(store.begin(&damaged, |_| true), Err(ImageError::BadCrc));
-    assert_eq!(store.begin(&good, |_| false), Err(ImageError::BadModel));
-    assert_eq!(store.begin(&good, |_| true), Ok(()));
+    assert_eq!(store.begin(&damaged, |_| Ok(())), Err(ImageError::BadCrc));
+    assert_eq!(
+        store.begin(&good, |_| Err(ImageError::BadModel)),
+        Err(ImageError::BadModel)
+    );
+    assert_eq!(store.begin(&good, |_| Ok(())), Ok(()));
     assert_eq!(store.flash().operations(), before);
     assert_eq!(running(&boot(store.release())), Some(2));
 }
@@ -339,11 +342,14 @@ fn a_model_that_the_firmware_refuses_is_passed_over_for_the_older_one() {
         let mut payload = vec![0; length as usize];
         flash.read(at, &mut payload).unwrap();
         tried.push(payload[0]);
-        payload[0] != 2
+        if payload[0] == 2 {
+            return Err(ImageError::BadModel);
+        }
+        Ok(())
     });
     assert_eq!(running(&store.unwrap()), Some(1));
     assert_eq!(tried, [2, 1]);
-    let keyless = Store::boot(flash, LAYOUT, None, |_, _, _| true).unwrap();
+    let keyless = Store::boot(flash, LAYOUT, None, |_, _, _| Ok(())).unwrap();
     assert_eq!(running(&keyless), None);
 }
 
@@ -357,7 +363,7 @@ fn a_layout_that_does_not_fit_is_refused() {
         (0, u32::MAX - 255, "slot_bytes"),
     ] {
         let layout = Layout { start, slot_bytes };
-        let store = Store::boot(Flash::new(1), layout, None, |_, _, _| true);
+        let store = Store::boot(Flash::new(1), layout, None, |_, _, _| Ok(()));
         assert_eq!(store.err(), Some(Error::OutOfRange(name)), "{layout:?}");
     }
 }

@@ -37,7 +37,7 @@ struct Board {
 impl Board {
     fn new(flash: Flash) -> Self {
         Self {
-            store: Store::boot(flash, LAYOUT, Some(board()), |_, _, _| true).unwrap(),
+            store: Store::boot(flash, LAYOUT, Some(board()), |_, _, _| Ok(())).unwrap(),
             upload: Upload::new(),
             room: [0; 3 * PAGE],
             now_us: 0,
@@ -70,7 +70,9 @@ impl Board {
             .collect();
         // At most "still at work", the check, a poll for each page, and the answer.
         for _ in 0..POLLS {
-            let progress = self.upload.poll(&mut self.store, &mut self.room, |_| true);
+            let progress = self
+                .upload
+                .poll(&mut self.store, &mut self.room, |_| Ok(()));
             answers.extend(progress.answer);
             self.events.extend(progress.event);
         }
@@ -205,7 +207,7 @@ fn each_refusal_is_answered_and_reported() {
         assert_eq!(board.restart().running(), Some(5));
     }
     let mut board = Board::new(Flash::new(1));
-    board.store = Store::boot(Flash::new(1), LAYOUT, None, |_, _, _| true).unwrap();
+    board.store = Store::boot(Flash::new(1), LAYOUT, None, |_, _, _| Ok(())).unwrap();
     assert_eq!(board.send_image(&image(6)), Err(ImageError::NoKey.code()));
 }
 
@@ -411,7 +413,7 @@ proptest! {
                 let frame = [start, data].concat();
                 upload.on_frame(&frame, u32::from(*kind) * 150_000);
                 for _ in 0..POLLS {
-                    let progress = upload.poll(store, &mut [0; 3 * PAGE], |_| true);
+                    let progress = upload.poll(store, &mut [0; 3 * PAGE], |_| Ok(()));
                     prop_assert!(!matches!(progress.event, Some(Event::Accepted(_))));
                 }
             }

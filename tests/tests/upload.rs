@@ -1,11 +1,17 @@
 //! Upload of an image from the host's state machine to the board's, over a simulated bus that
 //! loses frames.
 
+use loadtwin::build::{self, Sensors};
 use loadtwin::key::SigningKey;
+use loadtwin::machine::Machine;
 use loadtwin::seal::seal;
 use loadtwin::upload_protocol::{Next, UploadError, Uploader};
+use loadtwin_common::hardware::{EMULATED, Hardware, NUCLEO_G474RE};
+use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::isotp::FrameData;
 use loadtwin_common::io::signed_image::ImageError;
+use loadtwin_common::io::uds;
+use loadtwin_firmware::running_model::Models;
 use loadtwin_firmware::simulated_flash::SimulatedFlash;
 use loadtwin_firmware::store::{Layout, Store};
 use loadtwin_firmware::upload::{BLOCK_OVERHEAD, Event, Upload};
@@ -70,7 +76,7 @@ impl Bus {
                 Next::Wait(us) => {
                     let mut answers = Vec::new();
                     for _ in 0..POLLS {
-                        let progress = upload.poll(store, &mut room, |_| true);
+                        let progress = upload.poll(store, &mut room, |_| Ok(()));
                         self.events.extend(progress.event);
                         answers.extend(progress.answer);
                     }
@@ -96,7 +102,7 @@ impl Bus {
 }
 
 fn boot(flash: Flash, key: &SigningKey) -> Store<Flash> {
-    Store::boot(flash, LAYOUT, Some(key.identity(MACHINE)), |_, _, _| true).unwrap()
+    Store::boot(flash, LAYOUT, Some(key.identity(MACHINE)), |_, _, _| Ok(())).unwrap()
 }
 
 fn running(store: &Store<Flash>) -> Option<u32> {
@@ -150,6 +156,78 @@ fn an_image_arrives_and_an_older_or_foreign_one_does_not() {
         Err(UploadError::Refused(ImageError::BadCrc))
     );
     assert_eq!(running(&boot(store.release(), &key)), Some(2));
+}
+
+/// Uploads `image` to a board of `hardware`: what the host is answered, and what the board's status says.
+fn offered(hardware: Hardware, image: Vec<u8>, key: &SigningKey) -> (Result<(), UploadError>, u8) {
+    let room = vec![0; 7 * PAGE].leak();
+    let board = (Some(key.identity(MACHINE)), hardware);
+    let mut models =
+        Models::<Flash, { PAGE + BLOCK_OVERHEAD }>::boot(Flash::new(1), LAYOUT, board, room)
+            .unwrap();
+    let mut uploader = Uploader::new(image).unwrap();
+    let (mut now_us, mut refused) = (0, 0);
+    loop {
+        let answers: Vec<Frame> = match uploader.poll(now_us) {
+            Next::Frame(data) => {
+                let id = uds::REQUEST_ID;
+                models
+                    .on_frame(&Frame { id, data }, now_us)
+                    .into_iter()
+                    .collect()
+            }
+            Next::Wait(_) => (0..POLLS)
+                .filter_map(|_| {
+                    let (answer, code) = models.poll();
+                    refused = code.unwrap_or(refused);
+                    answer
+                })
+                .collect(),
+            Next::Accepted => return (Ok(()), refused),
+            Next::Failed(error) => return (Err(error), refused),
+        };
+        now_us += 250;
+        for answer in answers {
+            uploader.on_frame(&answer.data, now_us);
+        }
+    }
+}
+
+#[test]
+fn a_board_refuses_an_image_that_its_hardware_does_not_serve() {
+    let key = SigningKey::generate().unwrap();
+    let example = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../examples/bench/machine.toml"
+    );
+    let described = Machine::load(example.as_ref()).unwrap();
+    let image = |change: fn(&mut Machine)| {
+        let mut machine = described.clone();
+        change(&mut machine);
+        let sensors = Sensors::choose(&machine, None).unwrap();
+        let payload = build::image(&machine, &sensors).unwrap();
+        seal(&payload, MACHINE, 2, None, Some(&key)).unwrap()
+    };
+    let fits = image(|_| ());
+    assert_eq!(offered(NUCLEO_G474RE, fits, &key), (Ok(()), 0));
+    for change in [
+        |machine: &mut Machine| machine.rate_hz = 500.0,
+        |machine: &mut Machine| machine.encoders[0].bits = 32,
+        |machine: &mut Machine| {
+            let mut fifth = machine.channels[0].clone();
+            fifth.name = "fifth".to_owned();
+            machine.channels.push(fifth);
+        },
+    ] {
+        let refusal = ImageError::WrongHardware;
+        let answered = Err(UploadError::Refused(refusal));
+        let other = image(change);
+        assert_eq!(
+            offered(NUCLEO_G474RE, other.clone(), &key),
+            (answered, refusal.code())
+        );
+        assert_eq!(offered(EMULATED, other, &key), (Ok(()), 0));
+    }
 }
 
 /// Whatever the bus loses: accepted means in force, refused or given up means

@@ -82,11 +82,13 @@ pub enum ImageError {
     RestartPending,
     /// Signed for another machine than the board's.
     WrongMachine,
+    /// Another sample rate, more channels or encoders, or another counter than the board has.
+    WrongHardware,
 }
 
 impl ImageError {
     /// Every reason, in the order of their codes.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::BadMagic,
         Self::BadVersion,
         Self::BadLength,
@@ -101,9 +103,10 @@ impl ImageError {
         Self::Flash,
         Self::RestartPending,
         Self::WrongMachine,
+        Self::WrongHardware,
     ];
 
-    /// Code on the bus, 0xF0..=0xFD: the range that ISO 14229-1 leaves to the
+    /// Code on the bus, 0xF0..=0xFE: the range that ISO 14229-1 leaves to the
     /// maker for negative responses.
     pub fn code(self) -> u8 {
         0xF0 + self as u8
@@ -133,6 +136,9 @@ impl fmt::Display for ImageError {
             Self::RestartPending => "an image accepted before waits for a restart",
             Self::WrongMachine => {
                 "the image is for another machine than the one in the board's key page"
+            }
+            Self::WrongHardware => {
+                "the board has another sample rate, fewer channels or encoders, or another counter than the image needs"
             }
         })
     }

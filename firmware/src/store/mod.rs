@@ -106,7 +106,7 @@ impl<F: NorFlash> Store<F> {
     /// Finds the image to run. Reads only.
     ///
     /// `accept` checks a payload, `length` bytes at an offset of the flash, by
-    /// what the container does not know: the model's version and ranges. An
+    /// what the container does not know: the model's version and ranges, the hardware. An
     /// image that is damaged, not signed for `board` or not accepted is passed
     /// over for the older one. Without an identity none starts.
     ///
@@ -116,7 +116,7 @@ impl<F: NorFlash> Store<F> {
         flash: F,
         layout: Layout,
         board: Option<Identity>,
-        mut accept: impl FnMut(&mut F, u32, u32) -> bool,
+        mut accept: impl FnMut(&mut F, u32, u32) -> Result<(), ImageError>,
     ) -> Result<Self, Error> {
         const {
             assert!(
@@ -235,19 +235,17 @@ impl<F: NorFlash> Store<F> {
     /// `accept` checks the payload as for [`Store::boot`].
     ///
     /// # Errors
-    /// As [`Store::check_header`]; `BadLength`, `BadCrc`, `BadDigest`, `BadModel`.
+    /// As [`Store::check_header`]; `BadLength`, `BadCrc`, `BadDigest`, and what `accept` refuses.
     pub fn begin(
         &mut self,
         image: &[u8],
-        accept: impl FnOnce(&[u8]) -> bool,
+        accept: impl FnOnce(&[u8]) -> Result<(), ImageError>,
     ) -> Result<(), ImageError> {
         self.incoming = None;
         let image_len = u32::try_from(image.len()).map_err(|_| ImageError::TooLong)?;
         let header = self.check_header(image, image_len)?;
         let (_, payload) = signed_image::open(image)?;
-        if !accept(payload) {
-            return Err(ImageError::BadModel);
-        }
+        accept(payload)?;
         self.kept = self.kept();
         let slot = self.kept.map_or(Slot::A, |kept| kept.slot.other());
         self.target = Some(slot);
@@ -407,7 +405,7 @@ impl<F: NorFlash> Store<F> {
         &mut self,
         slot: Slot,
         header: &Header,
-        accept: &mut impl FnMut(&mut F, u32, u32) -> bool,
+        accept: &mut impl FnMut(&mut F, u32, u32) -> Result<(), ImageError>,
     ) -> Result<(), ImageError> {
         header.verify(self.board.as_ref())?;
         self.judge_content(slot, header, accept)
@@ -418,15 +416,11 @@ impl<F: NorFlash> Store<F> {
         &mut self,
         slot: Slot,
         header: &Header,
-        accept: &mut impl FnMut(&mut F, u32, u32) -> bool,
+        accept: &mut impl FnMut(&mut F, u32, u32) -> Result<(), ImageError>,
     ) -> Result<(), ImageError> {
         self.check_content(slot, header)?;
         let payload = self.start(slot) + HEADER_LEN as u32;
-        if accept(&mut self.flash, payload, header.length) {
-            Ok(())
-        } else {
-            Err(ImageError::BadModel)
-        }
+        accept(&mut self.flash, payload, header.length)
     }
 
     /// Whether what stands in a slot is what `header` was signed for, each time it is read.

@@ -22,6 +22,7 @@ use cortex_m::peripheral::NVIC;
 use cortex_m_rt::{entry, exception};
 use defmt_semihosting as _;
 use heapless::spsc::{Consumer, Producer, Queue};
+use loadtwin_common::hardware::EMULATED;
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;
 use loadtwin_common::io::signed_image::OVERHEAD;
@@ -170,7 +171,7 @@ fn main() -> ! {
     let mut flash = flash::powered();
     let identity = flash::identity(&mut flash);
     let models = MODELS.init_with(|| {
-        BoardModels::boot(flash, LAYOUT, identity, ROOM.take())
+        BoardModels::boot(flash, LAYOUT, (identity, EMULATED), ROOM.take())
             .expect("the layout is constant and fits the flash")
     });
     let app = APP.take();

@@ -45,6 +45,7 @@ use embassy_stm32::{bind_interrupts, interrupt, pac, rcc};
 use embassy_time::{Delay, Instant, Timer};
 use embedded_hal_bus::spi::{ExclusiveDevice, NoDelay};
 use heapless::spsc::{Consumer, Producer, Queue};
+use loadtwin_common::hardware::NUCLEO_G474RE;
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;
 use loadtwin_common::io::signed_image::OVERHEAD;
@@ -59,7 +60,7 @@ use loadtwin_firmware::upload::BLOCK_OVERHEAD;
 use panic_probe as _;
 use static_cell::{ConstStaticCell, StaticCell};
 
-/// 8.192 MHz at the converter's clock input / 2 / 2048: 2 kHz.
+/// 8.192 MHz at the converter's clock input / 2 / 2048: 2 kHz, the rate of [`NUCLEO_G474RE`].
 const CONVERTER: Config = Config {
     oversampling: Oversampling::X2048,
     gain: [Gain::X32; 4],
@@ -220,7 +221,7 @@ async fn main(thread: Spawner) {
         defmt::error!("no key in its page: no model runs");
     }
     let models = MODELS.init_with(|| {
-        BoardModels::boot(flash, flash::LAYOUT, identity, ROOM.take())
+        BoardModels::boot(flash, flash::LAYOUT, (identity, NUCLEO_G474RE), ROOM.take())
             .expect("the layout is constant and fits the flash")
     });
     watchdog.pet();

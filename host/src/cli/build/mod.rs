@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use loadtwin_common::estimator::Estimator;
+use loadtwin_common::hardware::{EMULATED, Hardware, NUCLEO_G474RE};
 use loadtwin_common::image::{Image, Model};
 use loadtwin_common::io::signed_image;
 
@@ -58,6 +59,9 @@ pub struct Build {
     /// The image.
     #[arg(short, long, value_name = "FILE", required_unless_present = "fmu")]
     output: Option<PathBuf>,
+    /// The board that the image is for; one that it cannot serve is refused.
+    #[arg(long, value_name = "BOARD", value_enum)]
+    board: Option<BoardName>,
     /// Write the estimator as a co-simulation FMU to FILE.fmu: the image, and a shared library that runs it.
     #[arg(long, value_name = "FILE")]
     fmu: Option<PathBuf>,
@@ -75,6 +79,25 @@ pub struct Build {
     library: Option<PathBuf>,
     #[command(flatten)]
     replace: Replace,
+}
+
+/// Boards that there is firmware for.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum BoardName {
+    /// NUCLEO-G474RE with an ADS131M04: 2 kHz, four channels, one encoder of 16 bits
+    #[value(name = "nucleo-g474re")]
+    NucleoG474re,
+    /// Emulated Cortex-M4F: any rate
+    Emulated,
+}
+
+impl BoardName {
+    fn hardware(self) -> Hardware {
+        match self {
+            Self::NucleoG474re => NUCLEO_G474RE,
+            Self::Emulated => EMULATED,
+        }
+    }
 }
 
 /// Versions of FMI.
@@ -118,6 +141,12 @@ impl Build {
         let sensors = Sensors::choose(&machine, self.sensors.as_deref())?.filtered_by(self.filter);
         let payload = build::image(&machine, &sensors)?;
         let image = Image::from_bytes(&payload)?;
+        if let Some(board) = self.board {
+            let name = board.to_possible_value();
+            let name = name.as_ref().map_or("", |value| value.get_name());
+            let place = || format!("{}: board {name}", self.machine.display());
+            board.hardware().serves(&image).with_context(place)?;
+        }
         let steady = match &image.model {
             Model::Gearbox(model) => model
                 .steady
