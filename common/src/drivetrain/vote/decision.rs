@@ -7,6 +7,9 @@ use crate::drivetrain::vote::{ANCHORED, Gauge, RETURN, Vote, Voting, pair};
 use crate::io::fault::Fault;
 use crate::io::raw::MAX_CHANNELS;
 
+/// Part of the limit below which gauges agree: half of [`RETURN`].
+const CALM: f32 = 0.5 * RETURN;
+
 /// Gauges of a direction by what a hypothesis says of them, one bit each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Hypothesis {
@@ -70,8 +73,31 @@ impl Voting {
         self.test_alternative(vote, d, members, chosen, before);
     }
 
+    /// Latches which gauges `departed` from a sound prediction in the sample in which a direction began to disagree: later,
+    /// two that err alike have drawn the prediction along, and it accuses the third. A disagreement that grows slowly
+    /// accuses none.
+    pub(super) fn follow_jump(
+        &self,
+        vote: &mut Vote,
+        d: usize,
+        members: &[u8],
+        departed: u8,
+        cost: f32,
+    ) {
+        let all = members.iter().fold(0, |all, i| all | bit((*i).into()));
+        let (calm, agreed) = (cost <= CALM, vote.calm & bit(d) != 0);
+        if vote.left_out & all == 0 && vote.contradicted & bit(d) == 0 {
+            if calm && vote.none[d] <= CALM {
+                vote.jumped &= !all;
+            } else if agreed && cost > 1.0 && self.is_anchored(vote, d) {
+                vote.jumped = vote.jumped & !all | departed & all;
+            }
+        }
+        vote.calm = vote.calm & !bit(d) | if calm { bit(d) } else { 0 };
+    }
+
     /// Of three gauges, the same wrong gain in two fits as well as the inverse gain in the third: the
-    /// fault is ambiguous unless the prediction contradicts the excluded gauge alone.
+    /// fault is ambiguous unless the excluded gauge alone left the prediction in a jump.
     fn test_alternative(
         &self,
         vote: &mut Vote,
@@ -86,8 +112,9 @@ impl Voting {
         }
         let out = chosen.left_out;
         if before != out {
-            let against = self.against(vote, d, members);
-            vote.outvoted = vote.outvoted & !out | if against == out { 0 } else { out };
+            let all = members.iter().fold(0, |all, i| all | bit((*i).into()));
+            let alone = vote.jumped & all == out;
+            vote.outvoted = vote.outvoted & !out | if alone { 0 } else { out };
         }
         let gain = members
             .iter()
