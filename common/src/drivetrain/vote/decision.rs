@@ -28,6 +28,11 @@ fn bit(i: usize) -> u8 {
     1 << (i % MAX_CHANNELS)
 }
 
+/// The gauges of a direction.
+fn set(members: &[u8]) -> u8 {
+    members.iter().fold(0, |all, i| all | bit((*i).into()))
+}
+
 impl Voting {
     /// Takes the first hypothesis of direction `d` that explains the readings: all gauges sound;
     /// those at fault that contradict a sound prediction, where the others agree; one at fault; two
@@ -40,7 +45,7 @@ impl Voting {
         members: &[u8],
         gauges: &[Gauge; MAX_CHANNELS],
     ) {
-        let all = members.iter().fold(0, |all, i| all | bit((*i).into()));
+        let all = set(members);
         let before = vote.left_out & all;
         let limit = if before == 0 && vote.contradicted & bit(d) == 0 {
             1.0
@@ -70,7 +75,7 @@ impl Voting {
             let i = at(*i);
             self.name(vote, i, chosen, before, &gauges[i]);
         }
-        self.test_alternative(vote, d, members, chosen, before);
+        test_alternative(vote, d, members, chosen, before);
     }
 
     /// Latches which gauges `departed` from a sound prediction in the sample in which a direction began to disagree: later,
@@ -84,7 +89,7 @@ impl Voting {
         departed: u8,
         cost: f32,
     ) {
-        let all = members.iter().fold(0, |all, i| all | bit((*i).into()));
+        let all = set(members);
         let (calm, agreed) = (cost <= CALM, vote.calm & bit(d) != 0);
         if vote.left_out & all == 0 && vote.contradicted & bit(d) == 0 {
             if calm && vote.none[d] <= CALM {
@@ -94,34 +99,6 @@ impl Voting {
             }
         }
         vote.calm = vote.calm & !bit(d) | if calm { bit(d) } else { 0 };
-    }
-
-    /// Of three gauges, the same wrong gain in two fits as well as the inverse gain in the third: the
-    /// fault is ambiguous unless the excluded gauge alone left the prediction in a jump.
-    fn test_alternative(
-        &self,
-        vote: &mut Vote,
-        d: usize,
-        members: &[u8],
-        chosen: Hypothesis,
-        before: u8,
-    ) {
-        vote.ambiguous &= !bit(d);
-        if members.len() != 3 || chosen.left_out.count_ones() != 1 {
-            return;
-        }
-        let out = chosen.left_out;
-        if before != out {
-            let all = members.iter().fold(0, |all, i| all | bit((*i).into()));
-            let alone = vote.jumped & all == out;
-            vote.outvoted = vote.outvoted & !out | if alone { 0 } else { out };
-        }
-        let gain = members
-            .iter()
-            .any(|i| out & bit((*i).into()) != 0 && vote.kinds[at(*i)] == Fault::Gain);
-        if gain && vote.outvoted & out != 0 {
-            vote.ambiguous |= bit(d);
-        }
     }
 
     /// Gauges that contradict a prediction that was sound.
@@ -256,6 +233,26 @@ impl Voting {
                 moments.kind(tolerance, self.consistency.forgetting)
             };
         }
+    }
+}
+
+/// Of three gauges, the same wrong gain in two fits as well as the inverse gain in the third: the
+/// fault is ambiguous unless the excluded gauge alone left the prediction in a jump.
+fn test_alternative(vote: &mut Vote, d: usize, members: &[u8], chosen: Hypothesis, before: u8) {
+    vote.ambiguous &= !bit(d);
+    if members.len() != 3 || chosen.left_out.count_ones() != 1 {
+        return;
+    }
+    let out = chosen.left_out;
+    if before != out {
+        let alone = vote.jumped & set(members) == out;
+        vote.outvoted = vote.outvoted & !out | if alone { 0 } else { out };
+    }
+    let gain = members
+        .iter()
+        .any(|i| out & bit((*i).into()) != 0 && vote.kinds[at(*i)] == Fault::Gain);
+    if gain && vote.outvoted & out != 0 {
+        vote.ambiguous |= bit(d);
     }
 }
 
