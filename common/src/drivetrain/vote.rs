@@ -119,6 +119,10 @@ pub(crate) struct Vote {
     outvoted: u8,
     /// Directions where two gauges with the same gain explain the readings as simply as the one that is left out.
     ambiguous: u8,
+    /// Directions whose gauges agreed in the sample before.
+    calm: u8,
+    /// Gauges that left a sound prediction within one sample, before they could draw it along.
+    jumped: u8,
     turn: u8,
     /// Samples for which the gauges of a direction were sound since the start.
     sound: [u16; MAX_CHANNELS],
@@ -141,6 +145,8 @@ impl Default for Vote {
             contradicted: 0,
             outvoted: 0,
             ambiguous: 0,
+            calm: 0,
+            jumped: 0,
             turn: 0,
             sound: [0; MAX_CHANNELS],
         }
@@ -272,6 +278,7 @@ impl Voting {
         if members.len() > 1 {
             let mut sums = [Sums::default(); MAX_CHANNELS];
             let mut all = Sums::default();
+            let mut departed = 0;
             for (slot, i) in sums.iter_mut().zip(members) {
                 let i = usize::from(*i) % MAX_CHANNELS;
                 let gauge = &gauges[i];
@@ -283,9 +290,12 @@ impl Voting {
                     let own = self.consistency.noise_bound * m * m * prior.variance + tolerance;
                     let against = gauge.innovation * gauge.innovation / own;
                     self.smooth(&mut vote.prior[i], against.max(0.0).min(most));
+                    departed |= u8::from(against > RETURN) << i;
                 }
             }
-            self.smooth(&mut vote.none[d], all.cost(most));
+            let cost = all.cost(most);
+            self.follow_jump(vote, d, members, departed, cost);
+            self.smooth(&mut vote.none[d], cost);
             for (q, j) in members.iter().enumerate() {
                 let j = usize::from(*j) % MAX_CHANNELS;
                 let without = all.minus(sums[q % MAX_CHANNELS]);

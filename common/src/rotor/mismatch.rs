@@ -47,8 +47,8 @@ const SHORTEST: u32 = 8;
 /// Most doublings of [`SHORTEST`]: 2048 windows.
 const DOUBLINGS: u32 = 8;
 
-/// Windows without a change from which a level is established, and most windows for which the
-/// deviations of the level above are reported after a level was lowered.
+/// Windows without a change from which a level is established, most windows for which the deviations of the level above
+/// are reported after a level was lowered, and windows at another speed that confirm a start that was rejected.
 const PROBATION: u32 = 16;
 
 /// Sums over a window of one sensor's innovations.
@@ -114,6 +114,10 @@ pub struct Mismatch {
     times: u32,
     lowered: bool,
     unexplained: bool,
+    /// Where the speed was when no level explained the readings, before any was established, and the
+    /// windows that a level explained at another speed since.
+    rejected: Option<f32>,
+    confirmed: u32,
     /// Where the speed was last, in steps of the tables, and the windows since it moved by one.
     place: f32,
     constant: u32,
@@ -143,6 +147,12 @@ impl Mismatch {
     /// Whether the innovations contradict even the largest noise, or an established level.
     pub fn is_contradicted(&self) -> bool {
         self.unexplained || self.reference.is_some()
+    }
+
+    /// Whether no level explained the readings before any was established: forces take up what sensors or model err by at
+    /// this speed, and a level that fits afterwards confirms nothing until the speed is another one.
+    pub fn is_rejected(&self) -> bool {
+        self.rejected.is_some()
     }
 
     /// Whether the level has been consistent for long at this speed.
@@ -249,6 +259,7 @@ impl Mismatch {
         let correlated = self.above * known > needed;
         let highest = levels.saturating_sub(1);
         self.unexplained = self.level == highest && far && correlated;
+        self.confirm_start(correlated, highest);
         if correlated && self.level < highest {
             let by = if far && !self.lowered { 2 } else { 1 };
             self.level = (self.level + by).min(highest);
@@ -271,6 +282,22 @@ impl Mismatch {
             self.above = RAISED;
         }
         None
+    }
+
+    /// Rejects the loads of a start that no level explains, until [`PROBATION`] windows at another speed agree.
+    fn confirm_start(&mut self, correlated: bool, highest: u8) {
+        if self.unexplained && self.reference.is_none() {
+            (self.rejected, self.confirmed) = (Some(self.place), 0);
+        }
+        let moved = self
+            .rejected
+            .is_some_and(|place| (self.place - place).abs() > 1.0);
+        if moved && !correlated && self.level < highest {
+            self.confirmed += 1;
+        }
+        if self.confirmed >= PROBATION {
+            self.rejected = None;
+        }
     }
 
     fn turn(&mut self, lowered: bool) {
@@ -309,6 +336,16 @@ mod tests {
         windows: u32,
         more: impl Fn(usize, u32) -> f32,
     ) -> (u32, Option<Change>) {
+        run_at(mismatch, windows, 0.0, more)
+    }
+
+    /// As [`run`], at another speed.
+    fn run_at(
+        mismatch: &mut Mismatch,
+        windows: u32,
+        place: f32,
+        more: impl Fn(usize, u32) -> f32,
+    ) -> (u32, Option<Change>) {
         let mut noise = NoiseModel(7);
         for k in 0..windows * u32::from(WINDOW) {
             let sensors = [0, 1, 2, 3].map(|sensor| {
@@ -320,7 +357,7 @@ mod tests {
                     ..SensorEstimate::default()
                 }
             });
-            if let Some(change) = mismatch.push(&sensors, LEVELS, 0.0) {
+            if let Some(change) = mismatch.push(&sensors, LEVELS, place) {
                 return (k / u32::from(WINDOW) + 1, Some(change));
             }
         }
@@ -377,6 +414,25 @@ mod tests {
             run(&mut mismatch, 5, |_, k| 10.0 * turning(k));
         }
         assert!(mismatch.level() == LEVELS - 1 && mismatch.is_contradicted());
+    }
+
+    #[test]
+    fn a_start_that_no_level_explains_is_rejected_until_another_speed_confirms_it() {
+        let mut mismatch = Mismatch::default();
+        for _ in 0..3 {
+            run(&mut mismatch, 5, |_, k| 10.0 * turning(k));
+        }
+        assert!(mismatch.is_rejected());
+        // Forces have taken up what the sensors err by.
+        while mismatch.level() > 0 {
+            run(&mut mismatch, 3000, |_, _| 0.0);
+        }
+        run(&mut mismatch, 3 * PROBATION, |_, _| 0.0);
+        assert!(mismatch.is_rejected() && !mismatch.is_contradicted());
+        run_at(&mut mismatch, PROBATION - 1, 2.0, |_, _| 0.0);
+        assert!(mismatch.is_rejected());
+        run_at(&mut mismatch, 1, 2.0, |_, _| 0.0);
+        assert!(!mismatch.is_rejected());
     }
 
     #[test]

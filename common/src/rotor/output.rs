@@ -40,6 +40,9 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
         let inside = [state.shaft.speed, self.speed(state)].iter().all(|speed| {
             *speed >= speeds.lowest - margin && *speed <= speeds.lowest + range + margin
         });
+        // A load that does not turn may jump at any time.
+        let contradicted = state.mismatch.is_contradicted()
+            || self.has_turning_loads_only() && state.mismatch.is_rejected();
         for (j, signal) in self.model.loads.iter().enumerate() {
             let d = 2 * NZ + j;
             let (Some(scale), Some(x)) = (self.model.scale.get(d), self.state(state).get(d)) else {
@@ -70,7 +73,7 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
             let finite = value.is_finite() && std.is_finite();
             let fault = if !finite || std > signal.valid_std || !inside || Self::silent(state) {
                 Fault::NotValid
-            } else if state.mismatch.is_contradicted() {
+            } else if contradicted {
                 Fault::Contradicted
             } else {
                 Fault::None

@@ -3,6 +3,7 @@
 
 mod bound;
 mod damped;
+mod from_start;
 mod lag;
 mod mismatch;
 

@@ -18,15 +18,15 @@ use loadtwin::simulate::RotorScenario;
 /// Share of the samples that are valid, outside 3 sigma and off by more than 3 % of the force, and
 /// of the valid ones inside 2 sigma.
 #[derive(Clone, Copy, Debug, Default)]
-struct Score {
-    samples: f64,
-    valid: f64,
-    inside: f64,
-    misleading: f64,
+pub struct Score {
+    pub samples: f64,
+    pub valid: f64,
+    pub inside: f64,
+    pub misleading: f64,
 }
 
 impl Score {
-    fn push(&mut self, estimate: &Estimate, truth: &[f64], peak: f64) {
+    pub fn push(&mut self, estimate: &Estimate, truth: &[f64], peak: f64) {
         for (load, truth) in estimate.loads.iter().zip(truth) {
             let (error, std) = ((f64::from(load.value) - truth).abs(), f64::from(load.std));
             self.samples += 1.0;
@@ -40,7 +40,7 @@ impl Score {
 }
 
 /// The machine's line over `raw`.
-fn estimates(
+pub fn estimates(
     machine: &Machine,
     raw: &[RawSample],
     mut each: impl FnMut(usize, &Estimate, &Estimator<'_>),
@@ -55,7 +55,7 @@ fn estimates(
 }
 
 /// A recording of `real`, `duration_s` long at the speed of `machine`.
-fn recorded(machine: &Machine, real: &Machine, duration_s: f64) -> (Recorded, RotorScenario) {
+pub fn recorded(machine: &Machine, real: &Machine, duration_s: f64) -> (Recorded, RotorScenario) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rotor.parquet");
     let scenario = RotorScenario {
@@ -68,7 +68,7 @@ fn recorded(machine: &Machine, real: &Machine, duration_s: f64) -> (Recorded, Ro
 }
 
 /// The unbalances of `scenario` at sample `k`, and the larger one's size.
-fn truth(machine: &Machine, scenario: &RotorScenario, k: usize) -> (Vec<f64>, f64) {
+pub fn truth(machine: &Machine, scenario: &RotorScenario, k: usize) -> (Vec<f64>, f64) {
     let speed = scenario.speeds_rad_s[0];
     let angle = speed * k as f64 / machine.rate_hz;
     let mut peak = 0.0_f64;
@@ -99,7 +99,7 @@ fn scored(machine: &Machine, real: &Machine, from_s: f64) -> (Score, f64, f64) {
 
 /// A rotor with bearings 0.65 to 1.5 times as stiff as is described, a modulus off by up to 2 %,
 /// and damping 0.6 to 1.6 times as large.
-fn wrong(described: &Machine, seed: u64) -> Machine {
+pub fn wrong(described: &Machine, seed: u64) -> Machine {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut real = described.clone();
     let rotor = real.rotor.as_mut().unwrap();

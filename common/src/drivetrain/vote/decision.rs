@@ -7,6 +7,9 @@ use crate::drivetrain::vote::{ANCHORED, Gauge, RETURN, Vote, Voting, pair};
 use crate::io::fault::Fault;
 use crate::io::raw::MAX_CHANNELS;
 
+/// Part of the limit below which gauges agree: half of [`RETURN`].
+const CALM: f32 = 0.5 * RETURN;
+
 /// Gauges of a direction by what a hypothesis says of them, one bit each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Hypothesis {
@@ -25,6 +28,11 @@ fn bit(i: usize) -> u8 {
     1 << (i % MAX_CHANNELS)
 }
 
+/// The gauges of a direction.
+fn set(members: &[u8]) -> u8 {
+    members.iter().fold(0, |all, i| all | bit((*i).into()))
+}
+
 impl Voting {
     /// Takes the first hypothesis of direction `d` that explains the readings: all gauges sound;
     /// those at fault that contradict a sound prediction, where the others agree; one at fault; two
@@ -37,7 +45,7 @@ impl Voting {
         members: &[u8],
         gauges: &[Gauge; MAX_CHANNELS],
     ) {
-        let all = members.iter().fold(0, |all, i| all | bit((*i).into()));
+        let all = set(members);
         let before = vote.left_out & all;
         let limit = if before == 0 && vote.contradicted & bit(d) == 0 {
             1.0
@@ -67,34 +75,30 @@ impl Voting {
             let i = at(*i);
             self.name(vote, i, chosen, before, &gauges[i]);
         }
-        self.test_alternative(vote, d, members, chosen, before);
+        test_alternative(vote, d, members, chosen, before);
     }
 
-    /// Of three gauges, the same wrong gain in two fits as well as the inverse gain in the third: the
-    /// fault is ambiguous unless the prediction contradicts the excluded gauge alone.
-    fn test_alternative(
+    /// Latches which gauges `departed` from a sound prediction in the sample in which a direction began to disagree: later,
+    /// two that err alike have drawn the prediction along, and it accuses the third. A disagreement that grows slowly
+    /// accuses none.
+    pub(super) fn follow_jump(
         &self,
         vote: &mut Vote,
         d: usize,
         members: &[u8],
-        chosen: Hypothesis,
-        before: u8,
+        departed: u8,
+        cost: f32,
     ) {
-        vote.ambiguous &= !bit(d);
-        if members.len() != 3 || chosen.left_out.count_ones() != 1 {
-            return;
+        let all = set(members);
+        let (calm, agreed) = (cost <= CALM, vote.calm & bit(d) != 0);
+        if vote.left_out & all == 0 && vote.contradicted & bit(d) == 0 {
+            if calm && vote.none[d] <= CALM {
+                vote.jumped &= !all;
+            } else if agreed && cost > 1.0 && self.is_anchored(vote, d) {
+                vote.jumped = vote.jumped & !all | departed & all;
+            }
         }
-        let out = chosen.left_out;
-        if before != out {
-            let against = self.against(vote, d, members);
-            vote.outvoted = vote.outvoted & !out | if against == out { 0 } else { out };
-        }
-        let gain = members
-            .iter()
-            .any(|i| out & bit((*i).into()) != 0 && vote.kinds[at(*i)] == Fault::Gain);
-        if gain && vote.outvoted & out != 0 {
-            vote.ambiguous |= bit(d);
-        }
+        vote.calm = vote.calm & !bit(d) | if calm { bit(d) } else { 0 };
     }
 
     /// Gauges that contradict a prediction that was sound.
@@ -229,6 +233,26 @@ impl Voting {
                 moments.kind(tolerance, self.consistency.forgetting)
             };
         }
+    }
+}
+
+/// Of three gauges, the same wrong gain in two fits as well as the inverse gain in the third: the
+/// fault is ambiguous unless the excluded gauge alone left the prediction in a jump.
+fn test_alternative(vote: &mut Vote, d: usize, members: &[u8], chosen: Hypothesis, before: u8) {
+    vote.ambiguous &= !bit(d);
+    if members.len() != 3 || chosen.left_out.count_ones() != 1 {
+        return;
+    }
+    let out = chosen.left_out;
+    if before != out {
+        let alone = vote.jumped & set(members) == out;
+        vote.outvoted = vote.outvoted & !out | if alone { 0 } else { out };
+    }
+    let gain = members
+        .iter()
+        .any(|i| out & bit((*i).into()) != 0 && vote.kinds[at(*i)] == Fault::Gain);
+    if gain && vote.outvoted & out != 0 {
+        vote.ambiguous |= bit(d);
     }
 }
 

@@ -1,5 +1,5 @@
-//! Error covariance of a rotor's steady filter under nominal loads where bearings and shaft deviate
-//! from the description by usual tolerances.
+//! Error covariance of a rotor's steady filter under nominal loads where bearings, shaft and gains of
+//! sensors deviate from the description by usual tolerances.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -23,6 +23,13 @@ const DAMPING: f64 = 0.3;
 /// Standard deviation of the shaft's stiffness, as part of it: moduli and diameters are measured.
 const SHAFT: f64 = 0.01;
 
+/// Standard deviation of a sensor's gain, as part of it. At five tolerances, the most that a level allows for, it is
+/// 3 %: that of an even distribution over the ±5 % that are allowed for the incremental scale factor of a proximity
+/// probe.
+///
+/// Source: API Standard 670, Machinery Protection Systems, 5th edition (2014), accuracy requirements.
+const GAIN: f64 = 0.006;
+
 /// A steady filter at one speed.
 pub(super) struct SteadyFilter<'a> {
     /// Transition.
@@ -41,14 +48,14 @@ struct Tolerance {
 
 impl RotorFilterDesign {
     /// Covariance of the filter's error under the nominal loads, where stiffness and damping of the
-    /// rotor differ from the description by one standard deviation each, both directions of a bearing
-    /// alike: over the
-    /// states of the filter, in its scale.
+    /// rotor and the gain of each sensor differ from the description by one standard deviation each:
+    /// over the states of the filter, in its scale.
     ///
     /// The rotor's steady motion changes by `dz = -D^-1 (dK + i w dC) z`, `D = K - w^2 + i w C`, under a
     /// load that turns (`w` the speed) or stays (`w = 0`); the readings by `H dz`, and the
-    /// estimate by `dx = (e^(i w dt) - F (I - K H))^-1 F K H dz`, corrected by the last reading.
-    /// The error is `dx` less `(dz, dz (e^(i w dt) - 1), 0)`.
+    /// estimate by `dx = (e^(i w dt) - F (I - K H))^-1 F K dy`, `dy = H dz`, corrected by the last
+    /// reading. The error is `dx` less `(dz, dz (e^(i w dt) - 1), 0)`. A gain changes one reading by
+    /// its part of `H z`, and no motion.
     pub(super) fn model_error(
         &self,
         description: &Rotor,
@@ -84,13 +91,7 @@ impl RotorFilterDesign {
                 unit - closed[(i, j)]
             });
             let closed = closed.partial_piv_lu();
-            for tolerance in &tolerances {
-                let changed = complex(modes, modes, |i, j| {
-                    c64::new(-tolerance.stiffness[(i, j)], -w * tolerance.damping[(i, j)])
-                });
-                let dz = dynamic.solve(changed * &steady);
-                let truth = complex(nx, 1, |i, _| self.place_of(i, &dz, step));
-                let dy = real(filter.h) * &truth;
+            let mut add = |dy: Mat<c64>, truth: Mat<c64>| {
                 let prior = closed.solve(real(&(filter.f * filter.k)) * &dy);
                 let nu = &dy - real(filter.h) * &prior;
                 let error = prior + real(filter.k) * nu - truth;
@@ -101,6 +102,20 @@ impl RotorFilterDesign {
                         covariance[(i, j)] += 0.5 * (a.re * b.re + a.im * b.im);
                     }
                 }
+            };
+            let motion = |z: &Mat<c64>| complex(nx, 1, |i, _| self.place_of(i, z, step));
+            for tolerance in &tolerances {
+                let changed = complex(modes, modes, |i, j| {
+                    c64::new(-tolerance.stiffness[(i, j)], -w * tolerance.damping[(i, j)])
+                });
+                let truth = motion(&dynamic.solve(changed * &steady));
+                add(real(filter.h) * &truth, truth);
+            }
+            let readings = real(filter.h) * motion(&steady);
+            for sensor in 0..readings.nrows() {
+                let part = |i: usize| if i == sensor { GAIN } else { 0.0 };
+                let dy = complex(readings.nrows(), 1, |i, _| readings[(i, 0)] * part(i));
+                add(dy, complex(nx, 1, |_, _| c64::new(0.0, 0.0)));
             }
         }
         covariance
