@@ -1,4 +1,4 @@
-//! Report pages of the commands in a real browser, for drives, gearboxes and rotors of several
+//! Report pages of the commands in a real browser, for drives, gearboxes, rotors and a bearing of several
 //! sizes: no fault of appearance, size of the file, time to the first paint.
 
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ pub struct Bench {
 impl Bench {
     pub fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
-        for machine in ["bench", "gearbox", "rotor", "feed-drive"] {
+        for machine in ["bench", "bearing", "gearbox", "rotor", "feed-drive"] {
             let target = folder.path().join(machine);
             std::fs::create_dir(&target).expect("a folder");
             for file in std::fs::read_dir(examples().join(machine)).expect("a folder") {
@@ -176,6 +176,29 @@ fn pages_of_a_rotor_and_of_a_drive() {
     bench.check(
         "diagnose-drive",
         "diagnose feed-drive/drive.toml drive-1.csv --validate drive-2.csv",
+    );
+}
+
+#[test]
+fn pages_of_a_wheel_bearing() {
+    let mut bench = Bench::new();
+    bench.run(
+        "simulate bearing/machine.toml --scenario calibration --duration-s 60 --seed 101 --individual 101 -o rig.parquet",
+    );
+    bench.run(
+        "simulate bearing/calibrated.toml --scenario lc1 --duration-s 21 --seed 2 --individual 101 -o lc1.parquet",
+    );
+    bench.check(
+        "calibrate-bearing",
+        "calibrate bearing/machine.toml rig.parquet -o calibration.toml",
+    );
+    bench.check(
+        "replay-bearing",
+        "replay bearing/calibrated.toml lc1.parquet",
+    );
+    bench.check(
+        "diagnose-bearing",
+        "diagnose bearing/calibrated.toml lc1.parquet",
     );
 }
 
