@@ -228,10 +228,19 @@ impl Sums {
     fn cost(self, most: f32) -> f32 {
         let cost = self.square - self.mean * self.mean / self.information;
         if self.information > 0.0 {
-            cost.max(0.0).min(most)
+            limited(cost, most)
         } else {
             0.0
         }
+    }
+}
+
+/// `value` between 0 and `most`; 0 for NaN. Compared, since a Cortex-M4 calls a function for `max`.
+fn limited(value: f32, most: f32) -> f32 {
+    if value > 0.0 {
+        if value < most { value } else { most }
+    } else {
+        0.0
     }
 }
 
@@ -278,7 +287,6 @@ impl Voting {
         if members.len() > 1 {
             let mut sums = [Sums::default(); MAX_CHANNELS];
             let mut all = Sums::default();
-            let mut departed = 0;
             for (slot, i) in sums.iter_mut().zip(members) {
                 let i = usize::from(*i) % MAX_CHANNELS;
                 let gauge = &gauges[i];
@@ -286,15 +294,12 @@ impl Voting {
                     let tolerance = self.tolerance(i, gauge, prior.sensed);
                     *slot = Sums::of(gauge.innovation, gauge.sensitivity, tolerance);
                     all = all.plus(*slot);
-                    let m = gauge.sensitivity;
-                    let own = self.consistency.noise_bound * m * m * prior.variance + tolerance;
-                    let against = gauge.innovation * gauge.innovation / own;
-                    self.smooth(&mut vote.prior[i], against.max(0.0).min(most));
-                    departed |= u8::from(against > RETURN) << i;
+                    let against = self.against_prediction(gauge, prior, tolerance);
+                    self.smooth(&mut vote.prior[i], limited(against, most));
                 }
             }
             let cost = all.cost(most);
-            self.follow_jump(vote, d, members, departed, cost);
+            self.follow_jump(vote, d, members, cost, (gauges, prior));
             self.smooth(&mut vote.none[d], cost);
             for (q, j) in members.iter().enumerate() {
                 let j = usize::from(*j) % MAX_CHANNELS;
@@ -311,6 +316,29 @@ impl Voting {
             self.decide(vote, d, members, gauges);
         }
         self.grow(vote, d, members, gauges, prior);
+    }
+
+    /// Squared innovation over its limit.
+    #[inline(always)]
+    fn against_prediction(&self, gauge: &Gauge, prior: Prior, tolerance: f32) -> f32 {
+        let m = gauge.sensitivity;
+        let own = self.consistency.noise_bound * m * m * prior.variance + tolerance;
+        gauge.innovation * gauge.innovation / own
+    }
+
+    /// The gauges of `members` that are off the prediction, one bit each.
+    #[inline(never)]
+    fn departed(&self, members: &[u8], gauges: &[Gauge; MAX_CHANNELS], prior: Prior) -> u8 {
+        let mut departed = 0;
+        for i in members {
+            let i = usize::from(*i) % MAX_CHANNELS;
+            let gauge = &gauges[i];
+            let tolerance = self.tolerance(i, gauge, prior.sensed);
+            if gauge.value.is_some() && self.against_prediction(gauge, prior, tolerance) > RETURN {
+                departed |= 1 << i;
+            }
+        }
+        departed
     }
 
     /// Mean square residual at the limit.
@@ -407,7 +435,7 @@ impl Voting {
             let nu = by_noise.mean / by_noise.information;
             let s = prior.variance + self.inflation(vote, d) / by_noise.information;
             let most = MOST_OF_LIMIT / self.consistency.forgetting;
-            self.smooth(&mut vote.nis[d], (nu * nu / s).max(0.0).min(most));
+            self.smooth(&mut vote.nis[d], limited(nu * nu / s, most));
         }
     }
 

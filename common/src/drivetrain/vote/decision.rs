@@ -3,7 +3,7 @@
 //! after the gauges have agreed for five windows.
 
 use crate::drivetrain::fault_kind::Moments;
-use crate::drivetrain::vote::{ANCHORED, Gauge, RETURN, Vote, Voting, pair};
+use crate::drivetrain::vote::{ANCHORED, Gauge, Prior, RETURN, Vote, Voting, pair};
 use crate::io::fault::Fault;
 use crate::io::raw::MAX_CHANNELS;
 
@@ -78,27 +78,32 @@ impl Voting {
         test_alternative(vote, d, members, chosen, before);
     }
 
-    /// Latches which gauges `departed` from a sound prediction in the sample in which a direction began to disagree: later,
+    /// Latches which gauges departed from a sound prediction in the sample in which a direction began to disagree: later,
     /// two that err alike have drawn the prediction along, and it accuses the third. A disagreement that grows slowly
     /// accuses none.
+    #[inline(always)]
     pub(super) fn follow_jump(
         &self,
         vote: &mut Vote,
         d: usize,
         members: &[u8],
-        departed: u8,
         cost: f32,
+        (gauges, prior): (&[Gauge; MAX_CHANNELS], Prior),
     ) {
-        let all = set(members);
-        let (calm, agreed) = (cost <= CALM, vote.calm & bit(d) != 0);
-        if vote.left_out & all == 0 && vote.contradicted & bit(d) == 0 {
-            if calm && vote.none[d] <= CALM {
-                vote.jumped &= !all;
-            } else if agreed && cost > 1.0 && self.is_anchored(vote, d) {
-                vote.jumped = vote.jumped & !all | departed & all;
+        let agreed = vote.calm & bit(d) != 0;
+        if cost <= CALM {
+            vote.calm |= bit(d);
+            if vote.jumped != 0 && vote.none[d] <= CALM && is_trusted(vote, d, members) {
+                vote.jumped &= !set(members);
+            }
+        } else {
+            vote.calm &= !bit(d);
+            let begins = agreed && cost > 1.0;
+            if begins && is_trusted(vote, d, members) && self.is_anchored(vote, d) {
+                let departed = self.departed(members, gauges, prior);
+                vote.jumped = vote.jumped & !set(members) | departed;
             }
         }
-        vote.calm = vote.calm & !bit(d) | if calm { bit(d) } else { 0 };
     }
 
     /// Gauges that contradict a prediction that was sound.
@@ -234,6 +239,12 @@ impl Voting {
             };
         }
     }
+}
+
+/// Whether no gauge of direction `d` is left out, and they do not contradict each other.
+#[inline(never)]
+fn is_trusted(vote: &Vote, d: usize, members: &[u8]) -> bool {
+    vote.left_out & set(members) == 0 && vote.contradicted & bit(d) == 0
 }
 
 /// Of three gauges, the same wrong gain in two fits as well as the inverse gain in the third: the
