@@ -105,9 +105,12 @@ impl Hardware {
     pub fn serves(&self, image: &Image<'_>) -> Result<(), Mismatch> {
         let found = image.rate_hz;
         if let Some(allowed) = self.rate_hz {
-            let off = found - allowed;
-            // Negated, so that NaN is refused.
-            if !(off * off <= (RATE_TOLERANCE * allowed) * (RATE_TOLERANCE * allowed)) {
+            let (least, most) = (
+                allowed * (1.0 - RATE_TOLERANCE),
+                allowed * (1.0 + RATE_TOLERANCE),
+            );
+            // A range holds no NaN.
+            if !(least..=most).contains(&found) {
                 return Err(Mismatch::Rate { found, allowed });
             }
         }

@@ -319,7 +319,7 @@ impl Voting {
     }
 
     /// Squared innovation over its limit.
-    #[inline(always)]
+    #[inline]
     fn against_prediction(&self, gauge: &Gauge, prior: Prior, tolerance: f32) -> f32 {
         let m = gauge.sensitivity;
         let own = self.consistency.noise_bound * m * m * prior.variance + tolerance;

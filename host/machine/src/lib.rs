@@ -235,7 +235,7 @@ fn not_utf8(path: &Path, bytes: &[u8], at: usize) -> MachineError {
     let byte = bytes.get(at).copied().unwrap_or_default();
     MachineError::Syntax {
         path: path.to_owned(),
-        line: before.iter().filter(|b| **b == b'\n').count() + 1,
+        line: before.split(|b| *b == b'\n').count(),
         column: String::from_utf8_lossy(&before[line_start..])
             .chars()
             .count()

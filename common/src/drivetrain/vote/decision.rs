@@ -81,7 +81,7 @@ impl Voting {
     /// Latches which gauges departed from a sound prediction in the sample in which a direction began to disagree: later,
     /// two that err alike have drawn the prediction along, and it accuses the third. A disagreement that grows slowly
     /// accuses none.
-    #[inline(always)]
+    #[inline]
     pub(super) fn follow_jump(
         &self,
         vote: &mut Vote,

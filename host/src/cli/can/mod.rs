@@ -384,7 +384,9 @@ impl Monitor {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         let description = &self.args.interface;
         anyhow::ensure!(
-            !description.ends_with(".toml"),
+            Path::new(description)
+                .extension()
+                .is_none_or(|end| end != "toml"),
             "{description}: found a machine description, allowed: a bus or a log first, the description after it, as \
              in `loadtwin monitor can0 {description}`"
         );
