@@ -38,7 +38,7 @@ impl Encoding {
         }
     }
 
-    /// The reading of `channel` [SI] at a value of its column in [`Self::unit`]. A ratio is that of a
+    /// The reading of `channel` (SI) at a value of its column in [`Self::unit`]. A ratio is that of a
     /// word, as on the board; NaN stays NaN.
     #[must_use]
     pub fn reading(self, channel: &Channel, value: f64) -> f64 {

@@ -144,7 +144,7 @@ impl Spectra {
         Some(segment)
     }
 
-    /// Frequencies of the values [Hz]: all lines but 0, where the mean was taken away.
+    /// Frequencies of the values (Hz): all lines but 0, where the mean was taken away.
     pub fn frequencies_hz(&self) -> Vec<f64> {
         let line_hz = self.rate_hz / SEGMENT as f64;
         (1..LINES).map(|line| line as f64 * line_hz).collect()
