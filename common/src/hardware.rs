@@ -102,6 +102,8 @@ impl Hardware {
     ///
     /// # Errors
     /// The first thing that it does not.
+    // A section of its own on the board, beside what starts a filter.
+    #[inline(never)]
     pub fn serves(&self, image: &Image<'_>) -> Result<(), Mismatch> {
         let found = image.rate_hz;
         if let Some(allowed) = self.rate_hz {

@@ -107,13 +107,22 @@ fn read<'a, F: NorFlash>(flash: &mut F, at: u32, len: u32, room: &'a mut [u8]) -
     bytes.get(..len as usize)
 }
 
-/// Whether the hardware serves the image, and an application takes it.
-#[inline(never)]
+/// Whether the hardware serves the image, and an application takes it. One after the other: neither
+/// copy of the model is on the stack with the other.
 fn accept(image: &[u8], hardware: &Hardware) -> Result<(), ImageError> {
+    is_served(image, hardware)?;
+    is_taken(image)
+}
+
+#[inline(never)]
+fn is_served(image: &[u8], hardware: &Hardware) -> Result<(), ImageError> {
     let model = Image::from_bytes(image).map_err(|_| ImageError::BadModel)?;
-    if hardware.serves(&model).is_err() {
-        return Err(ImageError::WrongHardware);
-    }
+    let served = hardware.serves(&model);
+    served.map_err(|_| ImageError::WrongHardware)
+}
+
+#[inline(never)]
+fn is_taken(image: &[u8]) -> Result<(), ImageError> {
     let taken = App::without_image().load(image, 0);
     taken.map_err(|_| ImageError::BadModel)
 }
