@@ -1,7 +1,9 @@
 //! The Python package, as it is installed: put together from the library that was built and the
 //! modules beside it, and tested by a Python with `tests/requirements.txt`.
 
-#[expect(dead_code, reason = "other test programs use the rest")]
+#[allow(dead_code, reason = "other test programs use the rest")]
+#[path = "../../tests/web/appearance.rs"]
+mod appearance;
 #[path = "../../tests/web/browser.rs"]
 mod browser;
 
@@ -142,28 +144,22 @@ fn shown(browser: &mut Browser) -> String {
     shown.as_str().unwrap().to_owned()
 }
 
-/// Pictures in sizes and themes; they stay after the test, to be looked at.
-fn pictures(browser: &mut Browser, page: &str) {
-    for (width, height, theme) in [
-        (1400, 900, "light"),
-        (1400, 900, "dark"),
-        (360, 740, "light"),
-    ] {
-        browser.show_as(width, height, theme);
-        // The widest font that a system may show it in, then its own.
-        for font in ["monospace", ""] {
-            browser.value(&format!("document.body.style.fontFamily = {font:?}"));
-            let wide = browser.value("document.documentElement.scrollWidth");
-            assert!(
-                wide.as_u64().unwrap() <= u64::from(width),
-                "{wide} of {width}"
-            );
+/// Pictures at the widths of a telephone, a tablet and a desk, light and dark; rules of accessibility.
+fn look(browser: &mut Browser, page: &str) {
+    for theme in ["light", "dark"] {
+        for width in [360, 1024, 1600] {
+            browser.show_as(width, 900, theme);
+            // The widest font that a system may show it in, then its own.
+            for font in ["monospace", ""] {
+                browser.value(&format!("document.body.style.fontFamily = {font:?}"));
+                let wide = browser.value("document.documentElement.scrollWidth");
+                assert!(wide.as_u64() <= Some(u64::from(width)), "{wide} of {width}");
+            }
+            appearance::keep(browser, &format!("{page}-{width}-{theme}"));
         }
         let back = browser.value("getComputedStyle(document.body).backgroundColor");
         assert_eq!(back == json!("rgb(20, 23, 26)"), theme == "dark", "{back}");
-        let name = format!("{page}-{width}-{theme}.png");
-        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-        std::fs::write(path, browser.picture(f64::from(height))).unwrap();
+        assert_eq!(appearance::violations(browser), [""; 0], "{page}, {theme}");
     }
 }
 
@@ -231,7 +227,7 @@ fn page_of_ten_thousand_machines() {
     let sorted =
         browser.value("document.querySelectorAll('#machines th')[0].getAttribute('aria-sort')");
     assert_eq!(sorted, "ascending");
-    pictures(&mut browser, "fleet");
+    look(&mut browser, "fleet");
     // The address has the view.
     reload(&mut browser);
     browser.wait("document.querySelectorAll('#machines tbody tr').length === 100");
@@ -263,7 +259,7 @@ fn page_of_ten_thousand_machines() {
         ]
     );
     assert!(plots.len() > 4, "{plots:?}");
-    pictures(&mut browser, "machine");
+    look(&mut browser, "machine");
     // Faults are on the page of their machine.
     browser.value(&format!(
         "location.href = {:?}",

@@ -117,7 +117,7 @@ pub fn violations(browser: &mut Browser) -> Vec<String> {
         browser.value(&format!("{AXE};0"));
     }
     strings(&browser.value(
-        "axe.run(document, { resultTypes: ['violations'] }).then(({ violations }) => violations\
+        "axe.run(document, { resultTypes: ['violations'], preload: false }).then(({ violations }) => violations\
          .filter(v => v.impact === 'serious' || v.impact === 'critical')\
          .map(v => `${v.id}: ${v.help}: ${v.nodes.length} of ${v.nodes.slice(0, 3).map(n => n.html.slice(0, 160)).join(' ')}: ${v.nodes[0].failureSummary}`))",
     ))
