@@ -1,6 +1,6 @@
 //! A machine in one row: its state, its figures, its faults.
 
-use loadtwin_life::{Beyond, SnCurve};
+use loadtwin_life::{Beyond, LoadCycle, SnCurve, damage_of_cycles};
 use serde::{Deserialize, Serialize};
 
 use crate::day::{Day, Days};
@@ -182,10 +182,10 @@ fn remaining_s(load: &str, damage: f64, days: &Days) -> Option<f64> {
 /// Damage an hour by a design spectrum and an S-N curve, where there is any: `sum n_i / N(S_i)`.
 fn design_damage(design: &[(f64, f64)], sn: &[(f64, f64)]) -> Option<f64> {
     let curve = SnCurve::through(sn, Beyond::Haibach).ok()?;
-    let damage = design.iter().fold(0.0, |sum, &(range, per_hour)| {
-        let cycles = curve.cycles_to_failure(range);
-        sum + cycles.map_or(0.0, |cycles| per_hour / cycles)
-    });
+    let cycles = design
+        .iter()
+        .map(|&(range, count)| LoadCycle { range, count });
+    let damage = damage_of_cycles(cycles, &curve);
     (damage > 0.0).then_some(damage)
 }
 

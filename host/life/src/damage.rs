@@ -2,14 +2,19 @@
 //! damage-equivalent loads.
 
 use crate::error::positive;
-use crate::{LifeError, SnCurve, Spectrum};
+use crate::{LifeError, LoadCycle, SnCurve, Spectrum};
 
 /// Exponents that equivalent loads are given for: welded steel to fibre composites.
 pub const EXPONENTS: [f64; 10] = [3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0];
 
 /// Damage by Palmgren-Miner: `D = sum n_i / N(S_i)`; failure is expected at 1.
 pub fn damage(spectrum: &Spectrum, curve: &SnCurve) -> f64 {
-    let parts = spectrum.cycles().filter_map(|cycle| {
+    damage_of_cycles(spectrum.cycles(), curve)
+}
+
+/// As [`damage`], of cycles that nothing has counted.
+pub fn damage_of_cycles(cycles: impl Iterator<Item = LoadCycle>, curve: &SnCurve) -> f64 {
+    let parts = cycles.filter_map(|cycle| {
         let cycles_to_failure = curve.cycles_to_failure(cycle.range)?;
         Some(cycle.count / cycles_to_failure)
     });

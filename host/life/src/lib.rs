@@ -29,7 +29,7 @@ mod spectrum;
 pub use bearing_life::{RatingLife, rating_life};
 pub use counted_load::{CountedLoad, GATE_LEVELS, LoadSample};
 pub use counts_table::{COUNTS, CountsTable};
-pub use damage::{EXPONENTS, damage, equivalent_load};
+pub use damage::{EXPONENTS, damage, damage_of_cycles, equivalent_load};
 pub use damage_interval::{Interval, NoiseRemoved};
 pub use error::LifeError;
 pub use first_pass::LoadSurvey;

@@ -78,6 +78,21 @@ impl MachineError {
         }
     }
 
+    /// The error of a text of another encoding, whose byte `at` is the first that is not UTF-8.
+    pub(crate) fn encoding(path: &Path, bytes: &[u8], at: usize) -> Self {
+        let before = String::from_utf8_lossy(bytes.get(..at).unwrap_or_default());
+        let (line, column) = position(&before, before.len());
+        let byte = bytes.get(at).copied().unwrap_or_default();
+        Self::Syntax {
+            path: path.to_owned(),
+            line,
+            column,
+            message: format!(
+                "found the byte {byte:#04x}, allowed: text in UTF-8; save the file with that encoding"
+            ),
+        }
+    }
+
     /// The error of a field out of its range, with its line in `text`.
     pub fn violation(path: &Path, text: &str, violation: Violation) -> Self {
         let Violation {

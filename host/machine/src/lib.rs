@@ -217,33 +217,12 @@ pub fn read_description(path: &Path) -> Result<String, MachineError> {
         let is_utf16 = bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]);
         match content::named(bytes) {
             content::TOML | content::OTHER => {
-                not_utf8(path, bytes, error.utf8_error().valid_up_to())
+                MachineError::encoding(path, bytes, error.utf8_error().valid_up_to())
             }
-            _ if is_utf16 => not_utf8(path, bytes, 0),
+            _ if is_utf16 => MachineError::encoding(path, bytes, 0),
             found => other_file(path, found),
         }
     })
-}
-
-/// The error of a text of another encoding, whose byte `at` is the first that is not UTF-8.
-fn not_utf8(path: &Path, bytes: &[u8], at: usize) -> MachineError {
-    let before = bytes.get(..at).unwrap_or_default();
-    let line_start = before
-        .iter()
-        .rposition(|b| *b == b'\n')
-        .map_or(0, |n| n + 1);
-    let byte = bytes.get(at).copied().unwrap_or_default();
-    MachineError::Syntax {
-        path: path.to_owned(),
-        line: before.split(|b| *b == b'\n').count(),
-        column: String::from_utf8_lossy(&before[line_start..])
-            .chars()
-            .count()
-            + 1,
-        message: format!(
-            "found the byte {byte:#04x}, allowed: text in UTF-8; save the file with that encoding"
-        ),
-    }
 }
 
 fn other_file(path: &Path, found: &str) -> MachineError {

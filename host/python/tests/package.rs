@@ -1,9 +1,9 @@
 //! The Python package, as it is installed: put together from the library that was built and the
 //! modules beside it, and tested by a Python with `tests/requirements.txt`.
 
-#[allow(dead_code, reason = "other test programs use the rest")]
-#[path = "../../tests/web/appearance.rs"]
-mod appearance;
+#[path = "../../tests/web/accessibility.rs"]
+mod accessibility;
+#[expect(dead_code, reason = "other test programs use the rest")]
 #[path = "../../tests/web/browser.rs"]
 mod browser;
 
@@ -155,11 +155,15 @@ fn look(browser: &mut Browser, page: &str) {
                 let wide = browser.value("document.documentElement.scrollWidth");
                 assert!(wide.as_u64() <= Some(u64::from(width)), "{wide} of {width}");
             }
-            appearance::keep(browser, &format!("{page}-{width}-{theme}"));
+            accessibility::keep(browser, &format!("{page}-{width}-{theme}"));
         }
         let back = browser.value("getComputedStyle(document.body).backgroundColor");
         assert_eq!(back == json!("rgb(20, 23, 26)"), theme == "dark", "{back}");
-        assert_eq!(appearance::violations(browser), [""; 0], "{page}, {theme}");
+        assert_eq!(
+            accessibility::violations(browser),
+            [""; 0],
+            "{page}, {theme}"
+        );
     }
 }
 

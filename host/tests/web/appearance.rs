@@ -1,36 +1,22 @@
-//! Checks of the page in a browser, for the tests of pages: pictures at several widths, in light
-//! and dark and on paper; overlaps and text that cannot be read; rules of accessibility (axe-core).
+//! Checks of a page in a browser: faults at several widths, in light and dark and on paper; overlaps
+//! and text that cannot be read.
 
-use std::path::{Path, PathBuf};
+#[path = "accessibility.rs"]
+mod accessibility;
 
-use serde_json::{Value, json};
+use std::path::Path;
 
+use serde_json::json;
+
+use self::accessibility::{folder, strings};
+pub use self::accessibility::{keep, violations};
 use crate::browser::Browser;
 
 /// Widths of a telephone, a tablet and a desk.
 const WIDTHS: [u32; 3] = [360, 1024, 1600];
 
-/// Of a picture, in pixels; below are further plots alike.
-const HIGHEST: f64 = 6000.0;
-
-/// The library of accessibility rules axe-core, from the npm registry, unchanged, with its licence beside it.
-const AXE: &str = include_str!("axe-4.14.1.min.js");
-
 /// 186 mm, between the margins of A4, in CSS pixels.
 const PRINTED_WIDTH: u32 = 703;
-
-/// Folder of the pictures; they stay after the test, to be looked at.
-fn folder() -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pages");
-    std::fs::create_dir_all(&folder).expect("a folder");
-    folder
-}
-
-/// Writes a picture of the page that is open under `name`.
-pub fn keep(browser: &mut Browser, name: &str) {
-    let path = folder().join(format!("{name}.png"));
-    std::fs::write(path, browser.picture(HIGHEST)).expect("written");
-}
 
 /// Asserts that the page that is open has no fault at any width, light and dark, and for people who do not see it
 /// well; and writes its pictures under `name`.
@@ -109,23 +95,4 @@ fn print(browser: &mut Browser, name: &str) {
 /// What cannot be read at the present size.
 pub fn faults(browser: &mut Browser) -> Vec<String> {
     strings(&browser.value(include_str!("appearance.js")))
-}
-
-/// Rules of accessibility that the page breaks, with impact serious or critical.
-pub fn violations(browser: &mut Browser) -> Vec<String> {
-    if browser.value("typeof axe") == "undefined" {
-        browser.value(&format!("{AXE};0"));
-    }
-    strings(&browser.value(
-        "axe.run(document, { resultTypes: ['violations'], preload: false }).then(({ violations }) => violations\
-         .filter(v => v.impact === 'serious' || v.impact === 'critical')\
-         .map(v => `${v.id}: ${v.help}: ${v.nodes.length} of ${v.nodes.slice(0, 3).map(n => n.html.slice(0, 160)).join(' ')}: ${v.nodes[0].failureSummary}`))",
-    ))
-}
-
-fn strings(list: &Value) -> Vec<String> {
-    let list = list.as_array().expect("a list");
-    list.iter()
-        .map(|text| text.as_str().expect("text").to_owned())
-        .collect()
 }
