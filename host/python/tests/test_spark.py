@@ -17,9 +17,10 @@ from simulated_archive import day_folder, day_name, made, make
 
 from loadtwin import archive, spark
 
-# As many as the figures of docs/scale.md have, or few. An archive that is there already may be given.
-MACHINES = int(os.environ.get("LOADTWIN_MACHINES", "6"))
-DAYS, SECONDS = (20, 30) if MACHINES >= 50 else (5, 10)
+# Machines, their days, and the length of a day [s]: short, as what is tested is how days are handed out and
+# continued. The length of the figures of docs/scale.md, or an archive that is there already, may be given.
+MACHINES, DAYS = 50, 20
+SECONDS = int(os.environ.get("LOADTWIN_DAY_SECONDS", "3"))
 ARCHIVE = os.environ.get("LOADTWIN_ARCHIVE")
 
 
