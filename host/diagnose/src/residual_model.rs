@@ -1,5 +1,6 @@
-//! Interface by which the diagnosis reads a recording of any machine kind: residual signals,
-//! nuisance parameters, regressors of effects, covariates.
+//! Defines `ResidualModel`, the interface by which the diagnosis reads a recording of any machine
+//! kind: residual signals, nuisance parameters, regressor columns of effects, covariates, shaft
+//! angles.
 
 use std::borrow::Cow;
 

@@ -1,5 +1,5 @@
-//! Effects found, for the report page: each with its place, size, error of the estimator before and after,
-//! alternatives, and the next recording.
+//! Builds the tables of the report page that show each effect found: place, parameters with 95 %
+//! interval, error of the estimator before and after, alternatives, and the next recording.
 
 use crate::Verdict;
 use crate::assessment::parameter_std::parameter_stds;

@@ -1,5 +1,5 @@
-//! JSON object of `diagnose --json`: verdict, effects found, ranking of candidates, excess and
-//! tests of residuals, innovations and check of the filter.
+//! Builds the JSON object of `diagnose --json`: verdict, effects found, ranking of candidates,
+//! excess and tests of residuals, innovations and check of the filter.
 
 use std::path::{Path, PathBuf};
 
