@@ -1,5 +1,6 @@
-//! Inverse dynamics of the torsional chain: torque of each shaft from the loads, inertias and
-//! friction on one side of it, its fast part from simulation; and the torque balance.
+//! Computes the torque of each shaft of a torsional chain from the loads, inertias and friction on
+//! one side of it (inverse dynamics), its fast part from simulation; and the torque balance of the
+//! whole chain.
 
 use std::ops::Range;
 
