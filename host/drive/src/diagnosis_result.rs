@@ -1,11 +1,11 @@
-//! Result types of the diagnosis of a drive, as `--json` has them: verdict, effects found,
-//! validation errors, refitted linear part.
+//! Defines the result types of the diagnosis of a drive, as `--json` has them: verdict, effects
+//! found, validation errors, refitted linear part.
 
 use serde::Serialize;
 
 use crate::Remainder;
 
-/// What is known after the loop is closed; the keys of `--json`.
+/// Result of the diagnosis of a drive; its fields are the keys of `--json`.
 #[derive(Debug, Serialize)]
 pub struct Diagnosis {
     /// `none`, `effect`, `effects`, `inseparable` or `unknown`.

@@ -1,6 +1,6 @@
-//! A recording of a drive: position, speed and acceleration by smoothing and differentiation,
-//! drive, loads and temperature; without outliers, and decimated below a cut-off frequency; split
-//! into a part for the fit and one held out.
+//! Reads a recording of a drive: removes outliers, computes position, speed and acceleration by
+//! smoothing and differentiation, and keeps drive, loads and temperature. Decimates signals below a
+//! cut-off frequency, and splits the recording into a part for the fit and one held out.
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,6 @@
-//! Effects that the balance of a drive may lack, one file each: their interface and list, the
-//! scales of recordings from which their shapes are chosen, and states of friction.
+//! Defines the interface of the effects that the balance of a drive may lack (`Effect`) and their
+//! list, one file each. Also computes the scales of recordings from which trial shapes are chosen,
+//! and the states of friction (Dahl's model).
 //!
 //! A new effect is one file and one line in [`EFFECTS`].
 
