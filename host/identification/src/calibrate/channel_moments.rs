@@ -1,5 +1,5 @@
-//! Sufficient statistics of a channel for the calibration fits: sums and products of load and
-//! reading over bins of the carrier angle, counts of missing and stuck readings.
+//! Accumulates the sufficient statistics of a channel for the calibration fits: sums and products
+//! of load and reading over 4096 bins of the carrier angle, counts of missing and stuck readings.
 
 use std::f64::consts::TAU;
 

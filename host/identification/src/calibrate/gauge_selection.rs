@@ -1,5 +1,5 @@
-//! Selection of gauges: Pareto fronts of large response and small error, then greedy choice by the
-//! information over the carrier angle.
+//! Selects gauges: finds the Pareto fronts of large response and small error, then chooses greedily
+//! by the information that each adds over the carrier angle.
 
 /// A gauge that could be used.
 #[derive(Clone, Debug)]

@@ -1,5 +1,6 @@
-//! Update of a gauge's sensitivity map: the node or the shift and spread with the least mean
-//! absolute error, with offset and gain by least squares.
+//! Updates a gauge's sensitivity map: chooses the node of its patch, or the shift and spread of the
+//! described map, with the least mean absolute error to the readings. Offset and gain are fitted by
+//! least squares.
 
 use std::f64::consts::TAU;
 

@@ -1,5 +1,5 @@
-//! `loadtwin calibrate` for a drivetrain: offset, sensitivity over the carrier angle, noise and
-//! faults of each channel, from recordings with reference loads.
+//! Calibrates a drivetrain (`loadtwin calibrate`): fits offset, sensitivity over the carrier angle,
+//! noise and faults of each channel to recordings with reference loads.
 //!
 //! Reads recordings in two passes, the motion first and then the readings,
 //! and keeps sums over the carrier angle instead of samples.

@@ -1,5 +1,5 @@
-//! Tuning of the noise of a rotor's filter: differential evolution on the objectives of Rezende et
-//! al. 2023, and maximum likelihood of the innovations.
+//! Tunes the noise of a rotor's filter: by differential evolution on the objectives of Rezende et
+//! al. 2023, and by maximum likelihood of the innovations.
 
 mod evaluation;
 mod filter_trial;
