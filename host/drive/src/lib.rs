@@ -29,8 +29,8 @@ mod improved_description;
 mod least_squares;
 mod noise_levels;
 mod outliers;
-mod page;
 mod remaining_residual;
+mod report_page;
 mod shape_std;
 mod significance;
 mod smoothed_motion;
@@ -45,8 +45,8 @@ pub use crate::diagnosis_result::{
     Alternative, BeforeAfter, Beyond, Diagnosis, Errors, Figure, FoundEffect, FoundEvidence,
     Linear, Parameters, Residuals, Validated,
 };
-pub use crate::page::page;
 pub use crate::remaining_residual::Remainder;
+pub use crate::report_page::page;
 
 use crate::candidate_effect::{Effect, Scale};
 use crate::design_matrix::{Dataset, OFFSET_PRIOR};

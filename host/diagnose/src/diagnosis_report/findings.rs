@@ -6,7 +6,7 @@ use crate::assessment::parameter_std::parameter_stds;
 use crate::candidate_effect::Scope;
 use crate::candidate_effect::fitted::FittedEffect;
 use crate::diagnosis::Diagnosis;
-use crate::diagnosis_report::shape_std::shape_stds;
+use crate::diagnosis_report::nonlinear_parameter_std::shape_stds;
 use crate::filter_check::FilterCheck;
 use crate::machine_kind::Diagnosable;
 use loadtwin_report::{EffectSize, Finding, Table};

@@ -2,7 +2,7 @@
 //! further gear, from the torques known from a recording (`DrivenChain`). Also the change of this
 //! response with uncertain stiffness, damping and inertia, and by vibrations at the start.
 
-use crate::drivetrain::backlash_response::BacklashSimulation;
+use crate::drivetrain::chain_simulation::BacklashSimulation;
 use crate::drivetrain::inserted_gear::with_gear;
 use loadtwin_design::gearbox::Torsion;
 use loadtwin_machine::{Drivetrain, Senses};
