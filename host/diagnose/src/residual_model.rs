@@ -136,7 +136,8 @@ pub trait ResidualModel: Clone + Send + Sync + 'static {
     /// Samples of signal `k` per independent sample.
     fn samples_per_independent(&self, k: usize) -> f64;
 
-    /// How far the mean of signal `k` is known to be off from recording to recording.
+    /// Prior standard deviation of the mean of signal `k`, which may differ from recording to
+    /// recording, in its unit; infinite where it may be anything.
     fn zero_std(&self, _: usize) -> f64 {
         f64::INFINITY
     }

@@ -41,11 +41,11 @@ pub struct Motion {
     pub temperature: Option<Vec<f64>>,
     /// Standard deviation of the smoothed position [rad, m].
     pub position_std: f64,
-    /// Travel of one turn.
+    /// Travel of one turn [rad, m].
     pub turn: Option<f64>,
     /// Whether the position is a recorded angle.
     pub is_angle: bool,
-    /// Values that jumped out alone and were left out.
+    /// Number of outliers that were left out.
     pub spikes: usize,
     /// Columns with the standard deviation of their white noise [the column's unit].
     pub noise: Vec<(String, f64)>,

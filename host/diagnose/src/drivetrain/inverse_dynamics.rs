@@ -20,7 +20,7 @@ pub(crate) struct ShaftTorques {
     pub response: Option<Response>,
 }
 
-/// Speed and acceleration of each inertia, referred.
+/// Speed [rad/s] and acceleration [rad/s^2] of each inertia, referred.
 pub(crate) struct InertiaMotion {
     /// Number of the encoder that measures it.
     pub encoder: Vec<usize>,

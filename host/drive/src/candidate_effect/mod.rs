@@ -84,9 +84,9 @@ pub static EFFECTS: &[&dyn Effect] = &[
 pub struct Scale {
     /// What a row is.
     pub regime: Regime,
-    /// Least and greatest position.
+    /// Least and greatest position (rad or m).
     pub span: (f64, f64),
-    /// Speed that one sample in twenty exceeds.
+    /// Speed that one sample in twenty exceeds (rad/s or m/s).
     pub speed: f64,
     /// Whether acceleration varies.
     pub accelerates: bool,
@@ -94,7 +94,7 @@ pub struct Scale {
     pub loads: usize,
     /// Mean temperature, where it is measured and varies (K).
     pub temperature: Option<f64>,
-    /// Travel of one turn.
+    /// Travel of one turn (rad or m).
     pub turn: Option<f64>,
     /// Whether the position is a recorded angle.
     pub is_angle: bool,

@@ -33,7 +33,7 @@ pub enum Method {
     Described,
     /// Differential evolution on two objectives, brought together by compromise.
     Evolution,
-    /// Largest likelihood of the innovations: needs no truth, and does not follow the noise.
+    /// Largest likelihood of the innovations; needs no reference of the loads.
     Likelihood,
 }
 
