@@ -1,5 +1,6 @@
-//! Course of a diagnosis from residuals and null samples to its result: selection, hold-out,
-//! residual tests, verdict, corrections and errors; with the types of input, result and failure.
+//! Runs a diagnosis on the residuals of recordings and their null samples (`DiagnosisInput`):
+//! selection of effects, hold-out, residual tests, verdict, corrections and errors. Defines its
+//! result (`Diagnosis`) and why it may fail (`DiagnoseError`).
 
 use std::path::PathBuf;
 

@@ -1,5 +1,6 @@
-//! Check of the estimator with the improved description against the original one, for each sensor
-//! set; effects that make a set worse are left out one by one.
+//! Runs the estimator with the original and with the improved description for each sensor set, and
+//! compares the errors of the loads or, without references, the likelihoods. While a set is worse,
+//! the effect that does the most harm is left out.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! Removal of effects that the estimator contradicts: with them no set of sensors estimates better,
+//! Removes effects that the estimator contradicts: with them no set of sensors estimates better,
 //! and some worse. The least significant one is moved to the negligible effects, one by one.
 
 use std::path::PathBuf;

@@ -1,4 +1,5 @@
-//! Run of the described filter on a recording: estimated loads and normalised innovations.
+//! Runs the described filter on a recording, and returns the estimated loads and the normalised
+//! innovations of each sensor.
 
 use std::path::Path;
 
@@ -9,7 +10,7 @@ use loadtwin_replay::ReplayError;
 /// Time at the start that does not count, in which the filter converges [s].
 const SETTLING_S: f64 = 2.0;
 
-/// A recording as the filter with one set of sensors sees it, sample by sample.
+/// Estimates of the filter with one set of sensors on a recording, sample by sample.
 pub(crate) struct Filtered {
     /// Each load of the machine in its own unit.
     pub loads: Vec<Vec<f64>>,

@@ -1,4 +1,5 @@
-//! Mean absolute errors of load or residual without and with the effects found, each with its
+//! Defines the errors that a diagnosis reports (`LoadErrors`): mean absolute error of load or
+//! residual (%) without and with the effects found. Computes each from sums over blocks, with its
 //! prediction interval from the variation between stretches of the recordings.
 
 use serde::Serialize;
@@ -8,12 +9,13 @@ use loadtwin_math::metrics::{Stretch, prediction_interval, relative_variance};
 /// Stretches of all recordings from whose differences the variation of an error is computed.
 const STRETCHES: usize = 16;
 
-/// A figure with the interval in which 95 of 100 are on other recordings as long.
+/// A mean absolute error with its 95 % prediction interval for other recordings as long.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Interval {
-    /// Mean absolute error [% of the nominal torque].
+    /// Mean absolute error: of a drivetrain in % of the nominal torque; of rotors and bearings the
+    /// residual in % of the mean displacement or strain. None where it is not known.
     pub value_percent: Option<f64>,
-    /// The interval; none where the recordings do not say how much the figure varies.
+    /// The interval (%); none where the recordings do not say how much the error varies.
     pub interval_percent: Option<[f64; 2]>,
 }
 

@@ -1,5 +1,6 @@
-//! `Diagnosable`, the interface of a machine kind to the diagnosis beyond its residual model:
-//! reading with null samples, writing of the improved description, errors, JSON keys and remarks.
+//! Defines `Diagnosable`, the interface of a machine kind to the diagnosis beyond its residual
+//! model: reading with null samples, writing of the improved description, errors, JSON keys and
+//! remarks.
 
 use std::path::{Path, PathBuf};
 
@@ -26,7 +27,7 @@ pub trait Diagnosable: ResidualModel {
     ) -> Result<DiagnosisInput<Self>, DiagnoseError>;
 
     /// Writes `machine` with the effects found to `path`; gives the names of those that the
-    /// line has no place for.
+    /// description has no place for.
     ///
     /// # Errors
     /// When a file cannot be read or written.

@@ -1,5 +1,5 @@
-//! Null samples, the residuals of the same machine and profile without any effect: their type, and
-//! their assembly from simulations block by block.
+//! Defines null samples, the residuals of the same machine and profile without any effect, and
+//! composes one from simulations: each block from one of them at random.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -9,8 +9,8 @@ use crate::residual_model::ResidualModel;
 /// Residuals without effect: `[null_sample][recording][signal]`, samples as in the recording.
 pub type NullSamples = Vec<Vec<Vec<Vec<f64>>>>;
 
-/// Each block from one of the simulations, `fault_free[simulation][signal]`, beside what the model
-/// has of a fault-free machine already.
+/// A null sample of `recording`: each block from one of the simulations at random,
+/// `fault_free[simulation][signal]`, plus the residual of the fault-free machine as described.
 pub(crate) fn resample_blocks<S: ResidualModel>(
     recording: &S,
     fault_free: &[Vec<Vec<f64>>],

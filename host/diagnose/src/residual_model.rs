@@ -1,5 +1,6 @@
-//! Interface by which the diagnosis reads a recording of any machine kind: residual signals,
-//! nuisance parameters, regressors of effects, covariates.
+//! Defines `ResidualModel`, the interface by which the diagnosis reads a recording of any machine
+//! kind: residual signals, nuisance parameters, regressor columns of effects, covariates, shaft
+//! angles.
 
 use std::borrow::Cow;
 
@@ -135,7 +136,8 @@ pub trait ResidualModel: Clone + Send + Sync + 'static {
     /// Samples of signal `k` per independent sample.
     fn samples_per_independent(&self, k: usize) -> f64;
 
-    /// How far the mean of signal `k` is known to be off from recording to recording.
+    /// Prior standard deviation of the mean of signal `k`, which may differ from recording to
+    /// recording, in its unit; infinite where it may be anything.
     fn zero_std(&self, _: usize) -> f64 {
         f64::INFINITY
     }

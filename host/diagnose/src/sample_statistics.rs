@@ -1,5 +1,5 @@
-//! Statistics of samples: mean, mean square, standard deviation, Gumbel quantile for thresholds,
-//! and standard deviation of the white noise in a signal.
+//! Computes statistics of samples: mean, mean square, standard deviation, Gumbel quantile for
+//! thresholds, and standard deviation of the white noise in a signal.
 
 /// Mean of the finite values; NaN where there are none.
 pub(crate) fn mean(values: impl Iterator<Item = f64>) -> f64 {

@@ -1,5 +1,5 @@
-//! Smoothing without delay: moving means, and low-pass and Wiener filters on the discrete cosine
-//! transform.
+//! Smooths signals without delay: by moving means, and by low-pass and Wiener filters on the
+//! discrete cosine transform.
 
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;

@@ -1,5 +1,5 @@
-//! Design matrix of the regression on a drive: decimated columns of the linear model and of effects
-//! over all recordings, with folds for cross-validation and stretches for significance.
+//! Builds the design matrix of the regression on a drive: decimated columns of the linear model and
+//! of effects over all recordings, with folds for cross-validation and stretches for significance.
 
 use rayon::prelude::*;
 

@@ -1,11 +1,11 @@
-//! Result types of the diagnosis of a drive, as `--json` has them: verdict, effects found,
-//! validation errors, refitted linear part.
+//! Defines the result types of the diagnosis of a drive, as `--json` has them: verdict, effects
+//! found, validation errors, refitted linear part.
 
 use serde::Serialize;
 
 use crate::Remainder;
 
-/// What is known after the loop is closed; the keys of `--json`.
+/// Result of the diagnosis of a drive; its fields are the keys of `--json`.
 #[derive(Debug, Serialize)]
 pub struct Diagnosis {
     /// `none`, `effect`, `effects`, `inseparable` or `unknown`.
@@ -14,7 +14,7 @@ pub struct Diagnosis {
     pub effects: Vec<FoundEffect>,
     /// For each effect, others that would do as well in its place.
     pub alternatives: Vec<Alternative>,
-    /// What would tell them apart.
+    /// The experiment that distinguishes them.
     pub next_experiment: Option<String>,
     /// Error on the validation recordings [% of the drive's RMS there].
     pub error: Errors,
@@ -27,7 +27,7 @@ pub struct Diagnosis {
     pub beyond: Vec<Beyond>,
     /// What to know of the recordings or the result before it is used.
     pub notes: Vec<String>,
-    /// Values that jumped out of their column alone and were left out.
+    /// Number of outliers that were left out.
     pub spikes: usize,
     /// The balance is evaluated below this (Hz).
     pub cutoff_hz: f64,
@@ -77,7 +77,7 @@ pub struct FoundEffect {
 /// Parameters of an effect.
 #[derive(Debug, Serialize)]
 pub struct Parameters {
-    /// See the effect's documentation.
+    /// Its shape: one number for each of `shape_names`.
     pub shape: Vec<f64>,
     /// Name of each number of the shape, with its unit.
     pub shape_names: Vec<String>,
@@ -141,9 +141,9 @@ pub struct Figure {
 pub struct Linear {
     /// [the drive's unit]
     pub offset: f64,
-    /// Per acceleration.
+    /// Drive per acceleration, in its unit per rad/s^2 or m/s^2.
     pub inertia: f64,
-    /// Per speed.
+    /// Drive per speed, in its unit per rad/s or m/s.
     pub drag: f64,
     /// Factor on each measured load.
     pub load_gains: Vec<f64>,

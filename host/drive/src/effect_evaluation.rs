@@ -1,5 +1,6 @@
-//! Evaluation of the effects selected for a drive: verdict, notes, parameters, and the errors of
-//! four models, the linear part as described and refitted, each without and with the effects.
+//! Evaluates the effects selected for a drive on the validation recordings: verdict, notes,
+//! parameters, and the errors of four models, the linear part as described and refitted, each
+//! without and with the effects.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! Gaussian-weighted smoothing of regular or irregular samples: local mean (half power at the
+//! Smooths regular or irregular samples with Gaussian weights: local mean (half power at the
 //! cut-off), local cubic fit with two derivatives (weighted Savitzky-Golay) and its noise gain.
 //! Zero-phase except at the ends.
 

@@ -1,5 +1,5 @@
-//! Writing of the improved description of a drive: linear part, effects and noise levels, in the
-//! table `[balance]` of the original text.
+//! Writes the improved description of a drive: linear part, effects and noise levels, in the table
+//! `[balance]` of the original text.
 
 use std::path::Path;
 

@@ -1,5 +1,6 @@
-//! Bayesian linear least squares with priors on the coefficients: columns grouped by effect,
-//! the fit on all data, and the errors on left-out folds.
+//! Fits the coefficients of columns with normal priors by least squares (Bayesian): on all data,
+//! and with each fold left out, whose squared errors it sums by stretch. Columns are grouped by
+//! effect.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};

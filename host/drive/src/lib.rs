@@ -1,6 +1,6 @@
-//! Diagnosis of a drive: identification of the effects that its balance of torque or force lacks,
-//! by regression on recordings. Here: request, error type, sequence, and the check of the
-//! effects that a description lists.
+//! Diagnoses a drive: identifies the effects that its balance of torque or force lacks, by
+//! regression on recordings. Here: request, error type, sequence, and the check of the effects that
+//! a description lists.
 //!
 //! `drive = offset + inertia a + drag v + sum_j gain_j load_j + effects + rest`.
 //! The linear part is what a description starts with; each effect is a physical
@@ -29,8 +29,8 @@ mod improved_description;
 mod least_squares;
 mod noise_levels;
 mod outliers;
-mod page;
 mod remaining_residual;
+mod report_page;
 mod shape_std;
 mod significance;
 mod smoothed_motion;
@@ -45,8 +45,8 @@ pub use crate::diagnosis_result::{
     Alternative, BeforeAfter, Beyond, Diagnosis, Errors, Figure, FoundEffect, FoundEvidence,
     Linear, Parameters, Residuals, Validated,
 };
-pub use crate::page::page;
 pub use crate::remaining_residual::Remainder;
+pub use crate::report_page::page;
 
 use crate::candidate_effect::{Effect, Scale};
 use crate::design_matrix::{Dataset, OFFSET_PRIOR};
@@ -123,7 +123,7 @@ pub struct Request<'a> {
     pub machine_out: Option<&'a Path>,
 }
 
-/// Closes the loop: finds what the balance lacks, and reports the error before and after.
+/// Finds the effects that the balance lacks, and reports the error before and after.
 ///
 /// # Errors
 /// When the recordings cannot be read or say too little.

@@ -1,5 +1,6 @@
-//! Levels for the tuning of a drive's estimator: RMS of the drive and of the model error, and the
-//! white noise of each column, estimated by third differences.
+//! Estimates the white noise of each recorded column of a drive by third differences, and defines
+//! the levels by which its estimator is tuned (`Levels`): this noise, and the RMS of the drive and
+//! of the model error.
 
 use crate::smoothed_motion::Motion;
 

@@ -1,4 +1,4 @@
-//! Removal of outliers from a sampled signal: single values far from the median of their neighbours
+//! Removes outliers from a sampled signal: single values far from the median of their neighbours
 //! become NaN (Hampel filter).
 
 /// Distance from the median, in ranges of the neighbours or usual distances, from which a value is

@@ -1,5 +1,6 @@
-//! Remaining residual of a drive's balance: its size, its correlation, and the part explained by
-//! position, speed, acceleration, time or load; whether an unknown effect acts.
+//! Describes the residual that remains of a drive's balance after the fit: its size (% of the
+//! drive's RMS), its autocorrelation, and the part of its variance that position, speed,
+//! acceleration, time or load explains. Decides whether an unknown effect acts.
 
 use serde::Serialize;
 

@@ -1,5 +1,5 @@
-//! Significance of the improvement of one model over another: reduction of the cross-validated
-//! error, and Student's t test over stretches of the recordings.
+//! Tests whether one model improves significantly on another: by the reduction of the
+//! cross-validated error, and by Student's t test over stretches of the recordings.
 
 use crate::least_squares::Fit;
 

@@ -1,6 +1,6 @@
-//! A recording of a drive: position, speed and acceleration by smoothing and differentiation,
-//! drive, loads and temperature; without outliers, and decimated below a cut-off frequency; split
-//! into a part for the fit and one held out.
+//! Reads a recording of a drive: removes outliers, computes position, speed and acceleration by
+//! smoothing and differentiation, and keeps drive, loads and temperature. Decimates signals below a
+//! cut-off frequency, and splits the recording into a part for the fit and one held out.
 
 use std::path::{Path, PathBuf};
 
@@ -41,11 +41,11 @@ pub struct Motion {
     pub temperature: Option<Vec<f64>>,
     /// Standard deviation of the smoothed position [rad, m].
     pub position_std: f64,
-    /// Travel of one turn.
+    /// Travel of one turn [rad, m].
     pub turn: Option<f64>,
     /// Whether the position is a recorded angle.
     pub is_angle: bool,
-    /// Values that jumped out alone and were left out.
+    /// Number of outliers that were left out.
     pub spikes: usize,
     /// Columns with the standard deviation of their white noise [the column's unit].
     pub noise: Vec<(String, f64)>,

@@ -1,6 +1,6 @@
-//! Stepwise selection of the effects that the balance of a drive lacks: addition of the best
-//! significant candidate or pair, refinement of shapes, elimination; alternatives to each effect,
-//! and the experiment that distinguishes them.
+//! Selects the effects that the balance of a drive lacks, stepwise: adds the best significant
+//! candidate or pair, refines shapes, eliminates. Also finds the alternatives to each effect, and
+//! the experiment that distinguishes them.
 
 use rayon::prelude::*;
 

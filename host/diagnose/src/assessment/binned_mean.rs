@@ -1,5 +1,6 @@
-//! Binned mean of a residual over a measured quantity: bins of equal count, the mean in each, and
-//! the part of the variance that these explain, by two-fold cross-validation.
+//! Bins a residual over a measured quantity into 24 bins of equal count, and computes its mean in
+//! each bin and the part of its variance that these means explain, by two-fold cross-validation
+//! over blocks. The residual tests and the empirical corrections use it.
 
 /// Number of bins.
 const BINS: usize = 24;

@@ -1,5 +1,6 @@
-//! Empirical correction of a reading: for each residual with an excess its binned mean over the
-//! covariate (not time) that explains most of its variance.
+//! Computes what may be subtracted from a reading without a known cause: for each residual with an
+//! excess, its binned mean over the covariate (not time) that explains most of its variance, at
+//! least 20 %. A diagnosis does this where its verdict is unknown.
 
 use serde::Serialize;
 
@@ -10,7 +11,7 @@ use crate::residual_model::{Covariate, ResidualModel, common_covariates};
 /// Part of a residual's mean square that a correction must take from blocks left out.
 const WORTH: f64 = 0.2;
 
-/// What may be subtracted from a reading, though nobody knows why.
+/// Values that may be subtracted from a reading over a covariate, without a known cause.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Correction {
     /// The residual.
@@ -30,8 +31,9 @@ pub struct Correction {
     pub subtract: Vec<f64>,
 }
 
-/// For each residual that is larger than a fault-free machine's the correction that explains most of it,
-/// where one explains enough. Time is no cause: what it explains is not there in the next recording.
+/// For each residual that is larger than a fault-free machine's the correction that explains most
+/// of it, where one explains enough. Time is no cause: what it explains is not there in the next
+/// recording.
 pub fn corrections<S: ResidualModel>(
     recordings: &[S],
     residual_excesses: &[ResidualExcess],

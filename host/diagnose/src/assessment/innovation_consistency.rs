@@ -1,5 +1,5 @@
-//! Consistency of the filter's innovations for each recording and sensor set: NIS with its bounds;
-//! bias, mean square and whiteness of each sensor.
+//! Runs the described filter with each sensor set on each recording and computes the consistency of
+//! its innovations: mean NIS with its 99 % bounds; bias, mean square and whiteness of each sensor.
 
 use std::path::{Path, PathBuf};
 

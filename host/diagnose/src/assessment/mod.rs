@@ -1,5 +1,6 @@
-//! Assessment of a diagnosis: excess and tests of the residuals, consistency of the innovations,
-//! standard deviations of parameters, empirical corrections, and the verdict.
+//! List of the modules that assess a diagnosis once effects are selected: excess and tests of the
+//! residuals, consistency of the innovations, standard deviations of linear parameters, empirical
+//! corrections, and the verdict.
 
 pub mod binned_mean;
 pub mod empirical_correction;

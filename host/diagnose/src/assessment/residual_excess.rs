@@ -1,5 +1,7 @@
-//! Statistics of each residual: its mean square before and after the effects found, relative to the
-//! null samples; time, concentration, frequency and order of what remains.
+//! Computes for each residual its variance before and after the effects found, over that of the
+//! null samples, and where the remaining residual lies: its concentration in time, the time of its
+//! largest half second (s), its root mean square frequency (Hz), and that as an order of the main
+//! shaft.
 
 use serde::Serialize;
 
@@ -12,18 +14,18 @@ use crate::selection::stepwise::Selection;
 pub struct ResidualExcess {
     /// The signal.
     pub channel: String,
-    /// Variance over that of the machine without effect, before the effects found.
+    /// Variance of the residual over that of the null samples, before the effects found.
     pub before: f64,
-    /// After the effects found.
+    /// The same after the effects found.
     pub after: f64,
-    /// Part of the residual in the tenth of the time where it is largest; 0.1 for one
-    /// spread evenly.
+    /// Part of the squares of the remaining residual in the tenth of the time where it is largest;
+    /// 0.1 for one spread evenly.
     pub concentration: f64,
-    /// Middle of the half second in which it is largest (s).
+    /// Middle of the half second in which it is largest, from the start of the first recording (s).
     pub at_s: f64,
-    /// Frequency around which most of it lies (Hz).
+    /// Its root mean square frequency (Hz).
     pub frequency_hz: f64,
-    /// The same per turn of the carrier at the mean speed.
+    /// The same per turn of the main shaft at the mean speed of the first recording.
     pub order: f64,
 }
 

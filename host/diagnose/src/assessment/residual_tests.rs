@@ -1,5 +1,6 @@
-//! Statistical tests of each residual: bias, autocorrelation, shaft orders, dependence on
-//! covariates and cross-correlation, with thresholds from the null samples.
+//! Tests each residual before and after the effects found: for bias, autocorrelation, shaft orders
+//! 1 to 12, dependence on covariates and cross-correlation. The thresholds are quantiles of the
+//! null samples, so that 1 % of fault-free machines have any significant test.
 
 use std::f64::consts::{PI, TAU};
 use std::fmt;

@@ -1,6 +1,7 @@
-//! Verdict of a diagnosis (no effect, named effects, effects that the data do not separate, or
-//! unknown) by the excess that remains; log-odds of faulty samples; search of an effect by its
-//! name; effects that the recordings cannot show.
+//! Decides the verdict of a diagnosis (no effect, named effects, effects that the data do not
+//! separate, or unknown) from the excess that remains, the residual tests and the number of faulty
+//! samples. Also here: log-odds of faulty samples, look-up of an effect by its name, and the list
+//! of effects that the recordings cannot show.
 //!
 //! The limits were set with benchmark seeds up to 243; 257 and 263 took no part (docs/lab/results.md).
 

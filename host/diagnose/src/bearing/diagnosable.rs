@@ -1,5 +1,6 @@
-//! `Diagnosable` and `ResidualModel` for bearings: recordings read as residuals, with names, units,
-//! noise, regressor columns, covariates and errors.
+//! Implements `Diagnosable` and `ResidualModel` for bearings: reads recordings as residuals of
+//! strain and cage slip, and gives their names, units, noise, regressor columns and covariates, and
+//! the mean absolute residual without and with the effects found.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -1,5 +1,6 @@
-//! Writing of the improved description of a bearing: its preload, where that was found to differ,
-//! and the path of its calibration.
+//! Writes the improved description of a bearing: the original text with the preload found and, in
+//! another folder, the absolute path of the calibration. Returns the names of the effects that the
+//! description has no place for.
 
 use std::path::Path;
 
@@ -9,7 +10,7 @@ use loadtwin_identification::calibrate::{CalibrateError, Description};
 use loadtwin_machine::Machine;
 
 /// Writes `machine` with the effects found to `path`; gives the names of the effects that the
-/// line has no place for.
+/// description has no place for.
 ///
 /// # Errors
 /// When a file cannot be read or written.

@@ -1,5 +1,6 @@
-//! Null samples of a bearing: residuals of simulated fault-free bearings of the same description,
-//! each with its own calibration, under the recorded loads and speed.
+//! Simulates fault-free bearings of the same description, calibrates each by its own simulated rig,
+//! and computes their residuals under the recorded loads and speed: the null samples. Their mean is
+//! subtracted from them and from the residuals of the recordings.
 
 use std::path::Path;
 

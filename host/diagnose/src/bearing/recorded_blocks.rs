@@ -1,5 +1,6 @@
-//! A recording of a bearing, block by block: readings with the ball-pass phases tracked, loads, and
-//! the speed from encoder counts.
+//! Tracks the ball-pass phases in a recording of a bearing, given its loads, and returns the blocks
+//! (100 per second) that could be followed, with loads and encoder speed of every block. Less than
+//! 15 s of tracked blocks are refused.
 
 use std::path::Path;
 

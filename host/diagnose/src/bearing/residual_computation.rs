@@ -1,5 +1,6 @@
-//! Residuals of strain and cage slip in one recording of a bearing: measurement minus the
-//! prediction of its calibration, with the drift of the offsets projected out.
+//! Computes the residuals of one recording of a bearing, block by block: bulk and local strain of
+//! each gauge and slip of each cage, minus the prediction of its calibration. The drift of the
+//! offsets, a cubic in time, is projected out.
 
 use std::f64::consts::{PI, TAU};
 

@@ -35,7 +35,8 @@ impl<S: ResidualModel> FittedEffect<S> {
     }
 }
 
-/// Whether a signal of the effect is free to explain anything.
+/// Whether the regressors of `effect` are estimated from the residuals themselves, so that they may
+/// explain anything.
 pub(crate) fn is_free_signal<S: ResidualModel>(recordings: &[S], effect: &dyn Effect<S>) -> bool {
     recordings.iter().any(|s| effect.free_degrees(s) > 0.0)
 }

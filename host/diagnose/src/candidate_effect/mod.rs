@@ -7,7 +7,7 @@ pub mod fitted;
 use crate::residual_model::ResidualModel;
 use loadtwin_machine::Machine;
 
-/// Whether an effect has its parameters in each channel or once for all.
+/// Whether an effect has its linear parameters in each residual signal or once for all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scope {
     /// Each signal has its own.
@@ -21,7 +21,7 @@ pub enum Scope {
 pub struct LinearParameter {
     /// Its name, with what it is a part of.
     pub name: &'static str,
-    /// Standard deviation that known errors have, in the same unit.
+    /// Prior standard deviation, in the same unit.
     pub prior_std: f64,
 }
 

@@ -1,12 +1,12 @@
-//! Effects found, for the report page: each with its place, size, error of the estimator before and after,
-//! alternatives, and the next recording.
+//! Builds the tables of the report page that show each effect found: place, parameters with 95 %
+//! interval, error of the estimator before and after, alternatives, and the next recording.
 
 use crate::Verdict;
 use crate::assessment::parameter_std::parameter_stds;
 use crate::candidate_effect::Scope;
 use crate::candidate_effect::fitted::FittedEffect;
 use crate::diagnosis::Diagnosis;
-use crate::diagnosis_report::shape_std::shape_stds;
+use crate::diagnosis_report::nonlinear_parameter_std::shape_stds;
 use crate::filter_check::FilterCheck;
 use crate::machine_kind::Diagnosable;
 use loadtwin_report::{EffectSize, Finding, Table};

@@ -1,5 +1,6 @@
-//! Report page of a diagnosis: verdict, effects found, check of the filter, plots of residuals before
-//! and after, ranking of candidates, tests of residuals and innovations.
+//! Builds the report page of a diagnosis: verdict, effects found, check of the filter, plots of the
+//! three main residuals before and after over each covariate, ranking of candidates, tests of
+//! residuals and innovations.
 
 use crate::assessment::verdict::cannot_show;
 use crate::candidate_effect::Scope;
@@ -18,8 +19,8 @@ use loadtwin_report::{
 /// Points of a plot.
 const POINTS: usize = 3000;
 
-/// Verdict, ranking, errors, and the residuals before and after over all that the recording
-/// shows.
+/// Verdict, ranking, errors, and the residuals before and after over each covariate of the first
+/// recording.
 pub fn page<S: Diagnosable>(
     machine: &Machine,
     recording: &str,

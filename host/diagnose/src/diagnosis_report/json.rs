@@ -1,5 +1,5 @@
-//! JSON object of `diagnose --json`: verdict, effects found, ranking of candidates, excess and
-//! tests of residuals, innovations and check of the filter.
+//! Builds the JSON object of `diagnose --json`: verdict, effects found, ranking of candidates,
+//! excess and tests of residuals, innovations and check of the filter.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use crate::assessment::verdict::{MIN_FAULT_LOG_ODDS, Verdict, cannot_show, fault
 use crate::candidate_effect::Scope;
 use crate::candidate_effect::fitted::FittedEffect;
 use crate::diagnosis::Diagnosis;
-use crate::diagnosis_report::shape_std::shape_stds;
+use crate::diagnosis_report::nonlinear_parameter_std::shape_stds;
 use crate::filter_check::FilterCheck;
 use crate::machine_kind::Diagnosable;
 use loadtwin_machine::Machine;

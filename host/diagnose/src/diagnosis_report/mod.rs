@@ -4,4 +4,4 @@
 mod findings;
 pub mod html_page;
 pub mod json;
-mod shape_std;
+mod nonlinear_parameter_std;

@@ -1,8 +1,8 @@
-//! Response of the torsional chain, with or without backlash or a further gear, to the torques
-//! known from a recording: torque and twist of each shaft, rows of encoders, sensitivities to
-//! uncertain parameters, and initial vibrations.
+//! Computes the torque and twist of each shaft of a torsional chain, with or without backlash or a
+//! further gear, from the torques known from a recording (`DrivenChain`). Also the change of this
+//! response with uncertain stiffness, damping and inertia, and by vibrations at the start.
 
-use crate::drivetrain::backlash_response::BacklashSimulation;
+use crate::drivetrain::chain_simulation::BacklashSimulation;
 use crate::drivetrain::inserted_gear::with_gear;
 use loadtwin_design::gearbox::Torsion;
 use loadtwin_machine::{Drivetrain, Senses};

@@ -1,5 +1,5 @@
-//! Common mode of the strain residuals: the weighted sum of their low-frequency parts; and removal
-//! of a described bending load, estimated from all strains by least squares.
+//! Computes the common mode of the strain residuals, the weighted sum of their parts below 0.6 Hz;
+//! and removes a described bending load from them, estimated from all strains by least squares.
 
 use crate::drivetrain::decimation::forward_filled;
 use crate::drivetrain::residual_signals::{DrivetrainResiduals, Kind, ResidualSignal};

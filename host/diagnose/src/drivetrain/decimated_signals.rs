@@ -1,5 +1,6 @@
-//! Decimated signals of a drivetrain recording from which regressors are computed, and the change
-//! of the shaft torques by a torque, gear or inertia that the model lacks.
+//! Holds the signals of a drivetrain recording from which regressors are computed, decimated to
+//! about 125 samples a second (`Signals`). Computes the change of the shaft torques by a torque,
+//! gear or inertia that the model lacks.
 
 use faer::Mat;
 

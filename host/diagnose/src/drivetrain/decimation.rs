@@ -1,5 +1,5 @@
-//! Resampling: decimation of signals and residuals by block means, periodic interpolation of maps
-//! over the angle, forward filling of missing values.
+//! Resamples: decimates signals and residuals by block means, interpolates maps over the angle
+//! linearly and periodically, and fills missing values with the last known one.
 
 /// Fewer samples: means of so many.
 pub(crate) struct Decimator {

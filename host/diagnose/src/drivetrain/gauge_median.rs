@@ -1,4 +1,6 @@
-//! Torque of a shaft by the median of its gauges, where no reference measures it.
+//! Estimates the torque of each shaft, sample by sample, as the weighted median of what its gauges
+//! give: reading less offset over the sensitivity at the carrier angle. Used where no reference
+//! measures the torque; a shaft needs at least three gauges.
 
 use std::borrow::Cow;
 

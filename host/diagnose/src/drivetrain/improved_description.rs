@@ -1,5 +1,6 @@
-//! Writing of the improved description of a drivetrain: effects found, as far as the estimator can
-//! model them, in the parameters of gauges, inertias, shafts, encoders and thermometer.
+//! Writes the improved description of a drivetrain and its maps: effects found, as far as the
+//! estimator can model them, in the parameters of gauges, inertias, shafts, encoders and
+//! thermometer. Returns the names of the effects that it cannot model.
 
 use std::path::Path;
 

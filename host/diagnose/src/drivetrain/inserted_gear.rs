@@ -1,5 +1,5 @@
-//! A drivetrain with one gear more: a shaft is split in two, and a small inertia between them is
-//! taken from its neighbours.
+//! Inserts a gear into a drivetrain: splits a shaft in two, and puts a small inertia between the
+//! halves that is taken from its neighbours.
 
 use loadtwin_machine::{Drivetrain, Inertia, Shaft};
 

@@ -1,5 +1,6 @@
-//! Inverse dynamics of the torsional chain: torque of each shaft from the loads, inertias and
-//! friction on one side of it, its fast part from simulation; and the torque balance.
+//! Computes the torque of each shaft of a torsional chain from the loads, inertias and friction on
+//! one side of it (inverse dynamics), its fast part from simulation; and the torque balance of the
+//! whole chain.
 
 use std::ops::Range;
 
@@ -19,7 +20,7 @@ pub(crate) struct ShaftTorques {
     pub response: Option<Response>,
 }
 
-/// Speed and acceleration of each inertia, referred.
+/// Speed [rad/s] and acceleration [rad/s^2] of each inertia, referred.
 pub(crate) struct InertiaMotion {
     /// Number of the encoder that measures it.
     pub encoder: Vec<usize>,

@@ -1,5 +1,6 @@
-//! Torques known from a recording, and the operating profile that a simulation
-//! needs to reproduce it.
+//! Gives the loads and drive torques that are known from a recording, by references (Wiener filter)
+//! or by channels, and the operating profile, torque and speed over time, by which a simulation
+//! repeats the recording.
 
 use crate::drivetrain::decimation::forward_filled;
 use crate::drivetrain::inverse_dynamics::InertiaMotion;
@@ -10,8 +11,8 @@ use loadtwin_design::gearbox::Torsion;
 use loadtwin_machine::{Drivetrain, Machine, Senses};
 use loadtwin_simulate::{Course, Demand};
 
-/// Width of the moving mean over which the speed is tracked when the same is
-/// done again [s]: short against torsional vibrations.
+/// Width of the moving mean over which the speed of the operating profile is computed [s]: short
+/// against torsional vibrations.
 const TRACKED_S: f64 = 0.02;
 
 /// Each load as its reference measures it, without its noise, or by a channel that senses the load
@@ -70,7 +71,7 @@ fn sensed(
     Some(forward_filled(&values))
 }
 
-/// What would have to be done to see the same again; none where the first
+/// Torque and speed over time by which a simulation repeats the recording; none where the first
 /// load is not known.
 pub(crate) fn operating_profile(
     drivetrain: &Drivetrain,

@@ -1,5 +1,6 @@
-//! Load error of a drivetrain by the strain residuals (weighted least squares over the gauges),
-//! without and with the effects found, as described and recalibrated.
+//! Computes the mean absolute load error of a drivetrain (% of nominal torque) from the strain
+//! residuals by weighted least squares over the gauges: without and with the effects found, as
+//! described and recalibrated. It is only known where the torque comes from references.
 
 use crate::candidate_effect::fitted::FittedEffect;
 use crate::drivetrain::residual_signals::{DrivetrainResiduals, Kind, TorqueSource};

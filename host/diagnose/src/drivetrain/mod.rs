@@ -1,9 +1,9 @@
 //! Diagnosis of drivetrains: residuals of gauges, torque balance and encoders given the shaft
 //! torque; list of its modules.
 
-pub mod backlash_response;
 pub mod candidate_effect;
 pub mod chain_response;
+pub mod chain_simulation;
 pub mod common_mode;
 pub mod decimated_signals;
 pub mod decimation;

@@ -1,5 +1,6 @@
-//! Null samples of a drivetrain: residuals of simulations without any effect under the recorded
-//! operating profile, with noise and with parameters within their tolerances.
+//! Simulates a drivetrain without any effect under the recorded operating profile, with noise and
+//! with parameters within their tolerances, and composes null samples of the residuals. Where it
+//! cannot be simulated, blocks of the residual itself with random signs take their place.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

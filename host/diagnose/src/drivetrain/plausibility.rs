@@ -1,5 +1,6 @@
-//! Plausibility of a recording: refusal where torque and speed are negligible, too few samples are
-//! known, the torque balance fails, or gauges have the opposite sign.
+//! Checks whether a drivetrain recording can be diagnosed, and returns the reason where it is
+//! refused: torque and speed are negligible, too few samples are known, the torque balance fails,
+//! or gauges have the opposite sign.
 
 use crate::drivetrain::decimated_signals::Signals;
 use crate::drivetrain::residual_signals::{DrivetrainResiduals, Kind, ResidualSignal};

@@ -1,5 +1,6 @@
-//! A drivetrain recording, sample by sample in SI units: channels, loads, angles referred to the
-//! main shaft, temperature rise; masks of stuck values and outliers; derivatives of angles.
+//! Reads a drivetrain recording, sample by sample in SI units: channels, loads, angles referred to
+//! the main shaft, temperature rise. Further functions mask stuck values and outliers, and compute
+//! speed and acceleration from an angle.
 
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -14,13 +15,13 @@ use loadtwin_recording::{Quantity, Reader, Role, Unit, Wanted, columns};
 /// Everything that a recording holds of a machine.
 pub(crate) struct DrivetrainRecording {
     pub dt_s: f64,
-    /// Carrier angle, continuous; NaN where it was not measured.
+    /// Carrier angle, continuous [rad]; NaN where it was not measured.
     pub angle: Vec<f64>,
-    /// Each load of the drivetrain in its own sign; NaN where it has no reference.
+    /// Each load of the drivetrain in its own sign [N m]; NaN where it has no reference.
     pub loads: Vec<Vec<f64>>,
-    /// Reading of each channel; NaN where missing, stuck or alone.
+    /// Reading of each channel [SI]; NaN where missing. Stuck values and outliers are in it.
     pub channels: Vec<Vec<f64>>,
-    /// Angle of each encoder, referred, from an arbitrary zero.
+    /// Angle of each encoder, referred, from an arbitrary zero [rad].
     pub encoders: Vec<Vec<f64>>,
     /// Temperature rise above the reference temperature [K].
     pub warming: Option<Vec<f64>>,

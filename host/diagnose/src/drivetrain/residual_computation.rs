@@ -1,5 +1,5 @@
-//! Residuals of one drivetrain recording, given the shaft torques: strains, torque balance, encoder
-//! angles, innovations; and the decimated signals from which effects are computed.
+//! Computes the residuals of one drivetrain recording, given the shaft torques: strains, torque
+//! balance, encoder angles, innovations; and the decimated signals from which effects are computed.
 
 use std::f64::consts::TAU;
 

@@ -1,5 +1,5 @@
-//! Reading of a drivetrain recording as residuals, measurement minus model output, given the torque
-//! by reference loads or else by the gauges; without either, as the innovations of the filter.
+//! Reads a drivetrain recording as residuals, measurement minus model output, given the torque by
+//! reference loads or else by the gauges; without either, as the innovations of the filter.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -32,7 +32,7 @@ const RATE_HZ: f64 = 125.0;
 /// Inertia of a gear that a description has in its neighbours, part of the smaller one's.
 const GEAR: f64 = 0.01;
 
-/// Reads `path` as residuals of today's `machine`, given the torque measured by the references
+/// Reads `path` as residuals of `machine` as described, given the torque measured by the references
 /// or, without them, estimated from the gauges together; where these are too few, as the
 /// innovations of the filter.
 ///
@@ -180,7 +180,7 @@ fn recording(
     })
 }
 
-/// What each gauge, the balance and the angles show beyond today's model.
+/// Residuals of each channel, the torque balance and the angles of further encoders.
 fn residuals(
     context: &RecordingContext<'_>,
     signals: &Signals,

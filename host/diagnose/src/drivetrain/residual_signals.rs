@@ -1,5 +1,6 @@
-//! Residual signals of a drivetrain recording, and the regressors of effects: offset, gain, torque,
-//! encoder error, lost motion or shaft response, with the column of each in every signal.
+//! Defines the residual signals of a drivetrain recording and the regressors of effects (offset,
+//! gain, resisting torque, encoder error, lost motion or shaft response), and computes the column
+//! of each regressor in every signal.
 
 use crate::drivetrain::chain_response::ShaftResponse;
 use crate::drivetrain::decimated_signals::Signals;
@@ -18,7 +19,7 @@ pub enum Kind {
     Balance,
     /// Angle of a further encoder against the first, less the twist (rad).
     Angle,
-    /// What a sensor says beyond what the filter expected, over its standard deviation.
+    /// Innovation of a sensor over its standard deviation.
     Innovation,
 }
 
@@ -133,7 +134,7 @@ pub struct DrivetrainResiduals {
     pub residuals: Vec<ResidualSignal>,
     /// Nominal twist of each shaft, referred (rad).
     pub twist: Vec<f64>,
-    /// What would have to be done to see the same again; none where the first
+    /// Torque and speed over time by which a simulation repeats the recording; none where the first
     /// load is not known.
     pub operating_profile: Option<Course>,
     /// Source of the torque.

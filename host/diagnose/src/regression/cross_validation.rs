@@ -1,5 +1,5 @@
-//! Data of the cross-validated regression: residuals and null samples in folds of blocks, with the
-//! normal equations of the base model and of candidates for each fold.
+//! Lays out residuals and null samples in folds of blocks for the cross-validated regression, and
+//! sums the normal equations of the base model and of candidates for each fold.
 //!
 //! For each signal and fold only sums of products are kept, so that leaving a
 //! fold out is a subtraction, and null samples of the null hypothesis are further

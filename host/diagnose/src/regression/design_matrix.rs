@@ -1,5 +1,6 @@
-//! Design matrix of all recordings: columns of nuisances and effects for each signal, with the
-//! prior standard deviations of their coefficients; subtraction of fitted columns from residuals.
+//! Builds the design matrix of all recordings: columns of nuisances and effects for each signal,
+//! with the prior standard deviations of their coefficients. Subtracts fitted columns from
+//! residuals.
 
 use std::mem::take;
 

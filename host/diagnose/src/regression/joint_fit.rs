@@ -1,5 +1,5 @@
-//! Joint least-squares fit of nuisances and effects in all signals, Gauss-Newton where an effect is
-//! nonlinear; and the residuals after it.
+//! Fits nuisances and effects in all signals together by least squares, with Gauss-Newton steps
+//! where an effect is nonlinear, and computes the residuals after them.
 
 use faer::Mat;
 

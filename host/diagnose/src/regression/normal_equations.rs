@@ -1,5 +1,5 @@
-//! Normal equations of regularised least squares: Gram matrices for each fold, ridge solution,
-//! cross-validated error and Schur complement.
+//! Solves regularised least squares by normal equations: sums Gram matrices for each fold, and
+//! computes ridge solution, cross-validated error and Schur complement.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};

@@ -1,5 +1,5 @@
-//! Cross-validated least squares of a candidate whose parameters all signals share, and the
-//! overdispersion of each signal by the null samples.
+//! Fits a candidate whose parameters all signals share by cross-validated least squares, and
+//! estimates the overdispersion of each signal from the null samples.
 
 use faer::Mat;
 

@@ -1,5 +1,6 @@
-//! `Diagnosable` and `ResidualModel` for rotors: recordings read as residuals, with noise,
-//! regressor columns orthogonal to the unbalance, covariates, errors and remarks.
+//! Implements `Diagnosable` and `ResidualModel` for rotors: reads recordings as residuals of
+//! displacement (m), and gives their noise, regressor columns orthogonal to the unbalance,
+//! covariates, errors and remarks.
 
 use std::path::{Path, PathBuf};
 

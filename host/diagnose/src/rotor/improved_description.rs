@@ -1,5 +1,6 @@
-//! Writing of the improved description of a rotor: effects found, in the offset, runout and
-//! sensitivity of channels and in the stiffness of bearings.
+//! Writes the improved description of a rotor: effects found, in the offset, runout and sensitivity
+//! of channels and in the stiffness of bearings. Returns the names of the effects that the
+//! description has no place for.
 
 use std::path::Path;
 
@@ -10,7 +11,7 @@ use loadtwin_identification::calibrate::{CalibrateError, Description};
 use loadtwin_machine::Machine;
 
 /// Writes `machine` with the effects found to `path`; gives the names of the effects that the
-/// line has no place for.
+/// description has no place for, or whose place the recordings do not determine.
 ///
 /// # Errors
 /// When a file cannot be read or written.

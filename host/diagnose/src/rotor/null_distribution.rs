@@ -1,5 +1,5 @@
-//! Null samples of a rotor: residuals of simulated fault-free rotors with parameters within their
-//! tolerances, under the recorded motion and the fitted unbalance.
+//! Simulates fault-free rotors with parameters within their tolerances, under the recorded motion
+//! and the fitted unbalance, and composes null samples from their residuals.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

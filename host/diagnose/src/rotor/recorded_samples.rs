@@ -1,5 +1,6 @@
-//! A recording of a rotor: readings of the sensors; angle, speed and acceleration of the shaft from
-//! smoothed encoder counts or, without an encoder, from the described speed.
+//! Reads a recording of a rotor, 60 000 samples at most: readings of the sensors (m); angle, speed
+//! and acceleration of the shaft from smoothed encoder counts or, without an encoder, from the
+//! described speed.
 
 use std::f64::consts::TAU;
 use std::path::Path;

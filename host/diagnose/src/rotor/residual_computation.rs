@@ -1,7 +1,7 @@
-//! Residuals of one rotor recording, with unbalances, initial motion and uncertain parameters
-//! projected out after repeated linearisation about the estimates of these parameters; the
-//! responses to forces from which effects are computed; and the difference of the residuals from
-//! those with a changed rotor.
+//! Computes the residuals of one rotor recording: unbalances, initial motion and uncertain
+//! parameters are projected out, linearised repeatedly about the estimates of these parameters.
+//! Also the responses to forces from which effects are computed, and the difference of the
+//! residuals from those with a changed rotor.
 
 use std::sync::Arc;
 

@@ -1,6 +1,6 @@
-//! Parameters of a rotor that are known only within a tolerance (modulus and damping of the shaft,
-//! stiffness and damping of bearings, stiffness of acceleration): list, tolerance, and change of
-//! the description.
+//! Lists the parameters of a rotor that are known only within a tolerance (modulus and damping of
+//! the shaft, stiffness and damping of bearings, stiffness of acceleration) with their tolerances,
+//! and changes them in a description.
 
 use loadtwin_machine::Rotor;
 

@@ -1,5 +1,5 @@
-//! Ranking of candidate effects by log-evidence above a threshold from the null samples: on a grid
-//! of nonlinear parameters, then refined by search.
+//! Ranks candidate effects by log-evidence above a threshold from the null samples: all on a grid
+//! of nonlinear parameters, the best refined by search.
 
 use std::borrow::Cow;
 use std::cmp::Ordering;

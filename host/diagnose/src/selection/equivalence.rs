@@ -1,5 +1,5 @@
-//! Equivalence of candidates: choice of the simplest among those that explain the data alike, and
-//! which of them the data do not distinguish.
+//! Chooses the simplest among candidates that explain the data alike, and decides which candidates
+//! the data do not distinguish from it.
 
 use std::cmp::Ordering;
 

@@ -1,5 +1,5 @@
-//! Validation of the effects found on hold-out recordings: a further effect that does not reduce
-//! the residuals there is removed.
+//! Validates the effects found on hold-out recordings: removes a further effect that does not
+//! reduce the residuals there.
 
 use crate::candidate_effect::fitted::FittedEffect;
 use crate::regression::joint_fit::{fit_jointly, residuals_after, subtract_effects};

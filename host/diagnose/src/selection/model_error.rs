@@ -1,5 +1,6 @@
-//! Model errors of the effects found: residuals of imperfect models, discounted from the evidence
-//! of a further candidate.
+//! Estimates the model errors of the effects found, the residuals that imperfect models leave, and
+//! discounts them from the evidence of a further candidate. Also computes the part of an excess
+//! that a candidate explains.
 
 use crate::candidate_effect::fitted::{FittedEffect, is_free_signal};
 use crate::candidate_effect::{Effect, Scope};

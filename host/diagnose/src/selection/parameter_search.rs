@@ -1,5 +1,5 @@
-//! Search of the nonlinear parameters of one effect for the highest cross-validated evidence, by a
-//! pattern search from the best point of the grid.
+//! Searches the nonlinear parameters of one effect, one after another, for the highest
+//! cross-validated evidence, by a pattern search from the best point of the grid.
 
 use crate::candidate_effect::{Effect, NonlinearParameter};
 use crate::regression::cross_validation::{BaseModel, RegressionData};

@@ -1,5 +1,5 @@
-//! Relevance of an effect: its largest root mean square over a block in any signal, as part of the
-//! reading at nominal load.
+//! Decides whether an effect is relevant: its largest root mean square over a block in any signal
+//! must exceed a part of the reading at nominal load, 0.3 % by default.
 
 use crate::candidate_effect::fitted::FittedEffect;
 use crate::regression::design_matrix::columns;

@@ -1,5 +1,5 @@
-//! Score of a candidate fitted beside the terms already in the model: cross-validated log-evidence,
-//! excess and linear parameters.
+//! Scores a candidate effect fitted beside the terms already in the model: cross-validated
+//! log-evidence for the residual and each null sample, excess, and linear parameters.
 
 use crate::candidate_effect::{Effect, Scope};
 use crate::regression::cross_validation::{BaseModel, RegressionData};

@@ -1,5 +1,5 @@
-//! Stepwise selection: the best significant effect is added, superfluous ones are eliminated; and
-//! its result (`Selection`).
+//! Selects effects stepwise, three at most: adds the best significant effect, and eliminates
+//! superfluous ones. Defines the result (`Selection`).
 
 use crate::candidate_effect::Effect;
 use crate::candidate_effect::fitted::{FittedEffect, is_free_signal};

@@ -1,4 +1,5 @@
-//! Candidate effect: Coulomb friction, a constant torque or force against the motion.
+//! Candidate effect: Coulomb friction, a constant torque or force against the motion. Column: the
+//! sign of the motion, which builds up over a short distance or fades at rest.
 
 use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, ShapeUnit, friction_state};
 

@@ -1,4 +1,5 @@
 //! Candidate effect: viscous friction (drag) that differs between forward and backward motion.
+//! Column: the absolute speed.
 
 use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, each};
 

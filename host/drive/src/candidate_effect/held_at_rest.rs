@@ -1,5 +1,6 @@
 //! Candidate effect, a constant load that the drive carries in motion only: at rest a brake or a
-//! self-locking screw holds it.
+//! self-locking screw holds it. Column: 1 in motion, falling to 0 at rest over a speed found by
+//! search.
 
 use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, ShapeUnit, each};
 

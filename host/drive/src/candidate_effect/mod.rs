@@ -1,5 +1,6 @@
-//! Effects that the balance of a drive may lack, one file each: their interface and list, the
-//! scales of recordings from which their shapes are chosen, and states of friction.
+//! Defines the interface of the effects that the balance of a drive may lack (`Effect`) and their
+//! list, one file each. Also computes the scales of recordings from which trial shapes are chosen,
+//! and the states of friction (Dahl's model).
 //!
 //! A new effect is one file and one line in [`EFFECTS`].
 
@@ -83,9 +84,9 @@ pub static EFFECTS: &[&dyn Effect] = &[
 pub struct Scale {
     /// What a row is.
     pub regime: Regime,
-    /// Least and greatest position.
+    /// Least and greatest position (rad or m).
     pub span: (f64, f64),
-    /// Speed that one sample in twenty exceeds.
+    /// Speed that one sample in twenty exceeds (rad/s or m/s).
     pub speed: f64,
     /// Whether acceleration varies.
     pub accelerates: bool,
@@ -93,7 +94,7 @@ pub struct Scale {
     pub loads: usize,
     /// Mean temperature, where it is measured and varies (K).
     pub temperature: Option<f64>,
-    /// Travel of one turn.
+    /// Travel of one turn (rad or m).
     pub turn: Option<f64>,
     /// Whether the position is a recorded angle.
     pub is_angle: bool,

@@ -1,4 +1,4 @@
-//! Candidate effect: drag in proportion to a power of the speed other than 1.
+//! Candidate effect: drag in proportion to a power of the speed other than 1, from 0.33 to 3.
 
 use crate::candidate_effect::{Effect, Motion, Scale, ShapeParameter, ShapeUnit, each};
 

@@ -1,4 +1,5 @@
-//! Parameters of an effect's shape: name and unit of each.
+//! Defines a shape parameter of an effect, a number that its columns are not linear in: its name,
+//! the kind of its unit, and its label with the unit that it has in a balance (rad or m).
 
 use loadtwin_machine::Balance;
 

@@ -1,5 +1,5 @@
-//! Candidate effect: friction that falls with speed as `exp(-(|v|/v_s)^d)`, d 1 or 2 (Stribeck), and
-//! either builds up over a distance after a reversal or fades at rest.
+//! Candidate effect: friction that falls with speed as `exp(-(|v|/v_s)^d)`, d 1 or 2 (Stribeck),
+//! and either builds up over a distance after a reversal or fades at rest.
 
 use crate::candidate_effect::{
     Effect, Motion, Scale, ShapeParameter, ShapeUnit, each, friction_state, geometric, times,

@@ -1,5 +1,5 @@
-//! Sufficient statistics of a channel for the calibration fits: sums and products of load and
-//! reading over bins of the carrier angle, counts of missing and stuck readings.
+//! Accumulates the sufficient statistics of a channel for the calibration fits: sums and products
+//! of load and reading over 4096 bins of the carrier angle, counts of missing and stuck readings.
 
 use std::f64::consts::TAU;
 
@@ -12,11 +12,11 @@ pub const BINS: usize = 4096;
 pub struct Sums {
     /// Number of samples.
     pub n: f64,
-    /// What is sensed.
+    /// What is sensed: torque, load or speed (SI).
     pub s: f64,
     /// Its square.
     pub ss: f64,
-    /// The reading.
+    /// The reading (SI), less the origin.
     pub y: f64,
     /// Its square.
     pub yy: f64,

@@ -1,6 +1,6 @@
-//! Edits of a machine description (TOML) that keep its comments and format: setting, insertion and
-//! removal of fields. Writers of the description and of the file of maps: functions of the carrier
-//! angle, one column for each channel.
+//! Edits a machine description (TOML) and keeps its comments and format: sets, inserts and removes
+//! fields. Writes the description, and the file of maps: functions of the carrier angle, one column
+//! for each channel.
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,5 @@
-//! Inputs of the calibration fit of one channel, delayed as the channel is: carrier angle,
-//! nonlinear load term with its gain by temperature, and zero shift by creep, hysteresis and
+//! Computes the inputs of the calibration fit of one channel, delayed as the channel is: carrier
+//! angle, nonlinear load term with its gain by temperature, and zero shift by creep, hysteresis and
 //! temperature.
 
 use std::borrow::Cow;

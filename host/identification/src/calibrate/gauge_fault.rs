@@ -1,5 +1,6 @@
-//! Faults of gauges in a calibration: missing, stuck, dead,
-//! wrong sign, wrong gain, swapped with another gauge.
+//! Detects faults of gauges in a calibration: missing, stuck, dead, wrong sign or wrong gain, by
+//! counts of readings, fitted gain and R^2; and gauges that are swapped, by the misfit to each
+//! other's maps.
 
 use std::fmt;
 

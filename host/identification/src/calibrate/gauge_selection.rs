@@ -1,14 +1,14 @@
-//! Selection of gauges: Pareto fronts of large response and small error, then greedy choice by the
-//! information over the carrier angle.
+//! Selects gauges: finds the Pareto fronts of large response and small error, then chooses greedily
+//! by the information that each adds over the carrier angle.
 
 /// A gauge that could be used.
 #[derive(Clone, Debug)]
 pub struct Candidate {
     /// Number of the channel in the machine.
     pub channel: usize,
-    /// Magnitude of the sensitivity, `|f_T|`.
+    /// Magnitude of the sensitivity, `|f_T|` (reading in SI per unit sensed).
     pub response: f64,
-    /// Mean absolute error of simulated against measured readings.
+    /// Mean absolute error of simulated against measured readings (SI).
     pub mae: f64,
     /// `m^2 / sigma^2` over the carrier angle, in as many bins for each gauge.
     pub information: Vec<f64>,

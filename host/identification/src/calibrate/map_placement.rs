@@ -1,5 +1,6 @@
-//! Update of a gauge's sensitivity map: the node or the shift and spread with the least mean
-//! absolute error, with offset and gain by least squares.
+//! Updates a gauge's sensitivity map: chooses the node of its patch, or the shift and spread of the
+//! described map, with the least mean absolute error to the readings. Offset and gain are fitted by
+//! least squares.
 
 use std::f64::consts::TAU;
 
@@ -15,7 +16,7 @@ const SPREADS: [f64; 7] = [0.0, 0.01, 0.02, 0.04, 0.08, 0.12, 0.2];
 /// A gauge's model after the update.
 #[derive(Clone, Debug)]
 pub struct Placement {
-    /// Reading at zero load.
+    /// Reading at zero load (SI).
     pub offset: f64,
     /// Factor on the described sensitivity.
     pub gain: f64,
@@ -25,11 +26,11 @@ pub struct Placement {
     pub spread_rad: f64,
     /// The node of its patch that fits best, where the machine gives maps of such nodes.
     pub node: Option<String>,
-    /// Mean absolute error over the carrier angle with the described model.
+    /// Mean absolute error over the carrier angle with the described model (SI).
     pub mae_before: f64,
     /// The same after the update.
     pub mae: f64,
-    /// Sensitivity over the carrier angle after the update.
+    /// Sensitivity over the carrier angle after the update (reading in SI per unit sensed).
     pub map: Vec<f64>,
 }
 

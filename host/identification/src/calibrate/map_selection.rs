@@ -1,4 +1,4 @@
-//! Choice between two sensitivity maps of a gauge by two-fold cross-validation over carrier turns:
+//! Chooses between two sensitivity maps of a gauge by two-fold cross-validation over carrier turns:
 //! the described map, shifted and widened to fit (placed), or a map fitted to readings (measured).
 
 use crate::calibrate::Patch;

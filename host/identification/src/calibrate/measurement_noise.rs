@@ -1,4 +1,5 @@
-//! Measurement noise of a channel over bins of the carrier angle, from the residuals of its model.
+//! Computes the measurement noise of a channel over 128 bins of the carrier angle from the errors
+//! of its model: their standard deviation plus twice their mean, plain and scaled by the reading.
 
 use std::path::PathBuf;
 
@@ -8,7 +9,7 @@ use loadtwin_machine::Machine;
 /// Bins of the carrier angle.
 pub const NOISE_BINS: usize = 128;
 
-/// Standard deviation of a channel about its model, over bins of the carrier angle.
+/// Standard deviation of a channel about its model (SI), over bins of the carrier angle.
 #[derive(Clone, Debug)]
 pub struct MeasurementNoise {
     /// `sigma* = 2 |mean error| F + std of the error`, eq. (17).

@@ -1,14 +1,14 @@
-//! `loadtwin calibrate` for a drivetrain: offset, sensitivity over the carrier angle, noise and
-//! faults of each channel, from recordings with reference loads.
+//! Calibrates a drivetrain (`loadtwin calibrate`): fits offset, sensitivity over the carrier angle,
+//! noise and faults of each channel to recordings with reference loads.
 //!
 //! Reads recordings in two passes, the motion first and then the readings,
 //! and keeps sums over the carrier angle instead of samples.
 
+mod calibrated_machine;
 mod channel_moments;
 mod description_edits;
 mod fit_inputs;
 mod gauge_fault;
-mod gauge_model;
 mod gauge_selection;
 mod map_placement;
 mod map_selection;
@@ -22,10 +22,10 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use thiserror::Error;
 
+pub use crate::calibrate::calibrated_machine::{calibrated, maps_beside, with_noise};
 pub use crate::calibrate::channel_moments::{BINS, Moments, Sums};
 pub use crate::calibrate::description_edits::{Description, DescriptionError, map_file};
 pub use crate::calibrate::gauge_fault::GaugeFault;
-pub use crate::calibrate::gauge_model::{calibrated, maps_beside, with_noise};
 pub use crate::calibrate::gauge_selection::{Candidate, fronts, select};
 pub use crate::calibrate::map_placement::{Placement, fine};
 pub use crate::calibrate::map_selection::MapSource;

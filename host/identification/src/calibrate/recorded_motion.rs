@@ -1,5 +1,5 @@
-//! Carrier angle, speeds and loads of a recording over time, referred to the carrier, and what each
-//! channel senses by them: shaft torque, load, speed or drive torque.
+//! Reads carrier angle, speed and reference loads of a recording over time, referred to the
+//! carrier, and computes from them what each channel senses: shaft torque, load or speed.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;

@@ -1,5 +1,5 @@
-//! Report page of a calibration: ranking of gauges, surfaces over torque and angle, simulated
-//! against measured sensitivity, Pareto fronts of the gauge selection.
+//! Builds the report page of a calibration: ranking of gauges, surfaces over torque and angle,
+//! simulated against measured sensitivity, Pareto fronts of the gauge selection.
 
 use crate::calibrate::{BINS, Candidate, Gauge, MapSource, Observations, fine, fronts};
 use loadtwin_machine::{Channel, Machine};

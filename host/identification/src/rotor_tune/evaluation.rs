@@ -1,5 +1,5 @@
-//! Evaluation of a rotor's description on a recording, as `loadtwin replay` has it: mean NIS,
-//! largest displacement error, NMAE of each load.
+//! Replays a recording with a rotor's description, and computes its figures as `loadtwin replay`
+//! has them: mean NIS, largest displacement error (um), NMAE of each load (%).
 
 use std::collections::BTreeMap;
 use std::path::Path;

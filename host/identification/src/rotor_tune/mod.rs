@@ -1,5 +1,5 @@
-//! Tuning of the noise of a rotor's filter: differential evolution on the objectives of Rezende et
-//! al. 2023, and maximum likelihood of the innovations.
+//! Tunes the noise of a rotor's filter: by differential evolution on the objectives of Rezende et
+//! al. 2023, and by maximum likelihood of the innovations.
 
 mod evaluation;
 mod filter_trial;
@@ -33,7 +33,7 @@ pub enum Method {
     Described,
     /// Differential evolution on two objectives, brought together by compromise.
     Evolution,
-    /// Largest likelihood of the innovations: needs no truth, and does not follow the noise.
+    /// Largest likelihood of the innovations; needs no reference of the loads.
     Likelihood,
 }
 

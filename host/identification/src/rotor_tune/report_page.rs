@@ -1,4 +1,5 @@
-//! Report page of the tuning of a rotor: chosen noise and evaluation of each method side by side.
+//! Builds the report page of the tuning of a rotor: chosen noise and evaluation of each method side
+//! by side.
 
 use crate::rotor_tune::{Choice, Evaluation};
 use loadtwin_machine::Machine;

@@ -1,5 +1,5 @@
-//! Differential evolution (Storn and Price, DE/rand/1/bin): minimisation of a function over a box
-//! without gradients or a start.
+//! Minimises a function over a box, without gradients or a start, by differential evolution (Storn
+//! and Price, DE/rand/1/bin).
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

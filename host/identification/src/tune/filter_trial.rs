@@ -1,5 +1,5 @@
-//! Trial runs of a drivetrain's estimator with a given load noise on recordings in memory:
-//! likelihood of the innovations, innovation and solution norm, load error.
+//! Runs a drivetrain's estimator with a given load noise on recordings in memory, and computes the
+//! likelihood of the innovations, innovation and solution norm, and the error of the loads.
 
 use loadtwin_common::drivetrain::{GearboxModel, Role};
 use loadtwin_common::estimator::Estimator;

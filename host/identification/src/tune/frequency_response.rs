@@ -1,5 +1,6 @@
-//! Closed-loop frequency response from true to estimated loads at one carrier angle, and the load
-//! noise that brings it close to 1 below and to 0 above a cut-off frequency, in two weightings.
+//! Computes the closed-loop frequency response from true to estimated loads at one carrier angle,
+//! and tunes the load noise that brings it close to 1 below and to 0 above a cut-off frequency, in
+//! two weightings.
 
 use std::f64::consts::TAU;
 

@@ -1,5 +1,6 @@
-//! Hold-out non-inferiority test of tuned against described noise: measured R with the tuned random
-//! walks of the loads, and where these are refused, measured R with the described walks.
+//! Tests on hold-out data whether tuned noise is shown to be no worse than described noise
+//! (non-inferiority): measured R with the tuned random walks of the loads, and where these are
+//! refused, measured R with the described walks.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -54,8 +55,9 @@ impl Check {
 }
 
 impl Holdout<'_> {
-    /// Evaluates the set called `name` with measured R, and with `walks` of the loads by name
-    /// [N m/sqrt(s)] where it is tuned; where those make it worse, with its described walks.
+    /// Evaluates the set called `name` with measured R and `walks` of the loads by name (in
+    /// N m/sqrt(s)); where there are none, or they are not shown to make it no worse, with measured
+    /// R and its described walks.
     ///
     /// # Errors
     /// When a machine or a recording cannot be used.

@@ -1,5 +1,5 @@
-//! Random walks of a drivetrain's loads by six methods: frequency response in two weightings,
-//! innovation norm, L-curve, likelihood, error to reference loads.
+//! Tunes the random walks of a drivetrain's loads by six methods: frequency response in two
+//! weightings, innovation norm, L-curve, likelihood, error to reference loads.
 
 use std::f64::consts::TAU;
 
@@ -114,9 +114,9 @@ pub fn common_walk(estimated: &[&[f64]]) -> Vec<f64> {
     (0..loads).map(of_load).collect()
 }
 
-/// Tunes the load noise of `machine` with `sensors` by `methods`; the methods that
-/// try run the estimator on `training`, from the described noise or from that of [`Method::Frf`],
-/// whichever is better.
+/// Tunes the load noise of `machine` with `sensors` by `methods`. All but the frequency responses
+/// run the estimator on `training`; their search starts from the described noise or from that of
+/// [`Method::Frf`], whichever is better, the L-curve from the latter.
 ///
 /// # Errors
 /// When the cut-off is out of range, a recording cannot be used, or the

@@ -1,5 +1,6 @@
-//! `loadtwin tune` for a drivetrain: process noise of the parameters, random walks of the loads,
-//! measurement noise, hold-out comparison; two minimisers; the error type.
+//! List of the modules of `loadtwin tune` for a drivetrain, and its error type: process noise of
+//! the parameters, random walks of the loads, measurement noise, hold-out comparison, two
+//! minimisers.
 
 mod differential_evolution;
 mod filter_trial;

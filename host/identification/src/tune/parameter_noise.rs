@@ -1,4 +1,4 @@
-//! Process noise of a drivetrain as the sample covariance over
+//! Computes the process noise of a drivetrain as the sample covariance of its process error over
 //! random draws of its parameters (Monte Carlo).
 
 use faer::Mat;

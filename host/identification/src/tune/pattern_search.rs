@@ -1,5 +1,5 @@
-//! Pattern search (Hooke and Jeeves, exploratory moves): minimisation of a function of a few
-//! parameters from a start, without gradients.
+//! Minimises a function of a few parameters from a start, without gradients, by pattern search
+//! (Hooke and Jeeves, exploratory moves).
 
 use rayon::prelude::*;
 

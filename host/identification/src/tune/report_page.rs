@@ -1,5 +1,5 @@
-//! Report page of `loadtwin tune` for a drivetrain: hold-out comparison, load noise, frequency
-//! response, measurement noise of the channels.
+//! Builds the report page of `loadtwin tune` for a drivetrain: hold-out comparison, load noise,
+//! frequency response, measurement noise of the channels.
 
 use crate::tune::{Check, MeasurementNoise, NOISE_BINS, Tuned};
 use loadtwin_machine::Machine;

@@ -1,5 +1,6 @@
-//! Recordings to tune on, the part of each that is used (the remainder is held out), and the
-//! reading of their first samples into memory: raw samples and reference loads.
+//! Reads the first samples of recordings to tune on into memory, 20 000 of each at most: raw
+//! samples and reference loads. `Training` gives the part of each that is used; the remainder is
+//! held out.
 
 use std::path::PathBuf;
 

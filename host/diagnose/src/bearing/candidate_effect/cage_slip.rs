@@ -1,5 +1,5 @@
 //! Candidate effect, cage slip: each cage is slower than with rolling balls, by a constant part of
-//! its rate.
+//! its rate. Regressor: minus the predicted rate of the cage, in the slip residual of its row.
 
 use crate::bearing::{BearingResiduals, Kind};
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, Scope};

@@ -1,5 +1,6 @@
 //! Candidate effect, loose or dead gauge: from a moment on a gauge loses part or all of its
-//! response, and its offset jumps.
+//! response, and its offset jumps. Regressors: minus the predicted response of the gauge, and a
+//! step, both after the moment; gauge and moment are found by search.
 
 use loadtwin_common::bearing::GAUGES;
 

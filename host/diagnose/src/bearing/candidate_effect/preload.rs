@@ -1,5 +1,6 @@
-//! Candidate effect, preload other than calibrated, by setting or wear: the change of strains and
-//! cage rates that the bearing model predicts.
+//! Candidate effect, preload other than calibrated, by setting or wear. Regressor: the change of
+//! strains and cage rates that the bearing model predicts for a changed preload, over that change.
+//! The improved description gets the preload found.
 
 use crate::bearing::{BearingResiduals, BearingTarget, Kind};
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, Scope};

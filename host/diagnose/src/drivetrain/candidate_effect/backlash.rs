@@ -1,6 +1,6 @@
-//! Candidate effect, backlash: lost motion in the mesh of a shaft. Change of the shaft torques that
-//! the chain with a gap carries; where its loads are not known, a jump of the twist with the sign
-//! of the torque.
+//! Candidate effect, backlash: lost motion in the mesh of a shaft. Regressor: change of the shaft
+//! torques and twists in a simulation with the gap; where its loads are not all known, a jump of
+//! the twist with the sign of the torque. Shaft and gap are found by search.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::drivetrain::candidate_effect::friction::SETS_OFF;

@@ -1,5 +1,5 @@
-//! Candidate effect, bending load: a slow load other than torque that all strain channels measure,
-//! estimated for each channel from the others.
+//! Candidate effect, bending load: a slow load other than torque that all strain channels measure.
+//! Regressor of each channel: the weighted mean of the other channels' residuals below 0.6 Hz.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, Scope};
 use crate::drivetrain::candidate_effect::{GaugeModel, one_shape};

@@ -1,5 +1,5 @@
-//! Candidate effect, delay of a strain channel: difference between its reading shifted in time and
-//! the reading itself.
+//! Candidate effect, delay of a strain channel. Regressor: its predicted reading shifted in time,
+//! minus that reading itself; the shift is found by search.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::drivetrain::candidate_effect::{GaugeModel, each};

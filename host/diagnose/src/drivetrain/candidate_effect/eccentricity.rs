@@ -1,4 +1,6 @@
 //! Candidate effect, eccentricity of an encoder disc: an angle error once per revolution.
+//! Regressors: the contributions of its cosine, its sine and a constant to encoder angles, torque
+//! balance and strains.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::drivetrain::candidate_effect::order_regressors::fourier_pair;

@@ -1,5 +1,6 @@
-//! Candidate effect, friction at one inertia that the model lacks: Coulomb, Stribeck, viscous,
-//! load-dependent or presliding.
+//! Candidate effects, friction that the model lacks at one inertia or between two neighbours:
+//! Coulomb, Stribeck, viscous, load-dependent or presliding. Regressor: the resisting torque by its
+//! law and the measured motion, as it shows in the torque balance and the strains.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::drivetrain::decimated_signals::Signals;
@@ -14,7 +15,8 @@ const BODY: NonlinearParameter = NonlinearParameter {
     logarithmic: false,
 };
 
-/// The same of friction that two neighbouring inertias share: 0.3 is 70 % on the first and 30 % on the second.
+/// The same of friction that two neighbouring inertias share: 0.3 is 70 % on the first and 30 % on
+/// the second.
 const PLACE: NonlinearParameter = NonlinearParameter { step: 0.3, ..BODY };
 
 /// Distance from one inertia, in steps from one to the next, within which the friction acts on it
@@ -31,7 +33,8 @@ pub(crate) const SETS_OFF: NonlinearParameter = NonlinearParameter {
     logarithmic: false,
 };
 
-/// How sharply it reverses at standstill: a regularisation, not a physical parameter.
+/// Speed over which the torque changes sign about standstill: a regularisation, not a physical
+/// parameter.
 const REGULARISATION: NonlinearParameter = NonlinearParameter {
     name: "speed below which it creeps",
     unit: "part of nominal",
@@ -50,7 +53,7 @@ pub struct Friction {
     law: Law,
 }
 
-/// How a friction hangs on the motion.
+/// Dependence of the friction torque on the motion.
 enum Law {
     /// Dry: it holds the inertia at standstill. Speeds in parts of nominal, angles of the main shaft.
     Dry(fn(&[f64]) -> loadtwin_machine::Friction),
@@ -344,7 +347,7 @@ impl Friction {
         both.is_some()
     }
 
-    /// Where in its shape it says how sharply it turns about.
+    /// Index of the regularisation speed among the nonlinear parameters.
     fn regularisation(&self) -> Option<usize> {
         self.info
             .nonlinear

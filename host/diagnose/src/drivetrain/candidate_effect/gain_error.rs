@@ -1,4 +1,5 @@
 //! Candidate effect, gain error: a gauge responds more or less than described, in proportion.
+//! Regressor: its predicted reading.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, Scope};
 use crate::drivetrain::candidate_effect::{GaugeModel, one_shape};

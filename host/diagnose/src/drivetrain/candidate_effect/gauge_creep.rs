@@ -1,4 +1,5 @@
-//! Candidate effect, creep of a gauge: a slow response to a constant load.
+//! Candidate effect, creep of a gauge: a slow response to a constant load. Regressor: the torque
+//! after a first-order lag, whose time constant is found by search.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::drivetrain::candidate_effect::{GaugeModel, each};

@@ -1,5 +1,6 @@
 //! Candidate effect, gauge at another carrier angle than described: its strain map is shifted and
-//! has another gain.
+//! has another gain. Regressors: minus the slope of its predicted reading over the angle, and the
+//! reading at the shifted angle.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, Scope};
 use crate::drivetrain::candidate_effect::{GaugeModel, one_shape};

@@ -1,5 +1,6 @@
-//! Effects of drivetrains, one file each, and the model of a gauge that they change. A new effect
-//! is its `impl` and a line in `LIBRARY`.
+//! Lists the candidate effects of drivetrains (`LIBRARY`), one file each, and defines `GaugeModel`,
+//! the parameters of a gauge that they change in the improved description. A new effect is its
+//! `impl` and a line in `LIBRARY`.
 
 mod backlash;
 mod bending_load;

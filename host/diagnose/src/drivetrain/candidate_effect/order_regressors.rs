@@ -1,5 +1,6 @@
-//! Cosine and sine of an order of the carrier angle, with the attenuation by the mean over each
-//! decimated sample: regressors that several effects share.
+//! Computes the cosine and sine of an order of the carrier angle for each decimated sample,
+//! attenuated as the mean over its raw samples attenuates them: regressors that several effects
+//! share.
 
 use crate::candidate_effect::LinearParameter;
 use crate::drivetrain::residual_signals::DrivetrainResiduals;

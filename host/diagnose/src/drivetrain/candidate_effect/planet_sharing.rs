@@ -1,5 +1,6 @@
-//! Candidate effect, unequal load sharing between planets: a gauge under passing planets responds
-//! by a cosine and sine of the carrier angle more or less.
+//! Candidate effect, unequal load sharing between planets: the sensitivity of a gauge under passing
+//! planets varies with the cosine and sine of the carrier angle. Regressors: these times its
+//! predicted reading. Only for gauges whose strain map has narrow peaks.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, Scope};
 use crate::drivetrain::candidate_effect::order_regressors::fourier_pair;

@@ -1,5 +1,6 @@
 //! Candidate effect, torsional resonance: a gear with inertia of its own between two inertias,
-//! whose vibration the model lacks.
+//! whose vibration the model lacks. Regressor: change of the shaft torques and twists in a
+//! simulation with that gear; its shaft and inertia are found by search.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::drivetrain::candidate_effect::backlash::SHAFT;

@@ -1,5 +1,5 @@
-//! Candidate effect, sudden change of a strain channel that persists: a step of its offset, or of
-//! its gain (debonding).
+//! Candidate effects, sudden change of a strain channel that persists: a step of its offset, or of
+//! its gain (debonding), at a moment that is found by search.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::drivetrain::candidate_effect::{GaugeModel, each};

@@ -1,5 +1,5 @@
 //! Candidate effect, torque ripple (cogging): a torque on one inertia that depends on the angle,
-//! cosine and sine of one order per turn of the main shaft.
+//! cosine and sine of one order per turn of the main shaft. Inertia and order are found by search.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::drivetrain::candidate_effect::order_regressors::fourier_pair;

@@ -1,4 +1,5 @@
-//! Candidate effect: gain error of one displacement sensor.
+//! Candidate effect: gain error of one displacement sensor. Regressor: what it reads of the
+//! unbalance that explains the readings best; the sensor is found by search.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::residual_model::SignalSet;

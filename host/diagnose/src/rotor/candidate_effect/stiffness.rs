@@ -1,5 +1,6 @@
 //! Candidate effect, stiffness of a bearing other than described: a factor along x and one along y,
-//! found by search.
+//! found by search. Regressor: residuals as described less those with the changed stiffness, each
+//! after its own fit of the unbalance.
 
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, NonlinearParameter, Scope};
 use crate::residual_model::SignalSet;

@@ -1,5 +1,5 @@
-//! Transfer of fitted offsets, sensitivities and noise of gauges into the machine, its map files
-//! and its written description.
+//! Transfers fitted offsets, sensitivities and noise of gauges into the machine and its map files,
+//! and writes the gauges that changed into its description.
 
 use std::path::{Path, PathBuf};
 

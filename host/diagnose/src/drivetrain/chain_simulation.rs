@@ -1,5 +1,6 @@
-//! Simulation of a torsional chain, with or without backlash, under known torques and the measured
-//! rigid motion; encoders correct the twist within the backlash (alpha-beta filter).
+//! Simulates the torque and twist of each shaft of a torsional chain, with or without backlash,
+//! under known torques and the measured rigid motion. Encoders on both sides of a shaft correct its
+//! twist within the backlash (alpha-beta filter).
 
 use faer::Mat;
 

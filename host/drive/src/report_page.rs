@@ -1,5 +1,5 @@
-//! Report page of a diagnosis of a drive: verdict, effects found, errors, and plots of the
-//! remaining residual in the recordings that took no part in the fit.
+//! Builds the report page of a diagnosis of a drive: verdict, effects found, errors, and plots of
+//! the remaining residual in the recordings that took no part in the fit.
 
 use loadtwin_machine::{Balance, Machine, Regime};
 use loadtwin_report::{
