@@ -1,5 +1,6 @@
-//! Effects injected into the simulated drivetrain and its sensors that the estimator's model
-//! lacks: their list, parsing with target and strength, and application.
+//! Injects effects that the estimator's model lacks into the simulated drivetrain and its sensors,
+//! for `loadtwin simulate --effect`: list of all effects, parsing of name, target and strength, and
+//! application to plant, gauges and encoders.
 
 mod bending;
 mod data_faults;
