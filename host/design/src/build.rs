@@ -1,5 +1,6 @@
-//! Model image of a machine description with a set of sensors, as `loadtwin build` writes it:
-//! dispatch on the kind of machine.
+//! Builds the payload of a model image for a machine and a sensor set, as `loadtwin build` and
+//! `replay` use it: calls the design module of the machine's kind (drivetrain, rotor, bearing,
+//! drive).
 
 pub use crate::error::BuildError;
 pub use crate::sensor_set::{Filter, Sensors};

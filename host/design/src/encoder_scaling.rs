@@ -1,4 +1,5 @@
-//! Conversion of a described encoder and index pulse to the integer scaling of the model image.
+//! Converts encoder and index pulse of a description to the integers of the model image: a count
+//! and the pulse's angle become 64-bit fractions of a revolution.
 
 use std::f64::consts::TAU;
 
@@ -7,7 +8,8 @@ use loadtwin_common::signal::phase::{Phase, PhaseStep};
 
 use loadtwin_machine::{Encoder, Index};
 
-/// The encoder as the line counts it, where its inertia turns `ratio` times as fast as the angle.
+/// The encoder as the estimator counts it, where its inertia turns `ratio` times as fast as the
+/// angle.
 pub(crate) fn counter(encoder: &Encoder, ratio: f64) -> EncoderScaling {
     EncoderScaling {
         step: phase_step(1.0 / (encoder.counts_per_turn * ratio)),
@@ -15,7 +17,8 @@ pub(crate) fn counter(encoder: &Encoder, ratio: f64) -> EncoderScaling {
     }
 }
 
-/// The pulse as the line has it, which latches encoder `number` of the set; none of a set without.
+/// The pulse as the estimator has it, which latches encoder `number` of the set; `encoder`: that
+/// encoder, none in a set without encoders.
 pub(crate) fn pulse(index: &Index, number: u8, encoder: Option<&Encoder>) -> IndexPulse {
     let eccentricity = encoder.and_then(|encoder| encoder.eccentricity);
     IndexPulse {

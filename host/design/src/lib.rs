@@ -1,5 +1,6 @@
-//! Design of estimators: machine description to model image, calibration of bearings, and
-//! finite-element strains to strain maps; list of its modules.
+//! Designs estimators: computes the model image that the microcontroller runs from a machine
+//! description, calibrates bearings, and reduces finite-element strains to strain maps. This file
+//! only lists the modules.
 //!
 //! [`build`] is the entry; one module for each machine kind has its mathematics.
 //! [`reduce`] makes strain maps from a finite-element model.

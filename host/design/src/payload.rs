@@ -1,5 +1,5 @@
-//! Serialisation of a model and the machine's name, rate and
-//! CAN identifier to the payload of an image.
+//! Serialises a model with the machine's name, sample rate and CAN identifier to the payload bytes
+//! of a model image (postcard).
 
 use loadtwin_common::image::{Image, Model, VERSION};
 

@@ -1,5 +1,6 @@
-//! Sensors of an estimator: channels and encoders of a sensor set, checks of their number and
-//! homing; kind of the filter.
+//! Chooses the channels and encoders that an estimator uses, by the name of a sensor set in the
+//! description, and the kind of filter (`Sensors`, `Filter`). Refuses more sensors than a sample
+//! carries, and maps over an angle that no index pulse homes.
 
 use std::collections::BTreeMap;
 

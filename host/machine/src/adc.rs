@@ -1,5 +1,6 @@
-//! Analogue-to-digital converter of a channel: scale, zero, word length, and the number of equal
-//! words in a row that counts as stuck; the word for a reading.
+//! Defines the description of a channel's analogue-to-digital converter (`adc`): scale, zero, word
+//! length. Converts a reading to its word, and computes from the noise after how many equal words
+//! in a row the channel counts as stuck.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,5 +1,6 @@
-//! Maps over the carrier angle in CSV, one column for each channel: reader, writer, resampling;
-//! sensitivity and noise of a channel over the angle.
+//! Reads, writes and resamples CSV files of functions over the carrier angle, one column for each
+//! channel. Gives sensitivity, maps of candidate nodes and noise of a channel over the angle, in SI
+//! units.
 
 use std::io::Write;
 use std::path::Path;

@@ -1,5 +1,6 @@
-//! Description of a measured drive without strain gauges: balance of forces, recorded signals,
-//! effects, and their checks.
+//! Defines the description of a drive whose torque or force is recorded together with its motion
+//! (`[balance]`): balance of forces, recorded signals with gain and noise, effects that
+//! `loadtwin diagnose` found. Checks its fields.
 
 use std::collections::HashSet;
 

@@ -1,5 +1,6 @@
-//! Description of a double-row wheel bearing: geometry, stiffness, preload, load ranges, gauges,
-//! filter tuning, and their checks.
+//! Defines the description of a double-row wheel bearing (`[bearing]`): geometry, stiffness,
+//! preload, ring compliance, load ranges, gauges, filter tuning. Checks its fields, and computes
+//! the axial approach by the preload.
 
 use std::path::PathBuf;
 

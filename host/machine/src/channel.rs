@@ -1,5 +1,6 @@
-//! Description of an analogue channel: what it senses, sensitivity, conversion of words to
-//! readings, delay, drift, creep, hysteresis, temperature response, runout; and of reference and
+//! Defines the description of an analogue channel (`[[channel]]`): what it senses, sensitivity,
+//! noise, errors (drift, creep, hysteresis, delay, temperature, runout). Converts words to readings
+//! and back; computes creep, hysteresis, lags and warming over time. Also defines reference and
 //! auxiliary columns.
 
 use std::borrow::Cow;

@@ -1,5 +1,6 @@
-//! What a recording's column of an analogue channel holds: words of the converter, output of its
-//! bridge, or readings.
+//! Determines from the unit of a recording's column what it holds of an analogue channel: words of
+//! the converter, output of its bridge (V/V), or readings. Converts its values to readings in SI
+//! units.
 
 use crate::channel::Channel;
 use loadtwin_recording::{Column, Quantity, Unit};

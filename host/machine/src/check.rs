@@ -1,5 +1,5 @@
-//! Validation of a machine description: ranges of fields, and
-//! names that refer to other parts of the description.
+//! Checks a whole machine description after it is read: ranges of fields, and names that refer to
+//! other parts of it. Gives the first field that is not allowed, as a `Violation`.
 
 use std::collections::HashSet;
 

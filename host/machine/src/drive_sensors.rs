@@ -1,5 +1,6 @@
-//! Conversion of the recorded signals of a drive to channels and encoders of the estimator:
-//! gain, resolution, noise.
+//! Converts the recorded signals of a drive to channels, encoder and reference column, so that its
+//! recordings are read as those of other machines. Computes resolution and noise of signals whose
+//! description gives none.
 
 use std::f64::consts::TAU;
 

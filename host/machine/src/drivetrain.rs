@@ -1,5 +1,6 @@
-//! Description of a torsional drivetrain as a chain of lumped inertias and elastic shafts with
-//! unknown loads; its checks, nominal values, and quantities referred to the main shaft.
+//! Defines the description of a torsional drivetrain (`[drivetrain]`): a chain of lumped inertias
+//! and elastic shafts with one or two unknown loads. Checks its fields, and computes nominal values
+//! and quantities referred to the main shaft.
 
 use std::collections::BTreeMap;
 

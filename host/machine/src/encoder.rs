@@ -1,5 +1,6 @@
-//! Description of counting encoders and of the index pulse (latched count or level), with their
-//! checks; the hardware counter at an angle; the error of an eccentric encoder disc over the angle.
+//! Defines the description of counting encoders (`[[encoder]]`) and of the index pulse (`[index]`),
+//! and checks their fields. Computes the value of the hardware counter at an angle, and the angle
+//! error of an eccentric encoder disc.
 
 use std::f64::consts::TAU;
 

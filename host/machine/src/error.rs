@@ -1,5 +1,5 @@
-//! Errors of a machine description, each with file, line and field: `MachineError`, and
-//! `Violation` of a single rule.
+//! Errors of a machine description: `Violation` of a single rule, and `MachineError` with file,
+//! line and field. Finds the line of a field in the TOML text.
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,6 @@
-//! Dry friction of an inertia: Coulomb, load-dependent and Stribeck torque with pre-sliding. Fields
-//! of the description, their checks, the torque over a given motion; frictions scaled and added.
+//! Defines the description of an inertia's dry friction (Coulomb, load-dependent, Stribeck,
+//! pre-sliding), and checks its fields. Computes the torque over a given motion, refers it to
+//! another shaft, and adds two frictions.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,5 +1,6 @@
-//! Description of the planetary stage, helical stages and bearings
-//! of a gearbox, and the checks of its teeth and bearings.
+//! Defines the description of a gearbox's planetary stage, helical stages and shaft bearings
+//! (`[drivetrain.gears]`), from which `loadtwin reduce` computes forces on the housing. Checks
+//! teeth and bearings, and computes ratio and pitch radii.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

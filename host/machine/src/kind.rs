@@ -1,5 +1,6 @@
-//! Kind of a machine (drivetrain, rotor, bearing, drive), and
-//! its loads by name, unit and nominal value.
+//! Finds the kind of a machine (drivetrain, rotor, bearing, drive) by the table that its
+//! description has, and lists its loads with name, unit and nominal value in the order of the
+//! estimates.
 
 use super::{BEARING_LOADS, Balance, Bearing, Drivetrain, Estimated, Machine, Rotor};
 use loadtwin_recording::Unit;

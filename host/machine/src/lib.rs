@@ -1,5 +1,6 @@
-//! Machine description in TOML (`Machine`): sensor sets, segments and tuning; loading with
-//! validation, sensors by role, and the paths of the files that it names.
+//! Reads a machine description from TOML and checks it (`Machine::load`). This file defines its top
+//! level, sensor sets, segments and tuning, and finds sensors by role and the paths of named files.
+//! The modules define the parts.
 //!
 //! Every unknown field is refused. Fields are checked for their range by
 //! [`Machine::load`], and each error names the file, the line, the field and

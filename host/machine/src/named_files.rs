@@ -1,4 +1,6 @@
-//! Search for the files that a description names in any field, and for those that these name.
+//! Lists the existing files that a description names in any field, and those that these name in
+//! turn where they are TOML, for checksums, archives and the protection of inputs from being
+//! overwritten.
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,5 @@
-//! Reader of rotor models saved by ROSS, a Python package for rotordynamics: shaft, discs and
-//! bearings from TOML or JSON.
+//! Reads shaft, discs and bearings of a rotor from a model that ROSS, a Python package for
+//! rotordynamics, saved as TOML or JSON. Refuses elements that loadtwin's rotor model lacks.
 
 use std::path::Path;
 

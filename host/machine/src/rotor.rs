@@ -1,5 +1,6 @@
-//! Description of a flexible rotor: shaft sections, materials, discs, unknown forces with their
-//! random walk, model reduction, noise levels, range of speeds, and their checks.
+//! Defines the description of a flexible rotor (`[rotor]`): shaft sections, materials, discs,
+//! unknown forces with their random walk, model reduction, range of speeds. Checks its fields, and
+//! computes the bank of noise levels of the filter and usual random walks.
 
 use std::path::PathBuf;
 

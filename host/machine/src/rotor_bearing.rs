@@ -1,5 +1,5 @@
-//! Bearings of a rotor: stiffness and damping matrices, constant or as tables over speed, and
-//! their checks.
+//! Defines the description of a rotor's bearings: stiffness and damping matrices, constant or as
+//! tables over speed, interpolated linearly. Checks that together they hold the shaft.
 
 use nalgebra::{Matrix2, Matrix4};
 use schemars::JsonSchema;

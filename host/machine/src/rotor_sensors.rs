@@ -1,4 +1,5 @@
-//! Checks of a rotor's sensors: displacement channels, shaft encoder, index pulse.
+//! Checks the sensors of a rotor's description: displacement channels (node, unit, range, runout),
+//! shaft encoder, index pulse, and a sample rate above two samples a turn.
 
 use loadtwin_common::rotor::WAVES;
 

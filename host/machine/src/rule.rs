@@ -1,16 +1,19 @@
-//! Checks of single fields of a description: range, sign, allowed and unique names. A failed check
-//! gives the field, the value found and what is allowed.
+//! Checks single fields of a description: range, sign, allowed and unique names. Each function
+//! gives a `Violation` with the field, the value found and what is allowed.
 
 use std::fmt::Display;
 
 use super::error::Violation;
 
+/// Result of a check: nothing, or the field that is not allowed.
 pub(super) type Checked = Result<(), Violation>;
 
+/// The names of all items, by which other parts of the description refer to them.
 pub(super) fn names<T>(items: &[T], name: impl Fn(&T) -> &String) -> Vec<&str> {
     items.iter().map(|item| name(item).as_str()).collect()
 }
 
+/// Refuses a field with the value `found`.
 pub(super) fn refuse(field: &str, found: impl Display, allowed: &str) -> Checked {
     Err(Violation {
         field: field.into(),
@@ -19,6 +22,7 @@ pub(super) fn refuse(field: &str, found: impl Display, allowed: &str) -> Checked
     })
 }
 
+/// Refuses a field unless `is`.
 pub(super) fn within(field: &str, found: impl Display, is: bool, allowed: &str) -> Checked {
     if is {
         Ok(())
@@ -71,6 +75,7 @@ pub(super) fn range(field: &str, value: f64, least: f64, most: f64) -> Checked {
     )
 }
 
+/// Refuses a name that is not among the allowed ones.
 pub(super) fn one_of(field: &str, name: &str, allowed: &[&str]) -> Checked {
     within(
         field,
@@ -80,6 +85,7 @@ pub(super) fn one_of(field: &str, name: &str, allowed: &[&str]) -> Checked {
     )
 }
 
+/// Refuses the first name that stands twice in `names` of an array of tables.
 pub(super) fn unique(table: &str, names: &[&str]) -> Checked {
     for (i, name) in names.iter().enumerate() {
         let first = names[..i].iter().all(|other| other != name);
@@ -93,6 +99,7 @@ pub(super) fn unique(table: &str, names: &[&str]) -> Checked {
     Ok(())
 }
 
+/// Names with commas, for a message.
 pub(super) fn listed(names: &[&str]) -> String {
     if names.is_empty() {
         "nothing: there is none".into()

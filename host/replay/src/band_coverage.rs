@@ -1,5 +1,5 @@
-//! Coverage of the stated uncertainty of a load: share of the samples whose error is within 1, 2
-//! and 3 standard deviations, and the RMS of error over standard deviation.
+//! Counts how often the error of a load is within 1, 2 and 3 of its stated standard deviations, and
+//! computes the RMS of error over standard deviation (1 where the stated one is right).
 
 use serde::Serialize;
 

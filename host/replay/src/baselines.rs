@@ -1,5 +1,6 @@
-//! Comparison of the filter of a wheel bearing with regression and cascade of Kerst et al. 2019 in
-//! a replay: the RMSE of each load as JSON, and as a table beside the published figures.
+//! Compares the filter of a wheel bearing with the regression and the cascade of Kerst et al. 2019
+//! in a replay with reference loads (`loadtwin replay --baselines`): RMSE of each load as JSON, and
+//! as a table beside the published figures.
 
 use loadtwin_common::bearing::LOADS;
 use loadtwin_common::io::estimate::Estimate;

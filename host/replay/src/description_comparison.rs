@@ -1,5 +1,6 @@
-//! Comparison of two descriptions on the same recordings: changes of NMAE, log-likelihood and NIS
-//! with 95 % intervals, and tests of inferiority and non-inferiority of the new description.
+//! Compares an old and a new description of a machine on the same recordings, for `loadtwin tune`
+//! and `diagnose`: changes of NMAE, log-likelihood and NIS with 95 % intervals. Decides whether the
+//! new one is worse, or shown not to be worse.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -45,7 +46,7 @@ struct Block {
     readings: f64,
 }
 
-/// The line with one description and set of sensors on one recording, in blocks.
+/// Sums of a replay of one recording with one description and set of sensors, in blocks.
 pub struct Course {
     /// Name and nominal value of each load.
     loads: Vec<(String, f64)>,
@@ -86,7 +87,7 @@ impl Course {
         Ok(course)
     }
 
-    /// Its last `part`, 0 to 1 of its length; the line ran over what is before.
+    /// Its last `part`, 0 to 1 of its length; the estimator ran over what is before.
     #[must_use]
     pub fn last(mut self, part: f64) -> Self {
         let first = ((1.0 - part) * self.blocks.len() as f64).round() as usize;

@@ -1,5 +1,6 @@
-//! Errors of a rotor's estimated displacements at every node, against the true displacements in the
-//! recording: maximum and RMS for each segment.
+//! Computes the errors of a rotor's estimated displacements at every node against the true
+//! displacements in a recording: maximum and RMS for each segment, as figures for `--json` and as
+//! plots. Also counts the samples with a raised noise level.
 
 use std::collections::BTreeMap;
 
@@ -87,7 +88,7 @@ impl Displacements {
         })
     }
 
-    /// Adds one sample, after the line's step.
+    /// Adds one sample, after the step of the estimator `line`.
     pub fn push(&mut self, sample: &Sample<'_>, line: &Estimator<'_>) {
         let (Some(plan), Some(orbits)) = (&self.plan, &mut self.orbits) else {
             return;

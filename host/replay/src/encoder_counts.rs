@@ -1,5 +1,5 @@
-//! Conversion of an encoder's column to counter values: from counts, from an angle or travel, or
-//! from a speed.
+//! Converts the values of an encoder's column in a recording to values of its hardware counter,
+//! where the column holds counts, an angle or travel, or a speed, which is integrated.
 
 use std::f64::consts::TAU;
 

@@ -1,5 +1,6 @@
-//! Figures of a replay: errors of each load (NMAE, RMSE, coverage of the stated band), NIS and
-//! whiteness of the innovations, counts of flagged faults.
+//! Computes the figures of a replay from samples and estimates: errors of each load against its
+//! reference (NMAE, RMSE, bias, coverage of the stated band), NIS and whiteness of the innovations,
+//! counts of flagged faults.
 
 use std::collections::BTreeMap;
 
@@ -164,7 +165,8 @@ impl Figures {
         self.steady
     }
 
-    /// Mean normalised innovation squared of one channel; 1 in a consistent filter.
+    /// Mean normalised innovation squared over the used readings of all sensors; 1 in a consistent
+    /// filter.
     pub fn nis_mean(&self) -> Option<f64> {
         (self.nis.1 > 0).then(|| self.nis.0 / self.nis.1 as f64)
     }

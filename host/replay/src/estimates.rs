@@ -1,5 +1,6 @@
-//! Table of estimates, one row a sample: loads with standard deviation and fault, innovation, NIS
-//! and fault of each sensor, states of a rotor; its writer to CSV, Parquet or MDF4.
+//! Tabulates the estimates of a replay, one row a sample, and writes them to CSV, Parquet or MDF4:
+//! loads with standard deviation and fault; innovation, NIS and fault of each sensor; states and
+//! displacements of a rotor.
 
 use std::path::Path;
 
@@ -108,7 +109,7 @@ impl EstimateRows {
         self.t.is_empty()
     }
 
-    /// Adds the estimate at time `t` (s), after the step of `line`.
+    /// Adds the estimate at time `t` (s), after the step of the estimator `line`.
     pub fn push(&mut self, t: f64, estimate: &Estimate, line: &Estimator<'_>) {
         let loads = estimate
             .loads
@@ -176,7 +177,7 @@ impl EstimateWriter {
         })
     }
 
-    /// Adds the estimate at time `t` (s), after the step of `line`.
+    /// Adds the estimate at time `t` (s), after the step of the estimator `line`.
     ///
     /// # Errors
     /// When the file cannot be written.

@@ -1,5 +1,6 @@
-//! Reader of a bearing recording with all five loads measured, for calibration and diagnosis.
-//! References slower than the gauges are interpolated linearly.
+//! Reads a bearing recording with all five loads measured, as raw samples with loads, for
+//! calibration and diagnosis. References slower than the gauges are interpolated linearly, over at
+//! most 0.25 s.
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,5 @@
-//! Delay buffer for estimators whose load estimates lag: a sample is held until its load estimate
-//! is computed.
+//! Runs the estimator sample by sample, and holds each sample until its load estimate is computed
+//! where estimates lag (rotors): sample and estimate are given to the caller together.
 
 use std::collections::VecDeque;
 
@@ -44,7 +44,8 @@ impl DelayedSample {
     }
 }
 
-/// A line whose estimates may lag, with the samples that await their estimate. They come without gaps.
+/// An estimator whose estimates may lag, with the samples that await their estimate. They come
+/// without gaps.
 pub(super) struct LagBuffer<'a> {
     line: Estimator<'a>,
     held: VecDeque<DelayedSample>,
@@ -60,7 +61,7 @@ impl<'a> LagBuffer<'a> {
         }
     }
 
-    /// The line itself.
+    /// The estimator itself.
     pub fn line(&self) -> &Estimator<'a> {
         &self.line
     }
@@ -70,7 +71,8 @@ impl<'a> LagBuffer<'a> {
         self.held.iter()
     }
 
-    /// Goes on with `line` where samples of the part before await their estimate.
+    /// Goes on with the estimator `line` where samples of the recording before await their
+    /// estimate.
     pub fn continued(line: Estimator<'a>, held: Vec<DelayedSample>, next_tick: u32) -> Self {
         Self {
             line,
@@ -79,7 +81,8 @@ impl<'a> LagBuffer<'a> {
         }
     }
 
-    /// Takes `sample`, and shows that which the estimate is of to `each`.
+    /// Steps the estimator by `sample`, and gives the sample of which the load estimate is to
+    /// `each`.
     pub fn push(
         &mut self,
         sample: &Sample<'_>,

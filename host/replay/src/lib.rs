@@ -1,5 +1,6 @@
-//! Replay of a recording through the estimator (`loadtwin replay`): raw samples, estimates, error
-//! figures, consistency check, report.
+//! Replays a recording through the estimator (`loadtwin replay`): raw samples, estimates, error
+//! figures, consistency check, report. This file has `run`, which gives each sample with its
+//! estimate, and the error type.
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),
@@ -118,7 +119,7 @@ pub fn run(
     })
 }
 
-/// As [`run`], with the line after its step.
+/// As [`run`], with the estimator after its step.
 ///
 /// # Errors
 /// As [`run`].

@@ -1,5 +1,5 @@
-//! Orbit plots of a rotor, estimated and true: at the ends, bearings, loads and sensors, for each
-//! segment of the recording.
+//! Plots the orbits of a rotor's shaft, estimated and true, for the report of a replay: y over x in
+//! µm at ends, bearings, loads and sensors, for each segment of the recording.
 
 use loadtwin_machine::{Machine, Rotor, Senses};
 use loadtwin_math::metrics::Segment;
@@ -17,7 +17,7 @@ pub(super) struct Orbits {
 }
 
 impl Orbits {
-    /// At the ends, bearings, discs under load and sensors of `rotor`, for each of `parts`.
+    /// At the ends, bearings, loads and sensors of `rotor`, for each of `parts`.
     pub fn new(machine: &Machine, rotor: &Rotor, parts: &[Segment]) -> Self {
         let mut nodes = vec![0, rotor.nodes() - 1];
         nodes.extend(rotor.bearings.iter().map(|bearing| bearing.node));

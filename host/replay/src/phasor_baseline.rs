@@ -1,5 +1,6 @@
-//! Baseline of a rotor's replay: forces by inversion of the once-per-revolution (1x) phasors,
-//! and their errors beside those of the filter.
+//! Estimates the forces on a rotor over a replay by inversion of the once-per-revolution (1x)
+//! phasors of the sensors, averaged over four turns, as a baseline beside the filter. Computes the
+//! NMAE of each load.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};

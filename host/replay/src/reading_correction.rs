@@ -1,5 +1,5 @@
-//! Correction of how a recording is read, against the description: the column that each sensor
-//! takes, a factor on it, and an offset of each channel.
+//! Defines a correction of how a recording is read, by which the consistency check tests its
+//! hypotheses: the column that each sensor takes, a factor on it, and an offset of each channel.
 
 use loadtwin_design::build::Sensors;
 

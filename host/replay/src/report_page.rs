@@ -1,5 +1,5 @@
-//! Report page of a replay: key figures, tables of errors and sensors, plots of estimates,
-//! references and sensors, orbits of a rotor.
+//! Builds the report page of a replay from samples, estimates and figures: key figures, tables of
+//! errors and sensors, plots of estimates, references and sensors, orbits of a rotor.
 
 use std::collections::BTreeMap;
 use std::path::Path;

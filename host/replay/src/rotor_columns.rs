@@ -1,5 +1,6 @@
-//! Output columns of a rotor beside its loads: speed, angle, noise level, modal displacements, and
-//! the estimated displacements at chosen nodes with their standard deviations.
+//! Computes the columns that the table of estimates has for a rotor beside its loads: speed, angle,
+//! noise level, modal displacements, and displacements (m) at chosen nodes with standard
+//! deviations.
 
 use std::str::FromStr;
 
@@ -113,7 +114,7 @@ impl NodeColumns {
         columns
     }
 
-    /// The values of a sample, after the line's step.
+    /// The values of a sample, after the step of the estimator `line`.
     pub(super) fn values(
         &mut self,
         estimate: &Estimate,

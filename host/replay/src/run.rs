@@ -1,5 +1,6 @@
-//! Replay of one recording, block by block. Its state can be saved, and the replay of the next
-//! recording continued from it, with the estimates of one uninterrupted replay.
+//! Replays one recording through the estimator, block by block (`Run`). Its state can be saved, and
+//! the replay of the next recording continued from it, with the estimates of one uninterrupted
+//! replay.
 
 use loadtwin_common::estimator::{Estimator, MAX_STATE_BYTES};
 use loadtwin_common::image::Image;
@@ -118,8 +119,9 @@ impl<'a> Run<'a> {
         self.samples.notes()
     }
 
-    /// Shows the samples of the next block and their estimates to `each`, with the line after its
-    /// step; false at the end. Where estimates lag, a sample is shown when its estimate is there.
+    /// Gives the samples of the next block and their estimates to `each`, with the estimator after
+    /// its step; false at the end. Where estimates lag, a sample is given when its estimate is
+    /// there.
     ///
     /// # Errors
     /// When the recording is not what it should be further on.
@@ -182,7 +184,7 @@ impl State {
     }
 }
 
-/// Why the line does not take a state.
+/// Why the estimator does not take a state.
 fn refusal(error: loadtwin_common::Error) -> &'static str {
     match error {
         loadtwin_common::Error::Malformed("image of the saved state") => {

@@ -1,5 +1,6 @@
-//! Reader of a recording as raw samples: converter words, encoder counts and index pulses as a
-//! board would have latched them, with reference loads and true displacements.
+//! Reads a recording sample by sample as a board would have latched it (`Samples`): converter
+//! words, encoder counts and index pulses, with reference loads and the true displacements of a
+//! rotor.
 
 use std::borrow::Cow;
 
@@ -79,7 +80,7 @@ pub struct Sample<'a> {
 }
 
 impl Samples {
-    /// Opens the recording in `path` for the sensors of `machine`.
+    /// Opens the recording `input` for the sensors of `machine`.
     ///
     /// # Errors
     /// When the recording cannot be read, lacks a sensor's column, or has
@@ -411,7 +412,7 @@ pub(super) fn segment_start_s(segments: &[Segment], t0: f64) -> f64 {
     }
 }
 
-/// The index column of the recording in `path`, where it homes one of the sensors.
+/// The index column of the recording `input`, where it homes one of the sensors.
 pub(super) fn index_column(
     machine: &Machine,
     sensors: &Sensors,

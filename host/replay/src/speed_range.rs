@@ -1,5 +1,5 @@
-//! Check of a rotor's speed in a recording against the speed range of its model: the first time
-//! outside, and how long.
+//! Checks the speed of a rotor in a recording against the range of speeds of its model: notes where
+//! it was first outside, and for how long in all.
 
 use std::f64::consts::{PI, TAU};
 
@@ -11,7 +11,7 @@ use loadtwin_machine::{Kind, Machine};
 /// Time over which a speed is taken [s].
 const SPAN_S: f64 = 0.1;
 
-/// Part of the highest speed beyond the ends that is still estimated, as on the line.
+/// Part of the highest speed beyond the ends that is still estimated, as in the estimator.
 const MARGIN: f64 = 0.02;
 
 /// The speeds of one replay, gathered sample by sample.

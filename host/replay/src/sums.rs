@@ -1,5 +1,5 @@
-//! Sums of a replay that add up over recordings: validity, extremes and mean of each load,
-//! consistency of each sensor.
+//! Sums up the estimates of a replay so that the sums of several recordings add up, for the
+//! archive: validity, extremes and sum of each load, consistency and faults of each sensor.
 
 use std::collections::BTreeMap;
 

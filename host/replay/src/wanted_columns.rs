@@ -1,5 +1,5 @@
-//! Columns that a replay reads: how the file has each channel and encoder, references that it need
-//! not have, and those of them that are missing.
+//! Lists the columns that a replay reads for channels and encoders, with the unit in which each is
+//! read and how it is resampled. Finds the references that the recording lacks.
 
 use super::encoder_counts::Motion;
 use loadtwin_design::build::Sensors;

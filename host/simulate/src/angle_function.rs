@@ -1,5 +1,5 @@
-//! Periodic function of the carrier angle for the simulated sensitivity of a gauge:
-//! interpolated table, its mean square and peak, and the same with lower or wider peaks.
+//! Periodic function of the carrier angle, given by a table: the sensitivity of a simulated gauge.
+//! Interpolates it, computes its RMS and peak, and gives a copy with lower and wider peaks.
 
 use std::f64::consts::TAU;
 

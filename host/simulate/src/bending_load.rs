@@ -1,5 +1,5 @@
-//! Simulated bending load on the gauges, in addition to torque: a first-order Gauss-Markov process
-//! with the standard deviation and time constant of the machine description.
+//! Generates the simulated bending load that gauges read in addition to torque, sample by sample: a
+//! first-order Gauss-Markov process with standard deviation and time constant of the description.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

@@ -1,6 +1,6 @@
-//! Parameters of the drivetrain plant, referred to speed ratio 1: inertias, shafts and friction as
-//! described. Backlash, varying mesh stiffness and torque ripple are zero unless an effect sets
-//! them.
+//! Collects the parameters of the drivetrain plant from the description, referred to speed ratio 1:
+//! inertias, shafts, friction. Backlash, varying mesh stiffness and torque ripple are zero until an
+//! injected effect changes them.
 
 use loadtwin_machine::{Drivetrain, Inertia};
 
@@ -31,7 +31,8 @@ pub(crate) struct Body {
     pub viscous: f64,
     /// Coulomb friction [N m].
     pub coulomb: f64,
-    /// What sticking adds to it at standstill [N m].
+    /// What sticking adds to it at standstill (N m), and `exp(-(w / stribeck_speed)^2)` of that at
+    /// speed `w`.
     pub stribeck: f64,
     /// Speed over which that fades [rad/s]; where 0, a part of nominal speed.
     pub stribeck_speed: f64,

@@ -1,5 +1,5 @@
-//! Plant model of a drivetrain: a torsional chain finer than the estimator's model, with backlash,
-//! friction and speed control, integrated by Runge-Kutta steps.
+//! Simulates the motion of a drivetrain under given torques: a torsional chain finer than the
+//! estimator's model, with backlash, friction and speed control, integrated by Runge-Kutta steps.
 //!
 //! Each shaft is split into an elastic part and a mesh with a gear between
 //! them, so a machine of n inertias becomes one of 2 n - 1. With body i
@@ -9,8 +9,8 @@
 //! `d(delta_i)/dt = w_i - w_(i+1)`,
 //! `tau_i = k_i(angle) zone(delta_i) + c_i d(delta_i)/dt`,
 //!
-//! where `zone` is the dead zone of the backlash, and a tooth that pushes
-//! cannot pull: `tau_i` never has the sign opposite to `zone(delta_i)`.
+//! where `zone` is the dead zone of the backlash. In a mesh with backlash a tooth that pushes
+//! cannot pull: `tau_i` is 0 inside the gap, and never has the sign opposite to `zone(delta_i)`.
 
 use crate::chain_parameters::{Body, Chain, Presliding, Ripple};
 

@@ -1,5 +1,6 @@
-//! Scenarios of the drivetrain's test bench: torque and speed over time, relative to nominal, built
-//! in or as a recorded machine moved; and random waves with the spectrum of turbulent wind.
+//! Gives torque and speed of the drivetrain's test bench over time, as parts of nominal: built-in
+//! scenarios, or the course of a recorded machine. Also generates random waves with the spectrum of
+//! turbulent wind.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;

@@ -1,5 +1,5 @@
-//! Simulated temperature of the gearbox's housing: a first-order lag, heated by the transmitted
-//! power.
+//! Simulates the temperature of the gearbox's housing (K): a first-order lag of 20 min, heated by
+//! the transmitted power.
 
 /// First order, heated by the power that is transmitted.
 #[derive(Clone, Copy, Debug)]

@@ -1,5 +1,6 @@
-//! Effects on a simulated rotor that its description does not have: sensor bias, runout, gain
-//! error, shaft bow, misalignment, a softer bearing.
+//! Injects effects into a simulated rotor that its description lacks, for
+//! `loadtwin simulate --effect`: sensor bias, runout, gain error, shaft bow, misalignment, a softer
+//! bearing. Parses name, target and strength, and changes plant, forces and readings.
 
 use std::f64::consts::TAU;
 use std::str::FromStr;

@@ -1,5 +1,6 @@
-//! Simulated recordings of a drivetrain, wheel bearing or rotor: an independent plant, finer than
-//! the estimator's model, on a simulated test bench with sensors and converters.
+//! Simulates recordings of a drivetrain, wheel bearing or rotor (`loadtwin simulate`): an
+//! independent plant, finer than the estimator's model, on a simulated test bench with sensors and
+//! converters.
 //!
 //! Nothing here is shared with the estimator but the machine description.
 //! What the plant does beyond that description, its [`EFFECTS`], is not

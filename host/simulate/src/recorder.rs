@@ -1,5 +1,5 @@
-//! Sampling loop of a simulation: the readings of a simulated machine are collected in blocks and
-//! written to a CSV, Parquet or MDF4 file.
+//! Runs a simulation sample by sample: collects the readings of a simulated machine in blocks, and
+//! writes them to a CSV, Parquet or MDF4 file.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! Random number streams of a simulation, two for each purpose: one fixed for the individual
-//! machine, one for the recording.
+//! Gives the random number streams of a simulation, two for each purpose: one that is the same in
+//! every recording of an individual machine, and one for the recording.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

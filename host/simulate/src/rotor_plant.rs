@@ -1,5 +1,6 @@
-//! Plant model of a rotor: Timoshenko beam elements, two for each of the description, reduced to 24
-//! modes at most with the residual flexibility of the others; integrated by Runge-Kutta steps.
+//! Simulates the lateral motion of a rotor under given forces: Timoshenko beam elements, two for
+//! each of the description, reduced to 24 modes at most with the residual flexibility of the
+//! others; integrated by Runge-Kutta steps.
 
 use std::f64::consts::TAU;
 

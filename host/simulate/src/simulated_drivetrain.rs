@@ -1,5 +1,6 @@
-//! Simulated test bench of a drivetrain: plant, sensors, noise and effects; one row of readings for
-//! each sample.
+//! Simulates a drivetrain on its test bench, sample by sample: steps the plant, and writes a row
+//! with the readings of channels, encoders, index pulse, references and temperatures, with noise
+//! and injected effects.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

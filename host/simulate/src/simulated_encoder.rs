@@ -1,5 +1,5 @@
-//! Simulated sensors of angle: encoders that count, with an eccentric disc, and the index pulse
-//! of the carrier.
+//! Simulates the sensors of angle: value of an encoder's counter at an angle, with an eccentric
+//! disc and noise, and the moment at which the carrier passes the index pulse.
 
 use std::f64::consts::TAU;
 

@@ -1,5 +1,6 @@
-//! Simulated analogue channel: sensitivity, disturbances (creep, hysteresis, delay, temperature),
-//! noise, quantisation of the converter, faults of its words.
+//! Simulates an analogue channel: reading from the sensed quantity by sensitivity, disturbances
+//! (creep, hysteresis, delay, temperature) and noise, quantised by the converter, with faults of
+//! its words.
 
 use std::collections::VecDeque;
 

@@ -1,5 +1,6 @@
-//! Simulated rotor with unbalance at constant speed, in a run-up or along a recorded course:
-//! sensors, encoders, forces and displacements of all nodes, one row for each sample.
+//! Simulates recordings of a rotor with unbalance at constant speed, in a run-up or along a
+//! recorded course: sensors, encoders, forces and displacements of all nodes, one row for each
+//! sample.
 //!
 //! Nothing here is shared with the estimator but the machine description: twice
 //! as many elements, integrated numerically from the shape functions, in their modes

@@ -1,5 +1,6 @@
-//! Torques of the simulated test bench: which torque acts on which inertia, so that torque and
-//! speed follow the scenario; the torques that references and drives measure, and the power.
+//! Computes the torques of the drivetrain's test bench: which torque acts on which inertia, so that
+//! torque and speed follow the scenario. Also gives the torques that references and drives measure,
+//! and the power.
 
 use loadtwin_machine::{Drivetrain, Load, Machine, Senses};
 

@@ -1,5 +1,6 @@
-//! Calibration file of a bearing: strain responses of the gauges, physical parameters, mean and
-//! covariance of the loads, baseline models; its reader and the initial guess before a fit.
+//! Defines the TOML file that `loadtwin calibrate` writes for a bearing (`Calibration`): strain
+//! response of each gauge, physical parameters, mean and covariance of the loads, coefficients of
+//! the baselines. Reads it, and gives the initial guess before a fit.
 
 use std::path::Path;
 

@@ -1,6 +1,6 @@
-//! Linear least-squares problem of a gauge's response: features of the contacts in equilibrium with
-//! the loads of each block, rows of coefficients with their weights, normal equations and their
-//! solution.
+//! Builds and solves the linear least-squares problem for the coefficients of one gauge: contact
+//! features in equilibrium with the loads of each block (Newton's method), rows for the bulk strain
+//! and the ball-pass harmonics with their weights, normal equations.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
@@ -87,9 +87,13 @@ fn balanced(contacts: &Contacts, position: &[f32; DOF], loads: &[f32; LOADS]) ->
 /// Sums of a linear least-squares problem.
 #[derive(Clone)]
 pub struct Normal {
+    /// `X' W X`, [`COEFFICIENTS`] square.
     pub gram: Mat<f64>,
+    /// `X' W y`.
     pub right: Mat<f64>,
+    /// `y' W y`.
     square: f64,
+    /// Number of rows of `X`.
     pub rows: f64,
 }
 
@@ -150,6 +154,7 @@ pub fn weight(known: &CalibrationBlock, noise: f64, k: usize) -> f64 {
     }
 }
 
+/// Normal equations of gauge `g` over the blocks `known`, whose contacts have `features`.
 pub fn normal<'a>(
     rig: &Rig<'_>,
     known: impl Iterator<Item = &'a CalibrationBlock>,

@@ -1,5 +1,6 @@
-//! Least-squares fit of the gauge responses to calibration blocks: coefficients, noise and model
-//! error from the residuals, cluster-robust standard deviations.
+//! Fits the strain response of each gauge to calibration blocks by linear least squares, and splits
+//! the residuals into noise and model error (`fit_gauges`). `uncertainty` adds cluster-robust
+//! standard deviations of the coefficients. Both write into a `Calibration`.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;

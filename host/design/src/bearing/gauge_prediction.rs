@@ -1,5 +1,6 @@
-//! Predicted gauge strains and ball-pass rates of a calibrated
-//! bearing, for blocks with known loads and phases.
+//! Predicts the strain of each gauge (mean and ball-pass harmonics, in um/m) and the ball-pass rate
+//! of each row from a bearing's calibration, for blocks whose loads and phases are known.
+//! `loadtwin diagnose` compares these with the readings.
 
 use loadtwin_common::bearing::{BASIS, GAUGES, ROWS};
 

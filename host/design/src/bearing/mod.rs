@@ -1,5 +1,6 @@
-//! Wheel bearing at design time: calibration on a rig, model image, and the published algorithms to
-//! compare with; list of its modules.
+//! Estimator design for a wheel bearing: calibration from rig recordings, model image, and the
+//! published algorithms to compare with. This file lists the modules and re-exports their public
+//! items.
 
 pub mod baseline;
 mod calibration_file;

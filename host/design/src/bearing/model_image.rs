@@ -1,5 +1,6 @@
-//! Model image of a wheel bearing from its description and its calibration: geometry, gauges,
-//! encoder, loads and filter tuning.
+//! Builds the model image of a wheel bearing from its description and its calibration: contact
+//! geometry, gauge responses, wheel encoder, scaling of the loads on the bus, filter tuning. Also
+//! reads the calibration file that the description names.
 
 use std::f64::consts::PI;
 

@@ -1,5 +1,6 @@
-//! Ball-pass phases of both rows, estimated from a rig recording by the filter with the measured
-//! loads as known inputs: one calibration block for each update of the filter.
+//! Estimates the ball-pass phases of both rows over a rig recording, by the bearing filter with the
+//! measured loads as known inputs. Gives a `CalibrationBlock` (readings, mean loads, phases) for
+//! each update of the locked filter, and checks that enough of the recording was followed.
 
 use loadtwin_common::bearing::harmonic_block::HarmonicBlock;
 use loadtwin_common::bearing::{BLOCK_HZ, BearingEstimator as Filter, BearingModel, LOADS, ROWS};

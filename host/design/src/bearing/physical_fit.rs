@@ -1,5 +1,6 @@
-//! Maximum a posteriori fit of the physical parameters of a bearing to calibration recordings,
-//! together with the coefficients of the gauges (Gauss-Newton).
+//! Fits the deviations of a bearing's physical parameters from its description to calibration
+//! blocks: maximum a posteriori, by Gauss-Newton steps with the coefficients of the gauges
+//! eliminated. Writes parameters and standard deviations into a `Calibration`.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};

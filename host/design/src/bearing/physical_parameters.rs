@@ -1,5 +1,6 @@
-//! Deviations of a bearing from its description (stiffness, preload, contact angle, row coupling,
-//! ring compliance), their prior standard deviations, and the contact geometry that includes them.
+//! Defines the deviations of a bearing from its description (stiffness, preload, contact angle, row
+//! coupling, ring compliance) and their prior standard deviations. Computes from description and
+//! deviations the contact geometry that the filter uses (`geometry`).
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};

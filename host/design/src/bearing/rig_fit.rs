@@ -1,5 +1,6 @@
-//! Calibration of a bearing on a rig whose loads are known: tracking of phases, fit of the gauge
-//! responses and fit of the physical parameters in turn, and the baseline algorithms of the paper.
+//! Calibrates a bearing from a recording with known loads, for `loadtwin calibrate`: in four passes
+//! it tracks the ball-pass phases, fits the gauge responses and, in the middle two, the physical
+//! parameters. Then come standard deviations and the baseline algorithms.
 //!
 //! The filter itself follows the phases with the loads given; for given phases and
 //! contacts, the response of a gauge is linear in its coefficients, so that their fit is

@@ -1,5 +1,6 @@
-//! Conversion of the effects that a diagnosis found in a drive to terms of the estimator and to
-//! delays between its signals.
+//! Converts the effects that `loadtwin diagnose` wrote into a drive's description to terms of the
+//! estimator (coefficient, factor, direction of friction) and to delays between its signals.
+//! Refuses effects that the board lacks: warm-up, temperature.
 
 use std::f64::consts::TAU;
 

@@ -1,5 +1,6 @@
-//! Process and measurement noise of a drive's filter, computed from the bandwidths that are
-//! required of motion and load.
+//! Computes process and measurement noise of a drive's filter from the bandwidths that are required
+//! of motion and load and from the noise of the sensors: density of the jerk, variance of the
+//! load's random walk, standard deviations at the start.
 
 use std::f64::consts::TAU;
 

@@ -1,5 +1,5 @@
-//! Estimator design for a drive without strain gauges: model
-//! image, effects and filter noise from the balance of forces.
+//! Estimator design for a drive without strain gauges: builds its model image from the balance of
+//! forces in the description. This file lists the modules.
 
 mod effect_terms;
 mod filter_noise;

@@ -1,5 +1,5 @@
-//! Model image of a drive from its description: sensors, inertia, drag, terms of friction,
-//! delays, filter noise.
+//! Builds the model image of a drive from its description: scaling of the signals, delays that
+//! bring them to one time, inertia, drag, terms of friction and other effects, filter noise.
 
 use loadtwin_common::drive::term::{Direction, Factor, Term};
 use loadtwin_common::drive::{DriveModel, MAX_DELAY, PositionSensor, Signal};

@@ -1,20 +1,27 @@
-//! Tables of a channel's sensitivity and noise variance over the carrier angle, as the model image
-//! holds them (lengths of powers of two, little endian).
+//! Computes sensitivity and noise variance of a channel over the carrier angle as tables of the
+//! model image: f32, little endian, lengths of powers of two. They are scaled so that readings are
+//! about 100 to 1000 at nominal load.
 
 use crate::error::BuildError;
 use loadtwin_machine::{Drivetrain, MAP_ENTRIES, Machine, resampled};
 
 /// The tables of one channel, as they lie in the image.
 pub(crate) struct Tables {
+    /// Unit of the filter's reading, a power of ten (SI).
     pub unit: f64,
+    /// What the channel senses at nominal loads and speed (SI).
     pub sensed: f64,
+    /// Mean of the sensitivity over the angle (SI).
     pub mean: f64,
+    /// Standard deviation of the sensitivity over the angle (SI).
     pub deviation: f64,
     /// Root mean square of the noise over the angle [SI].
     pub noise: f64,
     /// The map of the description, in 1 or in [`MAP_ENTRIES`] steps [SI].
     sensitivity: Vec<f64>,
+    /// Response to what is sensed at nominal, in `unit`, over the angle.
     pub map: Vec<u8>,
+    /// Variance of the noise, in `unit` squared, over bins of the angle.
     pub variance: Vec<u8>,
 }
 

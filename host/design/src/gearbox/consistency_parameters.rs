@@ -1,5 +1,6 @@
-//! Parameters of the consistency tests of gauges and speeds: averaging window, bounds of the
-//! residuals, model error of a channel, largest plausible speed.
+//! Computes the parameters of the estimator's consistency tests of gauges and speeds: averaging
+//! window, bounds of the averaged squared residuals for one false alarm in a million samples, model
+//! error of a channel, largest plausible turn in a sample.
 
 use loadtwin_common::drivetrain::Consistency;
 

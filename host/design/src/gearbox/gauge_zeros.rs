@@ -1,5 +1,6 @@
-//! Zeros of gauges that the filter estimates: those that are described to drift, and those that
-//! would make the load wrong if the filter took them for known.
+//! Selects the gauges whose zero the drivetrain filter estimates as a state: those that are
+//! described to drift, and those whose unknown zero would change the load by more than 3 % of
+//! nominal. Gives standard deviation and time constant of each.
 
 use crate::gearbox::channel_tables::Tables;
 use crate::gearbox::consistency_parameters::zero_std;

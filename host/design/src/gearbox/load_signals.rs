@@ -1,5 +1,6 @@
-//! Load signals of a drivetrain in its model image: name, full scale on the bus, largest standard
-//! deviation of a valid estimate, measured error band.
+//! Computes the entries of a drivetrain's loads in the model image: name, full scale on the bus,
+//! largest standard deviation of a valid estimate, and the error band that was measured with the
+//! sensor set.
 
 use heapless::Vec as FixedVec;
 use loadtwin_common::drivetrain::{ErrorBand, LOADS};

@@ -1,5 +1,5 @@
 //! Estimator design for gearboxes and other torsional drivetrains: torsional model, process noise,
-//! steady gains, model image.
+//! steady gains, model image. This file lists the modules and re-exports their public items.
 
 mod channel_tables;
 mod consistency_parameters;

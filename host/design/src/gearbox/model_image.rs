@@ -1,5 +1,6 @@
-//! Model image of a drivetrain: states and their scales, transition, process noise, channels,
-//! encoders, friction, steady gains.
+//! Builds the payload of a drivetrain's model image from description and sensor set: plans the
+//! states and their scales, and fills in transition, process noise, channels, encoders, friction
+//! and, for the steady filter, its gains.
 
 use faer::Mat;
 use heapless::Vec as FixedVec;

@@ -1,5 +1,6 @@
-//! Linearised filter model of a drivetrain at one carrier angle under nominal loads: transition,
-//! observation, process and measurement noise.
+//! Linearises the filter model in a drivetrain's image at one carrier angle under nominal loads:
+//! gives transition F, observation H, process noise Q and measurement noise R. `loadtwin tune`
+//! computes frequency responses and load noise from them.
 
 use faer::Mat;
 use loadtwin_common::drivetrain::{GearboxModel, LOADS, Role};

@@ -1,6 +1,6 @@
-//! Process noise of the drivetrain from the uncertainty of its parameters: change of one step when
-//! each parameter moves by its standard deviation, at operating points with the loads in balance
-//! and with each load alone.
+//! Computes the process noise covariance of a drivetrain's mechanical states from the uncertainty
+//! of its parameters: the change of one step when each parameter moves by its standard deviation,
+//! averaged over operating points with all loads nominal and with each load alone.
 
 use faer::Mat;
 

@@ -1,5 +1,6 @@
-//! Steady gains of the drivetrain filter over the carrier angle, by the covariance recursion
-//! over whole turns until it repeats.
+//! Computes the table of steady gains of the drivetrain filter over the carrier angle, by the
+//! covariance recursion over whole turns until it repeats (periodic Riccati equation). Also chooses
+//! the range of speeds in which the table is used.
 
 use std::f64::consts::TAU;
 

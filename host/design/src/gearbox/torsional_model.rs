@@ -1,5 +1,6 @@
-//! Torsional model of a drivetrain in SI units: continuous state space, its exact discretisation,
-//! rows of encoders and channels, shaft twists in rigid-body motion under given loads.
+//! Assembles the torsional model of a drivetrain in SI units (`dx/dt = A x + B d`) and discretises
+//! it exactly. Gives the rows by which encoders and channels observe the state, and the shaft
+//! twists in rigid-body motion under given loads.
 
 use faer::Mat;
 

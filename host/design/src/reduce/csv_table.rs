@@ -1,5 +1,6 @@
-//! Reader of CSV tables with units in their header: rows and columns of any such table, and from it
-//! the strains of any FE package.
+//! Reads CSV tables whose header gives units: cells as text or numbers, SI factor of each column,
+//! errors with file and line. `read` makes from such a table the nodes and strains of a
+//! finite-element model, whatever program computed them.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -29,6 +30,7 @@ pub struct Row<'a> {
 }
 
 impl Table {
+    /// Opens the table in `path` and reads its header.
     pub fn open(path: &Path) -> Result<Self, ReduceError> {
         let file = File::open(path).map_err(ReduceError::read(path))?;
         let mut reader = csv::ReaderBuilder::new()
@@ -72,6 +74,7 @@ impl Table {
         })
     }
 
+    /// The next row; none at the end.
     pub fn next(&mut self) -> Result<Option<Row<'_>>, ReduceError> {
         match self.reader.read_record(&mut self.row) {
             Ok(true) => Ok(Some(Row {
@@ -89,10 +92,12 @@ impl Table {
 }
 
 impl Row<'_> {
+    /// The cell in a column; empty where the row is shorter.
     pub fn text(&self, column: usize) -> &str {
         self.cells.get(column).unwrap_or("")
     }
 
+    /// The finite number in a column, in the unit of the header.
     pub fn number(&self, column: usize) -> Result<f64, ReduceError> {
         let text = self.text(column);
         match text.parse::<f64>() {

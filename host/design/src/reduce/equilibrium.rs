@@ -1,5 +1,6 @@
-//! Quasi-static equilibrium of a gearbox: forces of planets and bearings on its housing for 1 N m of
-//! carrier torque; and the places of its shafts' axes.
+//! Computes the quasi-static forces of planets and shaft bearings on a gearbox's housing for 1 N m
+//! of carrier torque from the gear geometry, without losses, weight and inertia (`HousingForces`).
+//! `axes` gives the places of the shafts' axes.
 
 use std::f64::consts::TAU;
 

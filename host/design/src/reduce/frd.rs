@@ -1,4 +1,5 @@
-//! Strains from `CalculiX`: the ASCII result file `.frd`.
+//! Reads nodes and strains of every load case from the ASCII result file (`.frd`) of the
+//! finite-element program `CalculiX`, for the nodes that the caller wants.
 
 use std::collections::HashMap;
 use std::fs::File;

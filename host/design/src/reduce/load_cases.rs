@@ -1,5 +1,5 @@
-//! Load cases of the finite-element solution, read from a CSV table: place, direction and size of
-//! the force on the housing in each step.
+//! Reads the load cases of the finite-element solution from a CSV table: place, direction and size
+//! (N) of the force on the housing in each step.
 
 use std::path::Path;
 

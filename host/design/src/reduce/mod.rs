@@ -1,5 +1,6 @@
-//! `loadtwin reduce`: finite-element strains for unit loads to strain maps over the carrier angle.
-//! Here: candidate nodes of a gauge (`Node`), and reading of the nodes at which strains are known.
+//! Computes strain maps of a gearbox's gauges over the carrier angle from finite-element strains
+//! under unit loads, for `loadtwin reduce`. This file reads the nodes near the gauges with their
+//! strains (`read_nodes`); the submodules have forces and superposition.
 //!
 //! The housing is linear and quasi-static: the strain of a gauge is the sum of
 //! its strains under unit loads, each times the force that the equilibrium of

@@ -1,5 +1,6 @@
-//! Strain maps of the gauges over the carrier angle by superposition of the load cases, for each
-//! candidate node in the patch of a gauge.
+//! Computes the strain map of each gauge over the carrier angle (strain per N m): superposition of
+//! the finite-element load cases, weighted by the forces of the equilibrium, at each candidate node
+//! in the patch of the gauge.
 
 use std::f64::consts::TAU;
 use std::path::Path;

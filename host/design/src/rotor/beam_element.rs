@@ -1,5 +1,5 @@
-//! Mass, stiffness and gyroscopic matrices of a cylindrical Timoshenko beam element, with its area,
-//! second moment of area and shear coefficient.
+//! Computes mass, stiffness and gyroscopic matrix (8 x 8) of a cylindrical Timoshenko beam element
+//! of a shaft from its length, diameters and material.
 
 /// Degrees of freedom of a node: `x`, `y`, `alpha` about x, `beta` about y.
 pub const NODE: usize = 4;

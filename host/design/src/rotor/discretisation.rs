@@ -1,5 +1,6 @@
-//! Exact discretisation of the reduced rotor for forces that are held or turn with the shaft, and
-//! its transformation to the coordinates of the filter.
+//! Discretises the reduced rotor exactly over one sample, for forces that are held or turn with the
+//! shaft. Transforms the result to the coordinates of the filter: modal displacements, their change
+//! in a sample, forces.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale};

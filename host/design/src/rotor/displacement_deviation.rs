@@ -1,6 +1,6 @@
-//! Standard deviations of a rotor's estimated displacements at every node, sample by sample in a
-//! replay: from the covariance of the filter and the allowed model error, by noise level and
-//! interpolated over speed.
+//! Computes the standard deviation (m) of a rotor's estimated displacements at every node for each
+//! sample of a replay, from the covariance of the filter and the allowed model error. Tables for
+//! each noise level are interpolated over speed.
 
 use faer::Mat;
 
@@ -17,7 +17,7 @@ pub struct NodeDeviations {
     steady: Vec<Vec<[Vec<f64>; 2]>>,
 }
 
-/// What the deviations at a sample depend on, as the line has it.
+/// What the deviations at a sample depend on, as the estimator gives it.
 #[derive(Clone, Copy, Debug)]
 pub struct Uncertainty<'a> {
     /// Index of the noise level in use.

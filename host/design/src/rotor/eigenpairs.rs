@@ -1,5 +1,6 @@
-//! Complex eigenpairs of the rotor at one speed: the least damped one, the selection of those that
-//! dominate the free motion after a start, and real bases of what the selected ones span.
+//! Computes the complex eigenpairs of the rotor at one speed, on a basis of undamped modes. Gives
+//! the least damped eigenvalue, selects the pairs that dominate the free motion after a start, and
+//! gives real bases of what the selected ones span.
 
 use faer::linalg::solvers::{PartialPivLu, Solve};
 use faer::{Mat, c64};

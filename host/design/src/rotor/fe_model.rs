@@ -1,5 +1,5 @@
-//! Assembled finite-element model of a rotor: mass, gyroscopic, damping and stiffness matrices of
-//! shaft, discs and bearings.
+//! Assembles the finite-element model of a rotor from its description: mass, gyroscopic, damping
+//! and stiffness matrices of shaft, discs and bearings, at any speed.
 
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Mat, c64};

@@ -1,6 +1,7 @@
-//! Design of a rotor's filter: reduced models over a grid of speeds, scales of the states, discrete
-//! transitions, observation rows, process noise, displacement maps of all nodes; error of the
-//! reduction, and instability.
+//! Designs the filter of a rotor from description and displacement sensors: reduces the rotor at
+//! each speed of a grid, and computes scales of the states, transitions, observation rows, process
+//! noise and the maps from states to the displacements of all nodes. Gives error of the reduction
+//! and instability, too.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;

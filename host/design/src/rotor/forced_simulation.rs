@@ -1,5 +1,7 @@
-//! Simulated sensor readings of a rotor under synchronous forces at varying speed: one regressor
-//! for each unit force and initial motion, or the reading for given amplitudes.
+//! Simulates the readings of displacement sensors on a rotor whose shaft turns as recorded, at
+//! varying speed, under forces of given orders of the shaft. Gives one regressor for each unit
+//! force and initial motion (`columns`), or the reading for given amplitudes, for
+//! `loadtwin diagnose`.
 
 use std::ops::Range;
 

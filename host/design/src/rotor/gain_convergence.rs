@@ -1,6 +1,6 @@
-//! Convergence time of a rotor's filter: number of samples until the load variances of the
-//! covariance recursion are close to their final value; and the matrices in the filter's form,
-//! increments `D` and lower triangle.
+//! Computes after how many samples the gains of a rotor's filter have converged: runs the
+//! covariance recursion until the sum of the load variances stays within 2 % of its last value. Two
+//! functions bring matrices to the filter's layout: increments `D`, lower triangle.
 
 use faer::Mat;
 use loadtwin_common::rotor::filter::{
@@ -13,7 +13,7 @@ const CONVERGED: f64 = 0.02;
 /// Longest time that is looked at for it [s].
 const LONGEST_S: f64 = 20.0;
 
-/// The recursion of the covariance, as on the line but in f64.
+/// The recursion of the covariance, as in the estimator but in f64.
 pub(crate) struct CovarianceRecursion<'a> {
     /// Transition over the states of the filter.
     pub f: &'a Mat<f64>,

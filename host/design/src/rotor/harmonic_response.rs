@@ -1,5 +1,5 @@
-//! Steady harmonic response of the assembled rotor: amplitudes of all degrees of freedom under
-//! unbalance or under forces of one frequency.
+//! Computes the steady harmonic response of the assembled rotor at one speed: complex amplitudes of
+//! all degrees of freedom under unbalances, or under forces of one frequency.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, c64};

@@ -1,5 +1,5 @@
-//! Rotor at design time: finite-element model, modes, responses, model reduction, design of the
-//! filter and its model image. Here: the error type, and the list of modules.
+//! Estimator design for a rotor: finite-element model, modes, responses, model reduction, filter
+//! and model image. This file lists the modules and defines their error type, `RotorError`.
 
 mod beam_element;
 mod discretisation;

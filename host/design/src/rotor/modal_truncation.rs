@@ -1,5 +1,6 @@
-//! Reduced rotor in a few of its complex eigenpairs at each
-//! speed, with residual flexibility: exact under steady forces.
+//! Reduces the finite-element rotor to a few of its complex eigenpairs at each speed, in modal
+//! displacements that are the same at all speeds. The other modes are replaced by their stationary
+//! response to the forces (residual flexibility): exact under steady forces.
 
 use std::f64::consts::FRAC_PI_2;
 

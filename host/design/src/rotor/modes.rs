@@ -1,5 +1,5 @@
-//! Modes of the rotor: undamped modes without gyroscopic terms, damped modes at a speed, and those
-//! over a range of speeds for a Campbell diagram.
+//! Computes the modes of a rotor: undamped ones without gyroscopic terms, damped ones (eigenvalue,
+//! direction of whirl) at a speed, and those over several speeds for a Campbell diagram.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale, Side, c64};

@@ -1,5 +1,5 @@
-//! Baseline without a filter: least-squares forces from the once-per-revolution (1x) phasors of the
-//! displacement sensors at one speed.
+//! Estimates the forces on a rotor without a filter, as a baseline: least-squares forces (N) from
+//! the once-per-revolution (1x) phasors of the displacement sensors (m) at one speed.
 
 use faer::linalg::solvers::SolveLstsq;
 use faer::{Mat, c64};

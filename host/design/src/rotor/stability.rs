@@ -1,5 +1,5 @@
-//! Instability of a rotor as described: range of speeds and fastest growth, from the least damped
-//! eigenvalue at each speed.
+//! Finds where a rotor as described is unstable, from the least damped eigenvalue at each speed:
+//! range of speeds, fastest growth (1/s) and its frequency, and a note for the user.
 
 use faer::c64;
 use serde::Serialize;

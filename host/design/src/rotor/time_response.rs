@@ -1,5 +1,5 @@
-//! Time response of a reduced rotor at constant speed to
-//! sampled forces, linear between samples (first-order hold).
+//! Computes the motion of a reduced rotor at constant speed, sample by sample, under given forces
+//! that are linear between samples (first-order hold). Used by tests against another program.
 
 use faer::Mat;
 

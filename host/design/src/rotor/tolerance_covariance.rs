@@ -1,5 +1,6 @@
-//! Error covariance of a rotor's steady filter under nominal loads where bearings, shaft and gains of
-//! sensors deviate from the description by usual tolerances.
+//! Computes the error covariance of a rotor's steady filter under nominal loads where the stiffness
+//! of bearings and shaft, the damping of bearings and the gains of sensors deviate from the
+//! description by usual tolerances, one standard deviation each.
 
 use std::f64::consts::FRAC_PI_2;
 

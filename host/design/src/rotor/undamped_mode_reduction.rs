@@ -1,6 +1,6 @@
-//! Reduction of the rotor to a basis of its lowest undamped modes and the static deflections under
-//! given forces (attachment modes): reduced stiffness, damping and motion, and the largest
-//! displacement error of the reduction.
+//! Reduces the finite-element rotor to its lowest undamped modes and the static deflections under
+//! given forces (attachment modes): basis, reduced stiffness and damping, state matrix of the
+//! motion. `ReductionError` holds the largest displacement error of a reduction.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale, Side};

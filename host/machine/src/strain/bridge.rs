@@ -1,5 +1,6 @@
-//! Wheatstone bridge with strain gauges: fields of its description, output ratio to strain and
-//! back, lead resistance, record of its calibration, and their checks.
+//! Converts the output ratio (V/V) of a Wheatstone bridge with strain gauges to strain (m/m) and
+//! back, for seven bridge types, with lead resistance. Defines the description of bridge and latest
+//! calibration, with checks.
 
 use super::MV_PER_V;
 use schemars::JsonSchema;

@@ -1,4 +1,5 @@
-//! Strain measurement: Wheatstone bridges, their zero and shunt calibration, rosettes.
+//! Strain measurement: conversion of bridge outputs to strain, zero and shunt calibration of a
+//! bridge, rosettes. This file lists the modules and has the factors for µm/m and mV/V.
 //!
 //! Inside the program strain is in m/m and a bridge's output is a ratio in V/V. People write µm/m
 //! and mV/V: multiply by [`MICROSTRAIN`] and [`MV_PER_V`] on the way in, divide on the way out.

@@ -1,4 +1,5 @@
-//! Three-gauge rosettes: readings to plane strain and principal strains.
+//! Converts the readings of a three-gauge rosette to plane strain, and that to principal strains
+//! and their direction (m/m, rad). A library function: no command uses it.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,5 +1,5 @@
-//! Zero (tare) and shunt calibration of a bridge: offset, adjusted gauge factor, and the readings
-//! that are refused.
+//! Computes the zero (tare) of a bridge from its outputs without load, and from its output with a
+//! shunt resistor an adjusted gauge factor. Refuses readings that no intact bridge gives.
 
 use super::bridge::{Calibration, StrainBridge, is_iso_date};
 use super::{MICROSTRAIN, MV_PER_V};

@@ -1,5 +1,6 @@
-//! Search for the cause of a disagreement: each hypothesis is replayed on the beginning of the
-//! recording, and the one with the highest likelihood is chosen if it restores consistency.
+//! Searches the cause of a disagreement between description and recording: replays the beginning of
+//! the recording under each hypothesis, and gives the most likely one if it restores consistency,
+//! with those that the likelihood does not distinguish from it.
 
 use std::f64::consts::{PI, TAU};
 use std::path::Path;

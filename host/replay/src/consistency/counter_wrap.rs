@@ -1,5 +1,5 @@
-//! Detection of encoder counters that wrap around earlier than the number of bits in the
-//! description implies.
+//! Detects encoder counters that wrap around earlier than the number of bits in the description
+//! implies, from jumps of the counts against the motion, and names the right number of bits.
 
 use loadtwin_machine::Encoder;
 

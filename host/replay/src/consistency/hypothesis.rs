@@ -1,5 +1,6 @@
-//! Hypotheses of errors in a description or recording, each with its correction: sign, unit, zero,
-//! scale, exchanged sensors, counts per turn, index angle, sample rate, sign of a reference.
+//! Lists the errors of description or recording that the cause search tests as hypotheses, each
+//! with its correction of the readings and a remedy: sign, unit, zero, scale, exchanged sensors,
+//! counts per turn, index angle, sample rate, sign of a reference.
 
 use std::f64::consts::TAU;
 

@@ -1,5 +1,6 @@
-//! Consistency of the index pulses with the encoder counts: missing pulses, distances between
-//! pulses that are not `counts_per_turn`, slip.
+//! Checks the index pulses of a replay against the encoder counts, and names the cause where there
+//! is no pulse, where pulses are not `counts_per_turn` apart, or where pulses and counts often
+//! disagree (slip).
 
 use std::f64::consts::{PI, TAU};
 

@@ -1,5 +1,5 @@
-//! Consistency check of description and recording in a replay: sensors, references and index
-//! pulses, and the likely cause of a disagreement.
+//! Checks in a replay whether description and recording agree, from sensors, references, index
+//! pulses and counters, sample by sample. Names the likely cause of a disagreement and its remedy.
 //!
 //! Summed up from the innovations of each sensor: the part of its readings beyond three standard
 //! deviations. Where that is more than noise makes, causes are tested as hypotheses: the recording

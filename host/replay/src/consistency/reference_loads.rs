@@ -1,5 +1,6 @@
-//! Consistency of the load estimates with the reference loads: normalised residual, share of
-//! samples outside the band, mean error, and the cause that follows.
+//! Compares valid load estimates with the reference loads of the recording: normalised residual,
+//! share of samples outside the band, mean error. Names the cause where a load is outside its band
+//! or biased.
 
 use loadtwin_common::io::estimate::Estimate;
 use loadtwin_machine::Machine;

@@ -1,5 +1,6 @@
-//! Consistency of one sensor with the model: share of contradicting readings, bias and NIS of the
-//! innovations, least-squares gain and offset against the prediction, flagged faults.
+//! Compares the readings of one sensor with the filter's predictions over a replay: share of
+//! contradicting readings, bias and NIS of the innovations, least-squares gain and offset, flagged
+//! faults. Decides whether the sensor disagrees with the description.
 
 use std::collections::BTreeMap;
 

@@ -1,5 +1,5 @@
-//! Reader of the index column of a recording with the encoder counts beside it: as many rows as the
-//! detection of the format of the pulse needs.
+//! Reads the index column of a recording with the encoder counts beside it, as many rows as are
+//! needed to detect the format of the pulse.
 
 use loadtwin_machine::{Encoder, Index, Machine};
 use loadtwin_recording::{Input, Quantity, Reader, Role, Unit, Wanted, columns as columns_of};

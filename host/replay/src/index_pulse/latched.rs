@@ -1,5 +1,5 @@
-//! Index column that holds latched encoder counts: which values are counts, and the test whether
-//! the encoder passed these counts shortly before.
+//! Tests whether the index column of a recording holds latched encoder counts: which of its values
+//! are counts, and whether the encoder passed most of them within the last second.
 
 use serde::{Deserialize, Serialize};
 

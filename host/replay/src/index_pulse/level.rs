@@ -1,5 +1,5 @@
-//! Index column that holds a level (0 and 1, a Boolean, a voltage): thresholds with hysteresis, and
-//! the polarity of the pulse.
+//! Finds the thresholds of an index column that holds a level (0 and 1, a Boolean, a voltage), with
+//! hysteresis, and whether the pulse is the high or the low level.
 
 use serde::{Deserialize, Serialize};
 

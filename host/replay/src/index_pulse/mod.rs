@@ -1,5 +1,5 @@
-//! Detector of the index pulses in a recording: the format of the column (latched counts or a
-//! level) is found, then the pulses row by row.
+//! Finds the index pulses in a recording: detects whether the column holds latched counts or a
+//! level, then gives the pulses row by row, each with its count where one is latched.
 
 mod index_column;
 mod latched;

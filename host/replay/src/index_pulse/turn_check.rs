@@ -1,5 +1,5 @@
-//! Check that index pulses are whole turns of the encoder apart; a column where most are not is
-//! refused.
+//! Checks that the index pulses of a recording are whole turns of the encoder apart, and refuses a
+//! column where most are not.
 
 use super::index_column::IndexColumn;
 use super::{Pulse, Pulses};

@@ -1,5 +1,5 @@
-//! Unit tests of the drivetrain plant against results by hand: natural frequency, energy and
-//! momentum, steady load with friction, backlash, step length, speed control.
+//! Tests the drivetrain plant against results by hand: natural frequency, energy and momentum,
+//! steady load with friction, backlash, step length, speed control.
 
 use crate::chain_parameters::Shaft;
 use crate::drivetrain_plant::*;

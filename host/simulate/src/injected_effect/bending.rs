@@ -1,5 +1,5 @@
-//! Injected effect, bending load: a constant and a slow random reading of every gauge, whatever
-//! the torque.
+//! Injects a bending load that the model lacks: adds to every gauge a constant and a slow random
+//! reading, whatever the torque.
 
 use std::sync::Arc;
 

@@ -1,4 +1,5 @@
-//! Injected data faults of a channel: inverted bits, stuck values, missing samples.
+//! Injects data faults into the words of a simulated channel: inverted bits, stuck values, missing
+//! samples.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

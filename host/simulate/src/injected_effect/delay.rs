@@ -1,4 +1,4 @@
-//! Injected effect: delay of a channel against the others.
+//! Injects a delay of one channel against the others: its reading comes 20 ms late at strength 1.
 
 use crate::injected_effect::{Apply, Effect, Scope};
 use crate::simulated_gauge::Delay;

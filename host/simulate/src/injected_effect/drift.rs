@@ -1,4 +1,5 @@
-//! Injected slow drift of gauge readings: creep under load, and zero drift with temperature.
+//! Injects slow drift into simulated gauge readings: creep under load (30 s), and a zero that
+//! drifts with temperature.
 
 use rand::RngExt;
 use rand_distr::StandardNormal;

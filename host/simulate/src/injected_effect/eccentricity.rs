@@ -1,4 +1,5 @@
-//! Injected effect: eccentric encoder disc, an angle error once per revolution.
+//! Injects an eccentric encoder disc: an error of the angle that one encoder counts, once per
+//! revolution.
 
 use std::f64::consts::TAU;
 

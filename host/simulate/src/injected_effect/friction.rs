@@ -1,5 +1,5 @@
-//! Injected friction: Coulomb, Stribeck, viscous and pre-sliding (Dahl) friction on the first
-//! inertia, load-dependent losses in each mesh.
+//! Injects friction into the simulated drivetrain that the model lacks: Coulomb, Stribeck, viscous
+//! and pre-sliding (Dahl) friction on the first inertia, load-dependent losses in each mesh.
 
 use crate::chain_parameters::Presliding;
 use crate::injected_effect::{Apply, Effect};

@@ -1,4 +1,4 @@
-//! Injected effect: mains interference, a sinusoid near 50 Hz in the reading of each channel.
+//! Injects mains interference: adds a sinusoid near 50 Hz to the reading of each channel.
 
 use std::f64::consts::TAU;
 

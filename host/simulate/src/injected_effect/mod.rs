@@ -1,18 +1,19 @@
-//! Effects injected into the simulated drivetrain and its sensors that the estimator's model
-//! lacks: their list, parsing with target and strength, and application.
+//! Injects effects that the estimator's model lacks into the simulated drivetrain and its sensors,
+//! for `loadtwin simulate --effect`: list of all effects, parsing of name, target and strength, and
+//! application to plant, gauges and encoders.
 
 mod bending;
+mod carrier_order;
 mod data_faults;
 mod delay;
 mod drift;
 mod eccentricity;
 mod friction;
+mod gauge_position;
+mod lower_peak;
 mod mains_interference;
 mod nonlinearity;
-mod order;
-mod parameters;
-mod peak;
-mod position;
+mod parameter_spread;
 mod sudden_change;
 mod torsion;
 mod zero_and_gain;
@@ -68,7 +69,7 @@ struct Dose {
 
 /// Every effect there is.
 pub static EFFECTS: &[Effect] = &[
-    parameters::SPREAD,
+    parameter_spread::SPREAD,
     torsion::BACKLASH,
     torsion::MESH_STIFFNESS,
     torsion::RIPPLE,
@@ -78,15 +79,15 @@ pub static EFFECTS: &[Effect] = &[
     friction::VISCOUS,
     friction::LOAD_DEPENDENT,
     friction::PRESLIDING,
-    position::POSITION,
-    peak::OVERESTIMATED,
+    gauge_position::POSITION,
+    lower_peak::OVERESTIMATED,
     drift::CREEP,
     drift::THERMAL,
     zero_and_gain::OFFSET,
     zero_and_gain::GAIN,
     zero_and_gain::THERMAL,
-    order::CARRIER_ORDER,
-    order::PLANET_SHARING,
+    carrier_order::CARRIER_ORDER,
+    carrier_order::PLANET_SHARING,
     bending::BENDING,
     nonlinearity::NONLINEARITY,
     delay::DELAY,

@@ -1,4 +1,4 @@
-//! Injected effect: nonlinear gauge, whose strain is not in proportion to the torque.
+//! Injects a nonlinear response of gauges: the strain is not in proportion to the torque.
 
 use rand::RngExt;
 

@@ -1,5 +1,5 @@
-//! Injected sudden gauge faults: a step of the zero, debonding (loss of response), bursts of an
-//! oscillation.
+//! Injects sudden faults of a simulated gauge: a step of its zero, debonding (loss of response),
+//! bursts of an oscillation.
 
 use rand::RngExt;
 

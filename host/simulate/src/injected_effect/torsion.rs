@@ -1,5 +1,5 @@
-//! Injected torsional effects of the drivetrain: backlash, varying mesh stiffness, torque
-//! ripple, resonance of a gear between shaft and mesh.
+//! Injects torsional effects into the simulated drivetrain: backlash, varying mesh stiffness,
+//! torque ripple, resonance of a heavier gear between shaft and mesh.
 
 use std::f64::consts::TAU;
 
@@ -40,7 +40,7 @@ pub(crate) const RIPPLE: Effect = Effect {
     apply: Apply::Drivetrain(ripple),
 };
 
-/// The gear between shaft and mesh carries 20 % of its smaller neighbour's inertia.
+/// The gear between the first shaft and its mesh gains 20 % of its smaller neighbour's inertia.
 pub(crate) const RESONANCE: Effect = Effect {
     name: "torsional-resonance",
     typical: "a gear with 20 % of its smaller neighbour's inertia in the first shaft",

@@ -1,5 +1,5 @@
-//! Injected gauge errors of zero and gain: an offset, a gain error, a gain that changes with
-//! temperature.
+//! Injects errors of zero and gain into simulated gauges: an offset, a gain error, a gain that
+//! changes with temperature.
 
 use rand::RngExt;
 use rand_distr::StandardNormal;

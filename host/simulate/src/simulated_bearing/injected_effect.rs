@@ -1,5 +1,6 @@
-//! Effects on a simulated wheel bearing that its description does not have: changed preload, a dead
-//! or loose gauge, cage slip, strain by speed.
+//! Injects effects into a simulated wheel bearing that its description lacks, for
+//! `loadtwin simulate --effect`: changed preload, a dead or loose gauge, cage slip, strain by
+//! speed. Parses name, gauge and strength.
 
 use std::str::FromStr;
 
@@ -103,6 +104,7 @@ impl FromStr for BearingEffect {
 }
 
 impl BearingEffect {
+    /// Changes the bearing before the plant is made of it.
     pub(crate) fn apply(&self, individual: &mut Individual) {
         if let Self::Preload(factor) = self {
             // Force goes with the approach to the power of 3/2.
@@ -120,6 +122,8 @@ impl BearingEffect {
         }
     }
 
+    /// Strain that gauge number `gauge` reads at `speed` (rad/s), given the `strain` without the
+    /// effect (um/m).
     pub(crate) fn read(&self, gauge: usize, t: f64, speed: f64, strain: f64) -> f64 {
         match *self {
             Self::DeadGauge(i, from) if i == gauge && t >= from => 0.0,
@@ -129,6 +133,7 @@ impl BearingEffect {
         }
     }
 
+    /// Part by which both cages lag.
     pub(crate) fn slip(&self) -> f64 {
         match *self {
             Self::CageSlip(percent) => 0.01 * percent,

@@ -1,5 +1,5 @@
-//! Speed and loads of a wheel over time: the common trait, and a recorded course that is
-//! interpolated linearly.
+//! Gives speed and loads of a wheel over time to the simulated bearing: the trait that scenarios
+//! and recorded courses share, and a recorded course, interpolated linearly.
 
 /// Speed and loads over time.
 pub(crate) trait Driven: Send {

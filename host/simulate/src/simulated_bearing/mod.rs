@@ -1,5 +1,6 @@
-//! Simulated rig of a wheel bearing: plant, gauges with noise and drift, encoders, references and
-//! effects; one row of readings for each sample.
+//! Simulates a wheel bearing on its rig, sample by sample: adds noise, drift and effects to the
+//! strains of the plant, quantises them as the converter does, and adds encoder counts and
+//! reference loads.
 
 mod injected_effect;
 mod load_profile;

@@ -1,6 +1,6 @@
-//! Plant of a simulated wheel bearing: the individual with its random deviations; each ball a
-//! contact of its own, an elastic ring with more shapes than the estimator's, equilibrium by
-//! Newton's method, and the strain at each gauge.
+//! Simulates the strains of a wheel bearing under given loads: an individual bearing with random
+//! deviations, each ball a contact of its own, an elastic ring with more shapes than the
+//! estimator's, equilibrium by Newton's method.
 //!
 //! Nothing here is shared with the estimator but the machine description.
 

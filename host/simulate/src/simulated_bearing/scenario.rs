@@ -1,4 +1,5 @@
-//! Load cases of a simulated wheel bearing: its five loads and its speed over time.
+//! Gives the five loads and the speed of a simulated wheel bearing over time, for each built-in
+//! load case: cornering and braking, slalom, a bend, calibration, stop and go.
 
 use std::f64::consts::{PI, TAU};
 

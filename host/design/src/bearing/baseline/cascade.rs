@@ -1,5 +1,7 @@
-//! Cascade of Kerst et al. 2019: adaptive high-pass of the strains, an extended Kalman filter with
-//! the strain model for each gauge, an unscented Kalman filter with the load model.
+//! Estimates `Fx, Fz, Mx, Mz` from four gauge strains by the cascade of Kerst et al. 2019, sample
+//! by sample: adaptive high-pass of the strains; an extended Kalman filter for each gauge
+//! (ball-pass frequency, phase, contact load); an unscented Kalman filter of the inner ring's
+//! displacement. The wheel's speed starts and stops it, with known loads at a start.
 //!
 //! As printed, but for what does not work so: the transition's off-diagonals are `t_s` and not
 //! `1 / t_s`; each row bends a ring of its own, and its offset is part of the lever; predicted

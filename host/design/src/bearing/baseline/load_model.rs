@@ -1,5 +1,6 @@
-//! Semi-analytical load model of a double-row ball bearing (Kerst et al. 2019): contact approach
-//! and angle from the displacements, bearing loads and ring deformation from the contacts.
+//! Computes approach and angle of a ball's contact at any azimuth from the displacement of the
+//! inner ring, and from all contacts the five bearing loads and the ring deformation that they
+//! cause. This is the load model of Kerst et al. 2019, eq. (4)-(9), for the cascade.
 
 use std::f64::consts::TAU;
 

@@ -1,6 +1,6 @@
-//! The two algorithms of Kerst et al. 2019, to compare the joint filter with: the cascade of
-//! strain-model and load-model filters, and the regression of the bulk strain. Here: the fit of
-//! both to a recording on the rig.
+//! Fits the two algorithms of Kerst et al. 2019 to a rig recording (`Baseline`), to compare
+//! loadtwin's own filter ("joint filter") with them: the strain models of the cascade, and the
+//! regression of the loads on the bulk strain. The submodules run them and compare the results.
 
 mod baseline_comparison;
 mod cascade;

@@ -1,5 +1,7 @@
-//! Baseline of Kerst et al. 2019: loads from the bulk strain by a nonlinear regression with a
-//! thermal offset; its fit to calibration samples, and its run sample by sample.
+//! Fits and runs the regression of Kerst et al. 2019, eq. (20)-(21): four loads from the low-passed
+//! (bulk) strains of the gauges, less a thermal offset, and their squares. The fit finds
+//! coefficients and offset by least squares; the run sets the offset in the first 0.5 s, where the
+//! loads must be given.
 
 use loadtwin_common::bearing::GAUGES;
 use loadtwin_common::signal::butterworth::{Butterworth, ButterworthState};

@@ -1,5 +1,6 @@
-//! Strain model of one gauge: local strain by a passing ball as the product of its load, a
-//! polynomial of the contact angle and harmonics of the phase; fit by alternating least squares.
+//! Models the local strain of one gauge by a passing ball: contact load times a cubic in the
+//! contact angle times two harmonics of the ball-pass phase (Kerst et al. 2019, eq. (1)-(3)). `fit`
+//! finds its coefficients from calibration blocks by alternating least squares.
 
 use std::f64::consts::SQRT_2;
 

@@ -1,5 +1,5 @@
-//! Injected position errors of gauges: the sensitivity map is shifted over the carrier angle
-//! and scaled.
+//! Injects position errors of gauges: shifts the sensitivity map over the carrier angle and scales
+//! it, by random amounts.
 
 use rand::RngExt;
 use rand_distr::StandardNormal;

@@ -1,5 +1,5 @@
-//! Injected gauge errors over the carrier angle that the maps lack: a cosine of order 1 to 6,
-//! and unequal load sharing of the planets.
+//! Injects gauge errors over the carrier angle that the strain maps lack: a cosine of one order
+//! from 1 to 6, and unequal load sharing of the planets.
 
 use std::f64::consts::TAU;
 

@@ -1,5 +1,5 @@
-//! Injected spread of the drivetrain's parameters: random factors on inertias, stiffnesses,
-//! damping and drag.
+//! Injects a spread of the drivetrain's parameters: multiplies each inertia, stiffness, damping and
+//! drag of the plant by a random factor.
 
 use rand::RngExt;
 use rand_distr::StandardNormal;

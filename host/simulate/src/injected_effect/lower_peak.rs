@@ -1,5 +1,5 @@
-//! Injected effect: peaks of a gauge's response over the carrier angle that are lower and wider
-//! than a model with point loads predicts.
+//! Injects peaks of a gauge's response over the carrier angle that are lower and wider than a model
+//! with point loads predicts.
 
 use crate::injected_effect::{Apply, Effect, Scope};
 
