@@ -1,5 +1,5 @@
-//! Source of frames for a command (`Source`): a CAN interface, a serial adapter or a log; parsing
-//! of its name and opening.
+//! Resolves the argument SOURCE of the CAN commands (`Source`: a CAN interface of Linux, a serial
+//! adapter `slcan:PORT@BIT_RATE`, else a log file) and opens it as a `Bus`.
 
 use std::path::Path;
 

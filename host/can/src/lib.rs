@@ -1,6 +1,7 @@
-//! CAN on the host: interfaces, serial adapters and logs; model images; and the commands that send,
-//! estimate, recompute and watch the frames of a machine. Here: the error type, a model with its
-//! estimator and frame encoder, conversion of frames, and the stop by a signal.
+//! CAN on the host: reads and writes interfaces, serial adapters and logs; signs and uploads model
+//! images; runs the commands that send, estimate, recompute and watch the frames of a machine.
+//! Here: the error type, a model with its estimator and frame encoder (`Model`), conversion of
+//! frames, and the stop by a signal.
 //!
 //! [`estimator_node`] replaces the microcontroller, [`sample_sender`] puts raw samples on a
 //! bus, [`twin_and_prove`] recomputes what the microcontroller sent and compares it bit
