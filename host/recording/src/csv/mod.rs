@@ -1,4 +1,6 @@
-//! Reader of recordings in text: delimiter-separated columns, one row a sample.
+//! Reads recordings in text files, one row a sample, with cells at a delimiter (`Csv`), and
+//! delivers the picked columns as blocks of rows in f64. A cell that does not suit its column is an
+//! error with line and column; an empty one is a missing sample (NaN).
 //!
 //! A row is one line; quoted cells are understood, line ends inside quotes are
 //! not. Only the columns asked for are parsed.
@@ -28,7 +30,7 @@ pub(super) struct Csv {
     /// `destination[i]`: where column `i` of the file goes.
     destination: Vec<Option<usize>>,
     rows: u64,
-    /// Time from row to row where the file has no time [s].
+    /// Time from row to row where the file has no time (s).
     row_period_s: Option<f64>,
     /// What was recognised rather than stated, as settings.
     recognised: Vec<String>,

@@ -1,5 +1,6 @@
-//! Reader of recordings in ASAM MDF4, the format of test benches: channels of one or several
-//! channel groups, each with its unit, at the time stamps of one group.
+//! Reads recordings in ASAM MDF4, the format of test benches (`Mdf`): opens the file, plans the
+//! channel groups, and delivers rows of the picked channels at the time stamps of one group;
+//! channels of other groups are joined at these stamps.
 //!
 //! A channel is found in whichever group has it. Groups of the same channels
 //! that follow each other in time are one recording. Records are read window by
