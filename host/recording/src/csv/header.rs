@@ -6,7 +6,7 @@ use crate::error::Problem;
 use crate::recording_layout::{Column, CsvLayout};
 use crate::{Unit, shown};
 
-use super::cell::{Kind, recognise};
+use super::cell_kind::{Kind, recognise};
 use super::cells::Cells;
 use super::dialect::Dialect;
 use super::lines::Lines;

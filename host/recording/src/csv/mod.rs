@@ -4,7 +4,7 @@
 //!
 //! A row is one line; quoted cells are understood, line ends inside quotes are
 //! not. Only the columns asked for are parsed.
-mod cell;
+mod cell_kind;
 mod cells;
 mod dialect;
 mod header;
@@ -18,7 +18,7 @@ use super::error::{FINITE, FINITE_TIME, NO_NAN, Problem, Row};
 use super::recording_layout::{Column, CsvLayout, WrittenNan};
 use super::row_source::{Output, Rows};
 use super::{BLOCK_ROWS, shown};
-pub(super) use cell::Kind;
+pub(super) use cell_kind::Kind;
 use cells::Cells;
 use lines::Lines;
 pub(super) use outline::outline;

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use super::cell::recognise;
+use super::cell_kind::recognise;
 use super::cells::Cells;
 use super::dialect::DELIMITERS;
 use super::header::separator;

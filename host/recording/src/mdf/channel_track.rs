@@ -4,9 +4,9 @@
 use falcon_mdf::stream::SignalsChunks;
 use falcon_mdf::{Channel, Mf4File};
 
+use super::channel_group::seconds;
 use super::channel_values::Decoded;
 use super::damaged;
-use super::group::seconds;
 use crate::error::{FINITE, FINITE_TIME, NO_NAN, Problem, Row};
 use crate::unit::Conversion;
 use crate::{BLOCK_ROWS, TIME, shown};

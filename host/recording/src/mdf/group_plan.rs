@@ -4,10 +4,10 @@
 use falcon_mdf::Mf4File;
 use falcon_mdf::io::reader::BufferedSource;
 
+use super::channel_group::{Candidates, Group, Stamps, chain};
 use super::channel_track::{Part, Track};
 use super::channel_values::{Decoded, unit};
-use super::group::{Candidates, Group, Stamps, chain};
-use super::other_group::Join;
+use super::group_join::Join;
 use crate::error::Problem;
 use crate::recording_layout::{Column, CsvLayout};
 use crate::{TIME, shown};

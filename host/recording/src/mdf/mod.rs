@@ -6,11 +6,11 @@
 //! that follow each other in time are one recording. Records are read window by
 //! window; a compressed block is held whole, which is 4 MB or less from the
 //! usual writers. Invalid samples are missing samples.
+mod channel_group;
 mod channel_track;
 mod channel_values;
-mod group;
+mod group_join;
 mod group_plan;
-mod other_group;
 mod unsorted;
 
 use std::path::Path;
@@ -22,10 +22,10 @@ use falcon_mdf::{Mf4Error, Mf4File, OpenOptions};
 use super::error::{Problem, clipped};
 use super::recording_layout::{Column, CsvLayout, WrittenNan};
 use super::row_source::{Output, Rows};
+use channel_group::Group;
 use channel_track::Stream;
-use group::Group;
+use group_join::Side;
 use group_plan::{Plan, Planner};
-use other_group::Side;
 use unsorted::WholeRecords;
 
 /// Largest size that a compressed block may claim to have expanded, bytes: 24
