@@ -2,10 +2,10 @@
 //! the gaps between rows. A gap that is too long, a changed rate, a wandering clock and two rows on
 //! one tick are errors (`Misplaced`).
 //!
-//! A row at `t` belongs to the tick `round((t - t0) / T)`. `t0` and `T` are those of a straight line
-//! through the rows, times over ticks, with a memory of [`MEMORY`] rows, so that a clock that drifts
-//! is followed and jitter is averaged out. The first line is fitted to the stretch of the first block
-//! that is the most regular, and continued from there to both sides.
+//! A row at `t` belongs to the tick `round((t - t0) / T)`. `t0` and `T` are those of a straight
+//! line through the rows, times over ticks, with a memory of [`MEMORY`] rows, so that a clock that
+//! drifts is followed and jitter is averaged out. The first line is fitted to the most regular
+//! stretch of the first block, and continued from there to both sides.
 use serde::{Deserialize, Serialize};
 
 use super::error::Problem;
