@@ -4,9 +4,9 @@
 //! frames, and the stop by a signal.
 //!
 //! [`estimator_node`] replaces the microcontroller, [`sample_sender`] puts raw samples on a bus,
-//! [`twin_and_prove`] recomputes what the microcontroller sent and compares it bit for bit, on a bus
-//! or in a log, [`monitor`] watches, [`upload`] sends a model image to a board. All of them run on
-//! the [`bus::Bus`] trait: a socket, a serial adapter, a log, or a simulated controller. [`dbc`]
+//! [`twin_and_prove`] recomputes what the microcontroller sent and compares it bit for bit, on a
+//! bus or in a log, [`monitor`] watches, [`upload`] sends a model image to a board. All of them run
+//! on the [`bus::Bus`] trait: a socket, a serial adapter, a log, or a simulated controller. [`dbc`]
 //! writes the description of the frames.
 #![forbid(unsafe_code)]
 #![cfg_attr(
