@@ -1,8 +1,8 @@
-//! The host crate `loadtwin`: command line, draft descriptions, tables of the gearbox paper and
-//! browser view of a CAN bus. The other library crates under `host/` are re-exported as its
-//! modules.
+//! The library of the command `loadtwin`: command line ([`cli`]), draft descriptions ([`init`]),
+//! tables of the gearbox paper ([`tables`]) and browser view of a CAN bus ([`web`]). The other
+//! library crates under `host/` are re-exported as its modules.
 #![forbid(unsafe_code)]
-// `cli::output` prints, so that a closed pipe or a full disk is no panic.
+// `cli::printing` prints, so that a closed pipe or a full disk is no panic.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 #![cfg_attr(
     not(test),

@@ -1,5 +1,6 @@
-//! Origin of a report page, added to its facts: description and the files that it names with their
-//! hashes, model image, command, version, date.
+//! Adds to a report page the facts by which it can be traced (`with_origin`): the description and
+//! the files that it names with their hashes, command, version, date; `image_fact` gives the hash
+//! of the model image.
 
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -14,7 +15,8 @@ use crate::report::Report;
 const SHOWN: usize = 12;
 
 /// `report` with the facts that it can be traced by: file name and the start of the SHA-256 of
-/// `description` and of the files that it names (calibration, maps), the command, the version, the day (UTC).
+/// `description` and of the files that it names (calibration, maps), the command, the version, the
+/// day (UTC).
 pub(crate) fn with_origin(mut report: Report, description: Option<&Path>) -> Report {
     if let Some(path) = description {
         report.facts.push(["Description".into(), with_hash(path)]);
@@ -41,7 +43,8 @@ pub(crate) fn with_origin(mut report: Report, description: Option<&Path>) -> Rep
     report
 }
 
-/// The model image by the start of its SHA-256, and the number that a board with it has in its status.
+/// The model image by the start of its SHA-256, and the number that a board with it has in its
+/// status.
 pub(crate) fn image_fact(image: &[u8]) -> [String; 2] {
     let digest = Sha256::digest(image);
     let mut first = [0; 4];

@@ -1,5 +1,7 @@
-//! The trait `Bus` of CAN interfaces, serial adapters and logs, with received frames and errors;
-//! and `Link`, which retries sending with bounded back-off and counts the faults of a bus.
+//! Defines the trait `Bus` (receive, send, restart, clock) that interfaces, serial adapters, logs
+//! and the simulated controller implement, and its errors. `Link` sends frames through a bus: it
+//! repeats a send after a full queue or a fault, with bounded back-off and up to a time limit, and
+//! counts the faults.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -183,12 +185,12 @@ impl Backoff {
     }
 }
 
-/// What a link met.
+/// Counts of a link: frames sent and dropped, and faults of the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct LinkCounts {
     /// Frames that the bus took.
     pub sent: u64,
-    /// Frames given up after the link's patience.
+    /// Frames given up after the time limit of the link, and those that the bus refused.
     pub dropped: u64,
     /// Times that the queue was full.
     pub full: u64,
@@ -212,7 +214,7 @@ pub struct Link<B> {
 }
 
 impl<B: Bus> Link<B> {
-    /// A link that gives a frame up after `patience`.
+    /// A link that gives a frame up after `patience`, the time limit of a send.
     pub fn new(bus: B, patience: Duration) -> Self {
         Self {
             bus,
@@ -224,7 +226,7 @@ impl<B: Bus> Link<B> {
         }
     }
 
-    /// Faults so far.
+    /// Counts so far.
     pub fn counts(&self) -> LinkCounts {
         let refused = self.bus.refused();
         LinkCounts {
@@ -247,7 +249,7 @@ impl<B: Bus> Link<B> {
     /// Sends a frame; `false` when it was given up or `stop` was set.
     ///
     /// # Errors
-    /// Only what does not pass by itself.
+    /// Any but `Full`, `Down` and `Off`, which are waited for.
     pub fn send(&mut self, frame: &BusFrame, stop: &AtomicBool) -> Result<bool, BusError> {
         let deadline = self.bus.now() + self.patience;
         loop {
@@ -293,7 +295,7 @@ impl<B: Bus> Link<B> {
     /// interface is down.
     ///
     /// # Errors
-    /// `Ended` at the end of a log, or what does not pass by itself.
+    /// Any but `Down`: `Ended` at the end of a log.
     pub fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {
         match self.bus.receive(timeout) {
             Err(BusError::Down) => {

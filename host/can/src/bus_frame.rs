@@ -1,5 +1,6 @@
-//! A CAN frame of any interface or log (classic, FD, remote or error frame), its length codes, and
-//! its text form as of `candump -L`.
+//! Represents one CAN frame of any interface or log (`BusFrame`: classic, FD, remote or error
+//! frame). Checks identifier and length when a frame is made, converts length codes to bytes, and
+//! prints the text of `candump -L`.
 
 use std::fmt;
 

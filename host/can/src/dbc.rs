@@ -1,5 +1,6 @@
-//! DBC file of a machine's frames: `docs/loadtwin.dbc` with the identifiers of the machine, and its
-//! loads and sensors by name, scale and unit.
+//! Writes the DBC file (CAN database) of one machine for `loadtwin dbc`, from the template
+//! `docs/loadtwin.dbc`: moves the identifiers to the machine's base, puts in names, scale and unit
+//! of its loads and names of its sensors, and leaves out what it does not have.
 
 use loadtwin_common::io::estimate::MAX_LOADS;
 use loadtwin_common::io::frame::{DEFAULT_BASE, LoadFrame};
@@ -14,7 +15,7 @@ pub struct LoadScale<'a> {
     pub name: &'a str,
     /// Its unit.
     pub unit: &'a str,
-    /// The load at the end of the scale.
+    /// The load at the end of the scale, in `unit`.
     pub full_scale: f32,
 }
 

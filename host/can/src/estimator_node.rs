@@ -1,5 +1,6 @@
-//! The command `loadtwin node`: estimates on the host in the microcontroller's place, raw
-//! frames in, estimate frames out.
+//! The command `loadtwin node`, which replaces the microcontroller: assembles samples from the raw
+//! frames of a bus or log, steps the estimator on each, and sends load, sensor and status frames,
+//! with a status frame after 0.1 s without a sample.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,7 +15,7 @@ use super::bus::{Bus, BusError, Link, LinkCounts};
 use super::live_display::{Page, View};
 use super::{CanError, Model, standard, to_bus};
 
-/// Wait for a frame after which a heartbeat is sent without one.
+/// Time without a sample after which a status frame is sent (the heartbeat).
 const HEARTBEAT: Duration = Duration::from_millis(100);
 
 /// How a node runs.
@@ -87,7 +88,8 @@ impl Node<'_> {
     }
 }
 
-/// Runs until `stop` is set, the log ends, or the samples stay away.
+/// Runs until `stop` is set, the user ends the view, the log ends, or no sample comes for
+/// `args.idle`.
 ///
 /// # Errors
 /// When the model is refused or the bus fails for good.

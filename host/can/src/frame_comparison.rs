@@ -1,5 +1,7 @@
-//! Bit-for-bit comparison of a machine's load and sensor frames with those recomputed from its raw
-//! frames: verdict, counts, and the first difference.
+//! Recomputes a machine's load and sensor frames from its raw frames with the model image, and
+//! compares them bit for bit with those that the machine sent (`Comparison`). Input: received
+//! frames, one by one; output: counts, the first difference, and a verdict. Used by `twin`, `prove`
+//! and `monitor --web`.
 
 use std::collections::VecDeque;
 
@@ -16,7 +18,7 @@ use serde::Serialize;
 use super::bus::Received;
 use super::{CanError, Model, standard};
 
-/// Kinds of frames that are a function of the raw samples: loads and sensors.
+/// Number of identifiers with frames that are a function of the raw samples: loads and sensors.
 const COMPARED: usize = signal_layout::sensor_health::OFFSET as usize;
 
 /// Recomputed frames of one identifier that wait for the machine's at most.
@@ -97,12 +99,12 @@ pub struct Figures {
     pub restarts: u64,
     /// Name of the model that the machine runs, where it was reported.
     pub machine_model: Option<u32>,
-    /// From raw sample to the load frame that the machine made from it, mean (ms); by how many samples
-    /// its estimates lag is not in it.
+    /// Time from a raw sample to a load or sensor frame that the machine made from it, mean (ms).
+    /// The delay of the estimates in samples is not part of it.
     pub lag_mean_ms: f64,
-    /// From raw sample to the machine's load frame, most (ms).
+    /// The largest such time (ms).
     pub lag_max_ms: f64,
-    /// Samples whose loads were compared, for the mean.
+    /// Frames compared, for the mean.
     #[serde(skip)]
     lags: u64,
 }
@@ -132,7 +134,7 @@ struct Channel {
     counter: Counter,
 }
 
-/// The machine, recomputed.
+/// Recomputation of a machine's frames, and its comparison with the frames received.
 pub struct Comparison<'a> {
     model: Model<'a>,
     line: Estimator<'a>,
@@ -197,7 +199,7 @@ impl<'a> Comparison<'a> {
         figures
     }
 
-    /// How far it is.
+    /// Samples and waiting frames so far, without a copy of all figures.
     pub fn progress(&self) -> Progress {
         Progress {
             samples: self.assembler.counts().samples,
@@ -279,8 +281,8 @@ impl<'a> Comparison<'a> {
     fn sample(&mut self, sample: &RawSample, t_us: u64) {
         let joined_late = self.assembler.counts().samples == 1 && sample.tick != 0;
         self.estimate = self.line.step(sample);
-        // The machine may have the same gap, which is no loss then. From here on a difference does not
-        // prove a fault.
+        // The machine may have the same gap, which is no loss then. From here on a difference does
+        // not prove a fault.
         if joined_late || self.estimate.lost > 0 {
             self.known = false;
         }

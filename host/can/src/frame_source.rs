@@ -1,5 +1,5 @@
-//! Source of frames for a command (`Source`): a CAN interface, a serial adapter or a log; parsing
-//! of its name and opening.
+//! Finds what the argument SOURCE of the CAN commands names (`Source`: a CAN interface of Linux, a
+//! serial adapter `slcan:PORT@BIT_RATE` or a log file), and opens it as a `Bus`.
 
 use std::path::Path;
 
@@ -29,7 +29,8 @@ pub enum Source<'a> {
 }
 
 impl<'a> Source<'a> {
-    /// What `name` stands for: `slcan:PORT@BIT_RATE`, an interface of the system, else a file.
+    /// What `name` stands for: `slcan:PORT@BIT_RATE`, an interface of the system, a file where it is
+    /// there or the name has a slash or a dot, else an interface that is not there.
     ///
     /// # Errors
     /// When the bit rate is no number.

@@ -1,12 +1,13 @@
-//! CAN on the host: interfaces, serial adapters and logs; model images; and the commands that send,
-//! estimate, recompute and watch the frames of a machine. Here: the error type, a model with its
-//! estimator and frame encoder, conversion of frames, and the stop by a signal.
+//! CAN on the host: reads and writes interfaces, serial adapters and logs; signs and uploads model
+//! images; runs the commands that send, estimate, recompute and watch the frames of a machine.
+//! Here: the error type, a model with its estimator and frame encoder (`Model`), conversion of
+//! frames, and the stop by a signal.
 //!
-//! [`estimator_node`] replaces the microcontroller, [`sample_sender`] puts raw samples on a
-//! bus, [`twin_and_prove`] recomputes what the microcontroller sent and compares it bit
-//! for bit, on a bus or in a log, [`monitor`] watches, [`dbc`] prints the
-//! description of the frames. All of them run on the [`bus::Bus`] trait: a
-//! socket, a serial adapter, a log, or a simulated controller.
+//! [`estimator_node`] replaces the microcontroller, [`sample_sender`] puts raw samples on a bus,
+//! [`twin_and_prove`] recomputes what the microcontroller sent and compares it bit for bit, on a
+//! bus or in a log, [`monitor`] watches, [`upload`] sends a model image to a board. All of them run
+//! on the [`bus::Bus`] trait: a socket, a serial adapter, a log, or a simulated controller. [`dbc`]
+//! writes the description of the frames.
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),

@@ -1,5 +1,6 @@
-//! Live display of a command on the bus: its contents (`Page`: loads, sensors, status, verdict,
-//! counts), the trait `View`, and the views without output and with one line a second.
+//! Collects what a command on the bus shows while it runs (`Page`: loads, sensors, status, verdict,
+//! counts), and shows it through the trait `View`: nothing (`Quiet`) or one line a second
+//! (`Lines`). `live` chooses these lines or the full-screen view of `terminal_view.rs`.
 
 use std::fmt;
 use std::io::{self, IsTerminal, Write};
@@ -19,11 +20,11 @@ use super::terminal_view::Screen;
 pub struct LoadRow {
     /// Its name.
     pub name: String,
-    /// The load at the end of its scale [N m, N].
+    /// The load at the end of its scale (N m or N; 100 where the load is in %).
     pub full_scale: f64,
-    /// Value [N m, N].
+    /// Value (N m, N or %).
     pub value: Option<f64>,
-    /// Standard deviation [N m, N].
+    /// Standard deviation, in the unit of the value.
     pub std: Option<f64>,
     /// Why it is not to be trusted.
     pub fault: Fault,
@@ -55,7 +56,7 @@ pub struct Page {
     pub verdict: Option<Verdict>,
     /// Counts, each with its name.
     pub counts: Vec<(&'static str, u64)>,
-    /// From raw sample to load frame, mean and most (ms).
+    /// Time from a raw sample to the frames made from it, mean and largest (ms).
     pub lag_ms: Option<(f64, f64)>,
     /// Anything else.
     pub note: Option<String>,
@@ -153,7 +154,7 @@ impl Page {
         }
     }
 
-    /// Shows the time from raw sample to load frame (ms).
+    /// Shows the time from a raw sample to the frames made from it, mean and largest (ms).
     pub fn lag(&mut self, mean: f64, most: f64) {
         self.lag_ms = Some((mean, most));
     }

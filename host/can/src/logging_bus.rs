@@ -1,5 +1,6 @@
-//! A bus of which all frames, received and sent, are written to a log (`Recorded`); and a bus
-//! without an interface, for writing a log alone (`NoBus`).
+//! Wraps a `Bus` so that every frame received and sent is also written to a candump log
+//! (`Recorded`). `NoBus` stands in where frames go to the log alone: it accepts every frame, and
+//! its clock moves as it is waited for.
 
 use std::io;
 use std::time::Duration;
@@ -21,7 +22,7 @@ pub struct Recorded<B> {
 }
 
 impl<B: Bus> Recorded<B> {
-    /// `is_log`: the bus is a log, which takes no frames.
+    /// `bus` with all frames written to `log`; `is_log`: the bus is a log, which takes no frames.
     ///
     /// # Errors
     /// When the first frame of a log cannot be read.
@@ -110,7 +111,8 @@ impl<B: Bus> Bus for Recorded<B> {
     }
 }
 
-/// No bus: a clock that moves as it is waited for. With [`Recorded`], what would be sent becomes a log.
+/// No bus: a clock that moves as it is waited for. With [`Recorded`], what would be sent becomes a
+/// log.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoBus {
     now: Duration,

@@ -1,5 +1,6 @@
-//! Monitoring of a machine's frames on a bus or in a log: decodes loads, sensors and status, and
-//! counts lost and damaged frames. With a model and `--web` it also compares recomputed frames.
+//! The command `loadtwin monitor`: decodes a machine's load, sensor and status frames on a bus or
+//! in a log for the display, and counts lost, repeated and damaged frames. With a model and `--web`
+//! it also recomputes the frames and compares them.
 
 use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};

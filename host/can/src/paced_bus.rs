@@ -1,4 +1,6 @@
-//! A bus that delivers the frames of a log at the recorded speed times a constant factor.
+//! Wraps the `Bus` of a log so that its frames come as they did when it was recorded, faster by a
+//! constant factor (`Paced`); `monitor --web` shows logs by it. After the last frame nothing comes
+//! any more.
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -6,7 +8,7 @@ use std::time::{Duration, Instant};
 use super::bus::{Bus, BusError, Received};
 use super::bus_frame::BusFrame;
 
-/// A log whose frames come when they came then.
+/// A log whose frames come at the recorded intervals, divided by a speed.
 pub struct Paced<B> {
     bus: B,
     /// How many times faster.

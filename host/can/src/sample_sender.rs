@@ -1,5 +1,6 @@
-//! The command `loadtwin send`: sends raw samples as CAN or CAN FD frames, in real time or as
-//! fast as the bus accepts them; in lock-step it waits for the load frames of the receiver.
+//! The command `loadtwin send`: sends raw samples as CAN or CAN FD frames, at the model's sample
+//! rate or as fast as the bus accepts them. In lock-step it waits for the load frames of the
+//! receiver. Output: counts and the largest delay.
 
 use std::error::Error;
 use std::path::PathBuf;

@@ -1,4 +1,5 @@
-//! A simulated CAN controller that can go bus-off, in simulated time.
+//! Simulates a CAN controller and its wire as a `Bus` in simulated time, for tests: during given
+//! periods every transmission fails, and the controller goes bus-off and comes back.
 //!
 //! Fault confinement of ISO 11898-1: a failed transmission adds 8 to the
 //! transmit error counter, a good one takes 1 away; above 255 the controller
@@ -34,7 +35,7 @@ pub struct SimulatedController {
 }
 
 impl SimulatedController {
-    /// At `bitrate` [bit/s], on a wire on which nothing passes during `disturbed`.
+    /// At `bitrate` (bit/s), on a wire on which nothing passes during `disturbed`.
     pub fn new(bitrate: u32, disturbed: Vec<Range<Duration>>) -> Self {
         Self {
             bit: Duration::from_secs(1) / bitrate,

@@ -1,4 +1,6 @@
-//! A bus behind a serial adapter that speaks slcan (LAWICEL), as `CANable` and `USBtin`.
+//! A `Bus` over a serial adapter that speaks slcan (LAWICEL), as `CANable` and `USBtin`
+//! (`SlcanBus`): opens the adapter at a bit rate, encodes frames as its lines of text, and decodes
+//! those that it sends. Frames that it refuses are counted.
 //!
 //! `tIIILDD..` and a carriage return is a classic frame, `T` one of 29 bits, `r` and `R` a request;
 //! `d`, `D`, `b`, `B` are the FD frames of `CANable` 2.0, the last two sent at two rates.
@@ -120,8 +122,8 @@ impl SlcanBus {
     }
 }
 
-/// Sends a command and waits for its answer: true for a carriage return, false for a bell, none where
-/// none comes in time.
+/// Sends a command and waits for its answer: true for a carriage return, false for a bell, none
+/// where none comes in time.
 fn command(port: &mut dyn SerialPort, text: &str) -> std::io::Result<Option<bool>> {
     port.write_all(format!("{text}\r").as_bytes())?;
     let deadline = Instant::now() + ANSWER;

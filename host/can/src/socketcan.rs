@@ -1,5 +1,6 @@
-//! A CAN interface of Linux (`SocketCAN`) as a bus: reading thread, filter for a block of
-//! identifiers, and reopening of an interface that was removed.
+//! A `Bus` over a CAN interface of Linux (`SocketBus`, by `SocketCAN`): a thread reads the frames
+//! into memory, the kernel filters for the 32 identifiers of a machine, and an interface that was
+//! removed is opened again.
 
 use std::io;
 use std::sync::Arc;

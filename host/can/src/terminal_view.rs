@@ -1,4 +1,5 @@
-//! Full-screen terminal view of a command on the bus: loads with bars, sensor health, and counts.
+//! Draws the `Page` of a command on the bus in the whole terminal, ten times a second: loads with
+//! bars, NIS and fault of each sensor, counts. The user ends the command by `q`, Escape or Ctrl-C.
 
 use std::io::{self, Stderr};
 use std::ops::ControlFlow;

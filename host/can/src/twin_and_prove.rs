@@ -1,5 +1,7 @@
-//! The commands `loadtwin twin` and `prove`: receive a machine's frames from a bus or a log,
-//! compare them bit for bit with recomputed frames, and summarise.
+//! The commands `loadtwin twin` (on a bus, also with a log file as output) and `loadtwin prove` (a
+//! log to its end): pass a machine's frames to `frame_comparison.rs`, which compares them bit for
+//! bit with recomputed ones, show the progress, and return verdict and counts. A log with malformed
+//! lines is never identical.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -63,7 +65,8 @@ pub struct TwinSummary {
     pub first_malformed_line: Option<u64>,
 }
 
-/// Compares until `stop` is set, the log ends, or what `args` says.
+/// Compares until `stop` is set, the user ends the view, the log ends, or the limits of `args` are
+/// reached.
 ///
 /// # Errors
 /// When the model is refused, the log cannot be written, or the bus fails for good.
@@ -169,7 +172,7 @@ fn compare<B: Bus>(
     })
 }
 
-/// What the end of a comparison is decided by.
+/// Figures by which the end of a comparison is decided.
 pub use super::frame_comparison::Progress;
 
 fn fill(page: &mut Page, comparison: &Comparison<'_>) {

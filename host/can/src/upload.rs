@@ -1,5 +1,6 @@
-//! Upload of a signed model image over a bus: sends the frames of the state machine in
-//! `image/upload_protocol.rs`, and hands it the answers of the board.
+//! Uploads a signed model image over a bus, for `loadtwin upload`: sends the frames of the state
+//! machine in `image/upload_protocol.rs`, passes it the answers of the board, and returns bytes,
+//! frames and time. Ends when the board has accepted or refused the image.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;

@@ -1,5 +1,6 @@
-//! Renaming of the columns of a file to the names of the machine's channels, as the layout states,
-//! and recognition of the time column by its usual names.
+//! Renames the columns of a file to the names of the machine's channels, and sets their units, as
+//! the layout states. Where no column is called `t`, finds the time by its usual names (`time`,
+//! `timestamp`, `timestamps`, `zeit`).
 use super::TIME;
 use super::recording_layout::{Column, CsvLayout};
 

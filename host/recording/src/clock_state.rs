@@ -1,5 +1,5 @@
-//! State of a recording's clock after its last row (sampling grid and time of the row), for reading
-//! its continuation in another file.
+//! Stores a recording's clock after its last row (`Clock`: sampling grid, time of that row in s),
+//! serializable, so that the next file of the same recording is read on the same ticks.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,6 @@
-//! Selection of the wanted columns among those of a recording, each with its unit conversion.
+//! Finds the wanted columns among those of a recording (`Selection`): index, conversion to the
+//! wanted unit, and role of each, and the time. A required column that is missing, and one that is
+//! there twice or has no convertible unit, is an error.
 use super::error::Problem;
 use super::recording_layout::{Column, CsvLayout, Role, Wanted};
 use super::unit::{Conversion, Unit};

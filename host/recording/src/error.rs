@@ -1,5 +1,6 @@
-//! Errors of reading and writing a recording: `RecordingError` with file and row, and the kinds
-//! of `Problem`, each with a message of one line.
+//! The errors of reading and writing a recording: `RecordingError` names the file, `Problem` lists
+//! the kinds, each with a one-line message of row, value found and values allowed. `clipped` makes
+//! foreign text fit into such a line.
 use std::fmt;
 use std::io;
 use std::path::PathBuf;
@@ -197,9 +198,9 @@ pub enum Problem {
     Backwards {
         /// Where.
         row: Row,
-        /// Time of the row before.
+        /// Time of the row before, s.
         before: f64,
-        /// Time of this row.
+        /// Time of this row, s.
         found: f64,
         /// Whether the row before is in the recording before.
         continues: bool,
@@ -213,7 +214,7 @@ pub enum Problem {
     Gap {
         /// Row after the gap.
         row: Row,
-        /// Time of the row before.
+        /// Time of the row before, s.
         before: f64,
         /// From one row to the next, s.
         gap_s: f64,
@@ -273,9 +274,9 @@ pub enum Problem {
     /// Recorded at another rate than the machine description says.
     #[error("is sampled every {found_s:.6} s; allowed: {allowed_s:.6} s within 2 %")]
     Period {
-        /// Median step of the recording.
+        /// Median step of the recording, s.
         found_s: f64,
-        /// Step expected.
+        /// Step expected, s.
         allowed_s: f64,
     },
     /// The sensors of an MDF4 file are recorded at different rates.
@@ -289,9 +290,9 @@ pub enum Problem {
         column: String,
         /// A channel of the group chosen.
         other: String,
-        /// Its step.
+        /// Its step, s.
         found_s: f64,
-        /// The step of the group chosen.
+        /// The step of the group chosen, s.
         allowed_s: f64,
     },
     /// Several channel groups have a channel over the same time.

@@ -1,5 +1,6 @@
-//! Survey of an unknown recording: its columns with units and first values, its period, and the
-//! layout settings with which it can be read.
+//! Surveys a recording of unknown layout for the draft of a description (`survey`): reads it,
+//! changes one layout setting for each error until it can be read, and returns the settings with
+//! the reasons, the period (s), and each column with unit and first values.
 use std::path::Path;
 
 use super::channel_names::TIMES;

@@ -1,4 +1,5 @@
-//! Time of the first row of a recording, by which it is placed after another one.
+//! Reads the time of the first row of a recording in s (`first_time`). By it a recording is placed
+//! after another one, before either is read.
 
 use super::column_selection::Selection;
 use super::error::{Problem, RecordingError};

@@ -1,5 +1,6 @@
-//! File formats that are recognised by their first bytes but not read, each with advice on its
-//! conversion.
+//! Recognises file formats that are not read (MATLAB, HDF5, XLSX, CAN logs, archives, ...) by the
+//! first bytes of a file (`recognise`), and returns name and advice on the conversion for the error
+//! message.
 
 /// Bytes of a file that are looked at.
 pub(super) const HEAD: usize = 1024;

@@ -1,5 +1,6 @@
-//! Recordings of a machine, in CSV, Parquet, MDF4 or Arrow: one row a sample, the time `t` and then
-//! channels, a unit for each; list of readers, writer and layout.
+//! Reads and writes recordings of a machine in CSV, Parquet, MDF4 or Arrow: one row a sample, the
+//! time `t` and then channels, a unit for each. Here: the public names of the crate, and the number
+//! of rows in a block.
 //!
 //! | format | recognised by | unit of a column | read | written |
 //! |---|---|---|---|---|

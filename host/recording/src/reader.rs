@@ -1,5 +1,7 @@
-//! Reader of a recording: blocks of samples, with the wanted columns in the wanted units. Gaps up
-//! to the allowed length become missing samples; longer ones and time running backwards are errors.
+//! Reads a recording in blocks of samples (`Reader`, `Block`) with the wanted columns in the wanted
+//! units. Rows are placed on the ticks of one clock unless the layout states that there is none.
+//! Gaps up to the allowed length become samples of NaN; longer ones and time running backwards are
+//! errors.
 use std::path::PathBuf;
 
 use super::TIME;
@@ -11,7 +13,7 @@ use super::resample::Resampler;
 use super::row_source::{Input, Opened, Rows, Source};
 use super::sampling_grid::{Gap, Grid, Misplaced};
 
-/// Time that no clock shows, 30 000 years [s]: nanoseconds since 1970 read as
+/// Time that no clock shows, 30 000 years (s): nanoseconds since 1970 read as
 /// seconds are later.
 const LATEST_S: f64 = 1e12;
 
@@ -67,7 +69,7 @@ pub struct Reader {
     source: Source,
     selection: Selection,
     timing: Timing,
-    /// Period by the description [s], where the caller has one.
+    /// Period by the description (s), where the caller has one.
     expected_s: Option<f64>,
     /// Whether the grid is that of the part before.
     is_continued: bool,

@@ -1,5 +1,7 @@
-//! Layout of a recording, the table `[recording]` of a machine description: text format, timing,
-//! gaps, and column, unit and type of each channel; the wanted columns and their roles.
+//! The table `[recording]` of a machine description (`CsvLayout`, also for Parquet and MDF4): text
+//! format, timing, gaps, and column, unit and type of each channel; read from TOML. Also the
+//! columns that a caller asks for (`Wanted`, `Role`) and those of a file (`Column`, from
+//! `name [unit]`).
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

@@ -1,6 +1,7 @@
-//! Resampling of rows at arbitrary times to a uniform clock: low-pass filter (windowed sinc) of
-//! dense rows, local line through sparse ones, linear interpolation of counts, largest value of an
-//! index pulse.
+//! Resamples rows at arbitrary times to a uniform clock (`Resampler`): low-pass filter (windowed
+//! sinc) of dense rows, local line through sparse ones, linear interpolation of counts, an index
+//! pulse by its value of largest magnitude. Ticks in gaps are marked; longer gaps than allowed are
+//! errors.
 //!
 //! Tick `k` is at `t0 + k T`, `t0` the time of the first row. What a tick holds
 //! depends on what the column is ([`Role`]):
@@ -9,7 +10,7 @@
 //! |---|---|---|
 //! | gauges and all else | windowed sinc, half at `1 / (2 T)`, [`REACH`] periods | line through the rows within `T`, weights falling to 0 there |
 //! | counts, angles | straight between the rows about the tick | the same |
-//! | index pulse | the largest value since the tick before | the same |
+//! | index pulse | the value of largest magnitude since the tick before | the same |
 //!
 //! A value is not interpolated between rows more than two periods apart.
 use super::BLOCK_ROWS;
@@ -17,14 +18,14 @@ use super::error::{Problem, Row};
 use super::recording_layout::Role;
 use super::row_source::Rows;
 
-/// Half width of the filter [periods]: with a Hann window the stop band, -44 dB,
+/// Half width of the filter (periods): with a Hann window the stop band, -44 dB,
 /// begins at 0.63 of the estimator's rate (Harris 1978, table I).
 const REACH: f64 = 6.0;
 
-/// Steps of rows below which they are filtered [periods].
+/// Steps of rows below which they are filtered (periods).
 const DENSE: f64 = 0.75;
 
-/// Time that is no time [periods]: rounding of time stamps; 0.2 µs in times since 1970.
+/// Time that is no time (periods): rounding of time stamps; 0.2 µs in times since 1970.
 const SAME: f64 = 1e-3;
 
 /// Values at the ticks, as many as are known.
@@ -182,7 +183,7 @@ struct Signal<'a> {
 }
 
 impl Signal<'_> {
-    /// Distance of row `i` from the tick [periods].
+    /// Distance of row `i` from the tick (periods).
     fn u(&self, i: usize) -> f64 {
         (self.t[i] - self.tick) / self.period_s
     }
@@ -256,7 +257,7 @@ impl Signal<'_> {
         last.1 - step * last.0 / (next.0 - last.0)
     }
 
-    /// The largest value since the tick before; NaN where there is none.
+    /// The value of largest magnitude since the tick before; NaN where there is none.
     fn pulse(&self) -> f64 {
         let mut largest = f64::NAN;
         let on_tick = (self.at..self.t.len()).take_while(|&i| self.u(i) <= SAME);
@@ -270,8 +271,8 @@ impl Signal<'_> {
     }
 }
 
-/// Low-pass of rows `(distance [periods], value)` in their order, each with the
-/// weight of the time that it represents.
+/// Low-pass of rows, each its distance from the tick (periods) and its value, in their order, each
+/// with the weight of the time that it represents.
 fn windowed_sinc(rows: &[(f64, f64)]) -> f64 {
     use std::f64::consts::PI;
     let (mut sum, mut weights) = (0.0, 0.0);

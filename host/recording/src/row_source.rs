@@ -1,6 +1,6 @@
-//! Where a recording is (file or Arrow stream, `Input`) and its opening: the format is recognised
-//! by the first bytes; rows are decoded on another thread while the caller works on the rows
-//! before.
+//! Opens a recording from a file or an Arrow stream (`Input`), by the first bytes as CSV, Parquet
+//! or MDF4, and decodes its rows on another thread, two blocks ahead of the caller (`Source`). A
+//! format that is not read, and a panic of a decoder, is an error.
 use std::cell::Cell;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -77,7 +77,8 @@ impl<'a> Input<'a> {
         }
     }
 
-    /// What its first rows show: the same file, or the first `rows` rows of a stream.
+    /// The first `rows` rows of a stream, or somewhat more, which stay unread; none of a file,
+    /// which can be opened again.
     ///
     /// # Errors
     /// When the stream cannot be read.
@@ -207,7 +208,8 @@ impl Format {
         since: Since,
     ) -> Result<Self, Problem> {
         let file = File::open(path)?;
-        // A pipe can be read once: its start is not inspected. Parquet and MDF4 are not read from a pipe.
+        // A pipe can be read once: its start is not inspected. Parquet and MDF4 are not read from a
+        // pipe.
         let mut start = Vec::new();
         if file.metadata()?.is_file() {
             (&file).take(HEAD as u64).read_to_end(&mut start)?;
@@ -313,7 +315,7 @@ impl Output {
     }
 }
 
-/// A format at work.
+/// Rows that a thread decodes, block by block.
 pub(super) struct Source {
     rows: Receiver<Result<Rows, Problem>>,
     progress: Arc<AtomicU64>,

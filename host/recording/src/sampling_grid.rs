@@ -1,11 +1,11 @@
-//! Sampling grid of a recording: a straight line of time over tick number, updated row by row. It
-//! assigns rows to ticks and detects gaps, a changed rate and a wandering clock.
+//! Assigns the rows of a recording to ticks of a uniform clock by their times (`Grid`), and returns
+//! the gaps between rows. A gap that is too long, a changed rate, a wandering clock and two rows on
+//! one tick are errors (`Misplaced`).
 //!
-//! A row at `t` belongs to the tick `round((t - t0) / T)`. `t0` and `T` are
-//! those of a straight line through the rows, times over ticks, with a memory
-//! of [`MEMORY`] rows, so that a clock that drifts is followed and jitter is
-//! averaged out. The first line is fitted to the stretch of the first block
-//! that is the most regular, and continued from there to both sides.
+//! A row at `t` belongs to the tick `round((t - t0) / T)`. `t0` and `T` are those of a straight
+//! line through the rows, times over ticks, with a memory of [`MEMORY`] rows, so that a clock that
+//! drifts is followed and jitter is averaged out. The first line is fitted to the most regular
+//! stretch of the first block, and continued from there to both sides.
 use serde::{Deserialize, Serialize};
 
 use super::error::Problem;
@@ -15,7 +15,7 @@ use super::error::Problem;
 /// 0.05 periods off until it is followed.
 const MEMORY: f64 = 2048.0;
 
-/// How much further than half a period from its tick the row of the next tick may be [periods]: the
+/// How much further than half a period from its tick the row of the next tick may be (periods): the
 /// error of the line. Where rows may be missing, a row that far off is more likely that of the tick
 /// after.
 const GRACE: f64 = 0.03;
@@ -26,10 +26,10 @@ const GRACE_WITHOUT_GAPS: f64 = 0.1;
 /// Relative deviation of a period that is another period.
 pub(super) const RATE: f64 = 0.02;
 
-/// Standard deviation of jitter that is uniform over a period [periods].
+/// Standard deviation of jitter that is uniform over a period (periods).
 const UNIFORM: f64 = 0.29;
 
-/// A regular stretch has residuals below this [periods]: one lost row alone
+/// A regular stretch has residuals below this (periods): one lost row alone
 /// makes two neighbours differ by a whole period, and so one of them by half.
 const REGULAR: f64 = 0.25;
 
@@ -40,13 +40,13 @@ const COARSE: f64 = 16.0;
 /// the mean has a standard deviation of 0.036.
 const WANDERING: f64 = 32.0;
 
-/// Mean distance from the tick from which the clock wanders [periods]: seven such deviations.
+/// Mean distance from the tick from which the clock wanders (periods): seven such deviations.
 const WANDERS: f64 = 0.25;
 
-/// The same where a step that is nearer to one period would make a gap [periods].
+/// The same where a step that is nearer to one period would make a gap (periods).
 const WANDERS_AT_GAP: f64 = 0.12;
 
-/// Lengths of the stretches in which the line is looked for [rows].
+/// Lengths of the stretches in which the line is looked for (rows).
 const STRETCHES: [usize; 4] = [1024, 256, 64, 16];
 
 /// Rows over which a changed rate is looked for.
@@ -56,7 +56,7 @@ const CHANGES: [f64; 2] = [256.0, 8192.0];
 const NEVER_ONE: u32 = 32;
 
 /// How far back a gap is counted again when the rows after it show that it is a
-/// tick longer or shorter [rows].
+/// tick longer or shorter (rows).
 const RECOUNTED: usize = 16;
 
 /// Samples absent from the file before a row.
@@ -76,18 +76,18 @@ pub(super) enum Misplaced {
     Gap { row: usize, missing: u64 },
     /// The clock wanders about this row faster than it is followed.
     Wander { row: usize },
-    /// Rows come at another period from this one on [s].
+    /// Rows come at another period from this one on (s).
     Rate { row: usize, period_s: f64 },
 }
 
 /// Times over ticks: a straight line, continued row by row.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Grid {
-    /// Period of the clock at present [s].
+    /// Period of the clock at present (s).
     period_s: f64,
-    /// Period of the recording or its description [s].
+    /// Period of the recording or its description (s).
     nominal_s: f64,
-    /// Time of the present tick on the line [s].
+    /// Time of the present tick on the line (s).
     tick_s: f64,
     /// Rows that the line rests on; none where each row is its own tick.
     memory: Option<f64>,
@@ -97,11 +97,11 @@ pub(super) struct Grid {
     changes: [Change; 2],
     never_one: u32,
     last_t: f64,
-    /// Mean distance of the last rows from their ticks [periods].
+    /// Mean distance of the last rows from their ticks (periods).
     beside: f64,
 }
 
-/// Sum of the steps of one tick beyond the period [periods], their number, and
+/// Sum of the steps of one tick beyond the period (periods), their number, and
 /// the runs that they make up.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 struct Change {
@@ -192,7 +192,7 @@ impl Grid {
         }
     }
 
-    /// Period of the recording, as described or as its first rows have it [s].
+    /// Period of the recording, as described or as its first rows have it (s).
     pub(super) fn recording_period_s(&self) -> f64 {
         self.nominal_s
     }
@@ -231,7 +231,7 @@ impl Grid {
         self.period_s += 6.0 / (n * (n + 1.0)) * error;
     }
 
-    /// Distance of `t` from the present tick [periods].
+    /// Distance of `t` from the present tick (periods).
     fn error(&self, t: f64) -> f64 {
         (t - self.tick_s) / self.period_s
     }
@@ -385,9 +385,9 @@ impl Grid {
 #[derive(Clone, Copy)]
 struct Line {
     period_s: f64,
-    /// Time of its last row [s].
+    /// Time of its last row (s).
     end_s: f64,
-    /// Largest distance of a row from it [periods].
+    /// Largest distance of a row from it (periods).
     residual: f64,
 }
 

@@ -1,5 +1,6 @@
-//! Writer of tables of time and columns to CSV, Parquet or MDF4, for simulated recordings and for
-//! estimates; also their Arrow schema and record batches.
+//! Writes tables of time and columns to CSV, Parquet or MDF4, block by block (`Writer`), for
+//! simulated recordings and for estimates; NaN is a missing sample. Also makes the Arrow schema and
+//! record batches of such a table.
 use std::collections::HashMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};

@@ -1,5 +1,5 @@
-//! Units of measurement: quantity, symbols and aliases, and conversion between units; as
-//! written in column headers and in the machine description.
+//! Parses units of measurement as written in column headers and machine descriptions (`Unit`:
+//! symbol, alias, quantity), and converts values between units of one quantity, or to SI.
 use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;

@@ -1,5 +1,6 @@
-//! Min-max decimation of signals for plotting: minimum and maximum of each bucket of samples, in
-//! memory that does not grow with the length.
+//! Keeps signals over time for plots in bounded memory while they are computed (`MinMaxDecimator`):
+//! the minimum and maximum of each column in buckets of equally many samples, merged in pairs when
+//! all are full. Peaks and gaps are kept.
 
 /// Least and greatest of a column within a bucket.
 #[derive(Clone, Copy, Debug)]

@@ -1,5 +1,6 @@
-//! What a diagnosis found, as a table of two columns that is read from top to bottom: effect, place, size with its
-//! interval, error of the estimator before and after, what else it could be, what to record next.
+//! Makes a table of two columns of an effect that a diagnosis found (`Finding::table`): place, size
+//! with its interval of 95 %, error of the estimator before and after, what else it could be, what
+//! to record next.
 
 use super::{Table, prefix_of};
 
@@ -33,9 +34,10 @@ pub struct EffectSize {
     pub channel: String,
     /// Name, with the unit in brackets at its end.
     pub parameter: String,
-    /// In this unit.
+    /// Value, in the unit of `parameter`.
     pub value: f64,
-    /// Standard deviation; `None` of a value of a grid, and where the recordings do not determine it.
+    /// Standard deviation, in the same unit; `None` of a value of a grid, and where the recordings
+    /// do not determine it.
     pub std: Option<f64>,
 }
 
@@ -92,7 +94,8 @@ impl EffectSize {
             .unwrap_or((&self.parameter, ""))
     }
 
-    /// Value with unit and, where its standard deviation is known, the interval of 95 %: `30.2 s (29.3 to 31.1)`.
+    /// Value with unit and, where its standard deviation is known, the interval of 95 %:
+    /// `30.2 s (29.3 to 31.1)`.
     pub fn text(&self) -> String {
         let (_, unit) = self.name_and_unit();
         let (prefix, factor) = match prefix_of(self.value) {
@@ -116,8 +119,8 @@ impl EffectSize {
     }
 }
 
-/// `number` with as many digits as `value` has that its interval of `half` its width leaves certain, and one more;
-/// with four without an interval.
+/// `number` with as many digits as `value` has that its interval of `half` its width leaves
+/// certain, and one more; with four without an interval.
 fn written(number: f64, value: f64, half: Option<f64>) -> String {
     let exponent = |size: f64| size.log10().floor() as i32;
     if value == 0.0 && half.is_none() {

@@ -1,5 +1,6 @@
-//! Writing of a report as one HTML page of at most 8 MB: checks its plots, thins the signals until
-//! the page fits, and encodes the data.
+//! Writes a `Report` as one HTML file that needs no network (`Report::write`): checks its plots,
+//! encodes the data, and thins the signals until the page has at most 8 MB; a page that stays
+//! larger is an error.
 
 use super::markup::{cells, columns_of_words, escape, with_minus};
 use super::plot_check::check;
@@ -13,7 +14,7 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// The page never gets larger [bytes].
+/// The page never gets larger (bytes).
 const LARGEST_PAGE: usize = 8_000_000;
 
 /// A plot thinner than this many points says nothing.

@@ -1,8 +1,9 @@
-//! Plots of the innovations of each sensor over frequency, and beside the inputs of the machine: spectral density,
-//! coherence with speed and reference loads, correlation with earlier speeds and estimates, each with bounds.
+//! Plots the innovations of one sensor over frequency for the page of a replay: spectral density
+//! with bounds of white noise, coherence with speed and reference loads, cross-correlation with
+//! earlier speeds and load estimates. Gathered sample by sample (`InnovationSpectra`).
 //!
-//! An estimate is made from the innovations, so that its coherence with them is 1 in every filter; with what was
-//! measured before, the innovations of a consistent filter are not correlated.
+//! An estimate is made from the innovations, so that its coherence with them is 1 in every filter;
+//! with what was measured before, the innovations of a consistent filter are not correlated.
 
 use std::f64::consts::{PI, TAU};
 
@@ -14,12 +15,12 @@ use crate::{Axis, Data, Limit, Plot, PlotSize, Role, SensorLabel, Series};
 /// Inputs at most: further ones have no colour of their own in a plot.
 const MOST_INPUTS: usize = 6;
 
-/// What the plots are made of.
+/// Spectra and cross-correlations of all sensors, gathered so far.
 pub(crate) struct InnovationSpectra {
     /// Speed, then loads.
     inputs: Vec<String>,
     rate_hz: f64,
-    /// Angle [rad] of the sample before, and whether it was homed.
+    /// Angle (rad) of the sample before, and whether it was homed.
     last: Option<(f64, bool)>,
     spectra: Spectra,
     /// Sensor by sensor, of each input.
@@ -204,7 +205,8 @@ mod tests {
     use super::*;
     use loadtwin_common::io::estimate::LoadEstimate;
 
-    /// Innovations at 100 Hz, and speed that varies with them; an estimate that is constant, and a reference that rises.
+    /// Innovations at 100 Hz, and speed that varies with them; an estimate that is constant, and a
+    /// reference that rises.
     #[test]
     fn a_line_is_in_spectrum_and_coherence_and_a_constant_is_no_input() {
         let label = SensorLabel {

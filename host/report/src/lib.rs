@@ -1,6 +1,6 @@
-//! Report page: one HTML file with tables and interactive plots that is complete without a network.
-//! Here: the types of its contents, plots of autocorrelation and histogram, a table of named
-//! figures, and the choice of the prefix of a unit.
+//! Makes the report page: one HTML file with tables and interactive plots that is complete without
+//! a network. Here: the types of its contents (`Report`, `Section`, `Plot`, `Table`), plots of
+//! autocorrelation and histogram, a table of named figures, and the choice of the prefix of a unit.
 //!
 //! Drawing is by uPlot 1.6.32 (MIT, from the npm registry, unchanged, beside this file with its
 //! licence): 51 kB against 4.8 MB for plotly.js 4.1.2, which leaves the page's 8 MB to the data.
@@ -128,7 +128,8 @@ pub struct FigureRow {
 }
 
 impl Table {
-    /// A table with a column for each name of a figure, between the columns headed `before` and `after`.
+    /// A table with a column for each name of a figure, between the columns headed `before` and
+    /// `after`.
     pub fn of_figures(caption: String, [before, after]: [&[&str]; 2], rows: &[FigureRow]) -> Self {
         let mut names: Vec<String> = Vec::new();
         for [name, _] in rows.iter().flat_map(|row| &row.figures) {
@@ -157,7 +158,8 @@ impl Table {
     }
 }
 
-/// The prefix of a unit in which a size near `value` is read best, and its factor: `k` and 1000 for 3e5.
+/// The prefix of a unit in which a size near `value` is read best, and its factor: `k` and 1000 for
+/// 3e5.
 pub fn prefix_of(value: f64) -> (&'static str, f64) {
     /// SI prefixes with their factors, the largest first.
     const PREFIXES: [(&str, f64); 7] = [
@@ -212,8 +214,8 @@ pub struct Plot {
     pub limits: Vec<Limit>,
     /// Times that are shaded; only over time.
     pub shaded: Option<Shaded>,
-    /// Columns of [`Report::time`] with the upper and lower edge of the estimate's band: where it is far wider than
-    /// usual, as while a filter settles, values do not rule the vertical scale.
+    /// Columns of [`Report::time`] with the upper and lower edge of the estimate's band: where it
+    /// is far wider than usual, as while a filter settles, values do not rule the vertical scale.
     pub band: Option<[usize; 2]>,
     /// Names of the points, one for each `x` of [`Data::Own`], drawn beside them; or empty.
     pub names: Vec<String>,

@@ -1,4 +1,5 @@
-//! HTML markup of text and table cells: escaping, minus signs, alignment of columns of words.
+//! Turns text and table cells of a report into HTML: escapes characters, writes minus signs, and
+//! marks columns of words, which are aligned to the left.
 
 use super::Table;
 use std::fmt::Write as _;
@@ -14,7 +15,8 @@ pub(crate) fn cells(cells: &[String], tag: &str, is_words: &[bool]) -> String {
     html
 }
 
-/// Hyphens before numbers as minus signs, after which no line breaks: `-7.1e-3`, but `torque-arm-3`.
+/// Hyphens before numbers as minus signs, after which no line breaks: `-7.1e-3`, but
+/// `torque-arm-3`.
 pub(crate) fn with_minus(text: &str) -> String {
     let letters: Vec<char> = text.chars().collect();
     let is_minus = |i: usize| {

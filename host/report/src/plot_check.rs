@@ -1,4 +1,6 @@
-//! Check that a plot fits its data.
+//! Checks that a plot can be drawn before the page is written: columns that exist, series as long
+//! as `x`, `x` that does not fall, bands of two edges, a name for each point. Otherwise an error
+//! names the plot.
 
 use crate::{Data, Mark, MinMaxDecimator, Plot, ReportError};
 

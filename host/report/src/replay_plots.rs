@@ -1,5 +1,6 @@
-//! Plots of a replay, gathered sample by sample: loads with their 2 σ band and error, normalised
-//! innovations squared (NIS), fault flags, and the plots of each sensor.
+//! Gathers the estimates of a replay sample by sample in bounded memory, and makes the sections of
+//! its page (`ReplayPlots`): loads with 2 σ band, reference and error; normalised innovation
+//! squared (NIS) with bounds; flags; the plots of each sensor.
 
 use super::{
     Axis, Combination, Data, Limit, Mark, MinMaxDecimator, Plot, Role, Samples, Section, Series,
@@ -23,7 +24,8 @@ const LOAD_COLUMNS: usize = 6;
 /// Columns over time for the NIS.
 const NIS_COLUMNS: usize = 4;
 
-/// Columns of a load of which every sample is stored: value, 2 σ, reference, whether it is not valid.
+/// Columns of a load of which every sample is stored: value, 2 σ, reference, whether it is not
+/// valid.
 const LOAD_STORED: usize = 4;
 
 /// How a load is shown.
@@ -52,7 +54,8 @@ pub struct SensorLabel {
     pub over_angle: bool,
 }
 
-/// Loads, readings, innovations and NIS of one replay, in memory that does not grow with its length.
+/// Loads, readings, innovations and NIS of one replay, in memory that does not grow with its
+/// length.
 pub struct ReplayPlots {
     loads: Vec<(LoadLabel, bool)>,
     sensors: Vec<SensorPlots>,
@@ -67,7 +70,8 @@ pub struct ReplayPlots {
 }
 
 impl ReplayPlots {
-    /// Nothing gathered yet, at `rate_hz` samples a second; loads and sensors in the order of [`Estimate`].
+    /// Nothing gathered yet, at `rate_hz` samples a second; loads and sensors in the order of
+    /// [`Estimate`].
     pub fn new(loads: Vec<LoadLabel>, sensors: Vec<SensorLabel>, rate_hz: f64) -> Self {
         let columns = LOAD_COLUMNS * loads.len() + SENSOR_COLUMNS * sensors.len() + NIS_COLUMNS;
         let samples = samples_of(loads.len(), sensors.len());
@@ -89,8 +93,8 @@ impl ReplayPlots {
     /// Adds the estimate at `t_s` (s), not before the last.
     ///
     /// `references`: one for each load, in its unit, NaN where there is none; may be shorter. A
-    /// load that is not valid and a sensor that was not read leave a gap; a sensor that is flagged is
-    /// shown, but takes no part in autocorrelation, distribution and NIS.
+    /// load that is not valid and a sensor that was not read leave a gap; a sensor that is flagged
+    /// is shown, but takes no part in autocorrelation, distribution and NIS.
     pub fn push(&mut self, t_s: f64, references: &[f64], estimate: &Estimate) {
         self.row.clear();
         for (i, (_, has_reference)) in self.loads.iter_mut().enumerate() {
@@ -143,7 +147,8 @@ impl ReplayPlots {
         self.samples.push(t_s, stored(&self.row, self.loads.len()));
     }
 
-    /// Writes every sample to the file beside `page`, instead of into the page; before the first sample.
+    /// Writes every sample to the file beside `page`, instead of into the page; before the first
+    /// sample.
     pub fn write_samples_beside(&mut self, page: &Path) {
         self.samples.write_beside(page);
     }
@@ -153,7 +158,8 @@ impl ReplayPlots {
         &self.nis
     }
 
-    /// What goes into [`super::Report::time`], [`super::Report::samples`] and [`super::Report::sections`].
+    /// What goes into [`super::Report::time`], [`super::Report::samples`] and
+    /// [`super::Report::sections`].
     pub fn finish(mut self) -> (MinMaxDecimator, Samples, Vec<Section>) {
         self.samples.end();
         let first_sensor = LOAD_COLUMNS * self.loads.len();

@@ -1,8 +1,10 @@
-//! Every sample of the signals over time, for zooming: in the page where it fits, else in a file beside the page.
+//! Stores every sample of the signals over time, compressed in chunks, so that a reader can zoom in
+//! to each (`Samples`): in the page where they fit, else on request in a file `.samples.js` beside
+//! the page.
 //!
-//! Rows are kept in chunks. Of a chunk, the times and each stored column are compressed on their own, so that a page
-//! decodes only what is in view: the differences of neighbouring bit patterns (of the times the differences of these),
-//! their bytes sorted by significance, deflate.
+//! Rows are kept in chunks. Of a chunk, the times and each stored column are compressed on their
+//! own, so that a page decodes only what is in view: the differences of neighbouring bit patterns
+//! (of the times the differences of these), their bytes sorted by significance, deflate.
 
 use std::hash::{DefaultHasher, Hasher as _};
 use std::io::{self, Write as _};
@@ -17,7 +19,8 @@ use serde_json::{Value, json};
 /// Rows of a chunk: 4 s at 2 kHz, decoded in some milliseconds.
 const CHUNK: usize = 8192;
 
-/// Chunks kept in memory for the page have at most this size [bytes]: above it no page could hold them.
+/// Chunks kept in memory for the page have at most this size (bytes): above it no page could hold
+/// them.
 const LARGEST_IN_PAGE: usize = 7_500_000;
 
 /// First line of a file of samples.
@@ -71,7 +74,8 @@ impl Default for Place {
 }
 
 impl Samples {
-    /// Samples of `stored` columns for the page, as long as they fit; `columns` are those of [`super::Report::time`].
+    /// Samples of `stored` columns for the page, as long as they fit; `columns` are those of
+    /// [`super::Report::time`].
     pub fn new(stored: usize, columns: Vec<Combination>) -> Self {
         Self {
             columns,
@@ -162,7 +166,7 @@ impl Samples {
         }
     }
 
-    /// The same in the page and in the file beside it.
+    /// Hash of all chunks, by which the page recognises the file beside it.
     fn id(&self) -> String {
         format!("{:016x}", self.hash.finish())
     }

@@ -1,4 +1,6 @@
-//! Reservoir sampling of the points of a scatter plot from a stream of rows.
+//! Chooses at most a given number of points of a scatter plot from rows that are pushed one by one
+//! (`ScatterSample`): reservoir sampling, each row with the same chance, and the same choice in
+//! each run.
 
 /// At most `capacity` of the rows pushed, each with the same chance (reservoir sampling).
 ///

@@ -1,4 +1,6 @@
-//! The plots of one sensor in a replay: reading, innovation, autocorrelation, distribution.
+//! Gathers the readings of one sensor in a replay, and makes its plots (`SensorPlots`): measured
+//! and predicted reading over time and over the shaft angle, innovation, autocorrelation,
+//! distribution of the normalised innovation.
 
 use crate::replay_plots::SensorLabel;
 use crate::{
@@ -18,7 +20,7 @@ pub(crate) const SENSOR_COLUMNS: usize = 4;
 /// Columns of these of which every sample is stored: the prediction follows.
 pub(crate) const SENSOR_STORED: usize = SENSOR_COLUMNS - 1;
 
-/// What the plots of one sensor are made of.
+/// Readings and statistics of one sensor, gathered so far.
 pub(crate) struct SensorPlots {
     label: SensorLabel,
     over_angle: ScatterSample,

@@ -1,7 +1,10 @@
-//! Thinning of columns over one axis to the least and greatest values of groups of rows.
+//! Thins the series of a plot over its own axis when the page is too large (`thinned`): groups of
+//! rows become their least and greatest values, in the order in which they occur. Signals over time
+//! are thinned by `decimator.rs`.
 
-/// Rows in groups of twice `reduction`, each group as two: its first and last x, and of each column the least and the
-/// greatest value in the order in which they occur. NaN where a group has no value; all rows where `reduction` is 1.
+/// Rows in groups of twice `reduction`, each group as two: its first and last x, and of each column
+/// the least and the greatest value in the order in which they occur. NaN where a group has no
+/// value; all rows where `reduction` is 1.
 pub(crate) fn thinned(
     x: &[f64],
     columns: &[&[f64]],

@@ -1,5 +1,6 @@
-//! The command `loadtwin calibrate`: fits gauges to recordings with reference loads, proposes sets
-//! of gauges, and writes the calibrated description. A bearing is fitted to one recording on a rig.
+//! The command `loadtwin calibrate`: fits offset, sensitivity, position and noise of gauges to
+//! recordings with reference loads, proposes sets of gauges, and writes the calibrated description
+//! and a page. A bearing goes to `calibrate_bearing.rs`.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -49,9 +50,9 @@ pub struct Calibrate {
     /// Write a page with surfaces, ranking, simulated against measured, and Pareto fronts.
     #[arg(long, value_name = "FILE.html")]
     pub(super) report: Option<PathBuf>,
-    /// Also measure the error of each load with each sensor set, and write it to the output: the stated
-    /// standard deviation then holds the error, where it is otherwise that of a load that moves as
-    /// fast as its random walk.
+    /// Also measure the error of each load with each sensor set, and write it to the output: the
+    /// stated standard deviation then holds the error, where it is otherwise that of a load that
+    /// moves as fast as its random walk.
     #[arg(long, requires = "output")]
     error_bands: bool,
     /// How far a gauge without `patch_map` may sit from its described angle [degrees of
@@ -78,7 +79,8 @@ enum Maps {
     Placed,
     /// The measured surface itself.
     Measured,
-    /// Of each gauge the one with the smaller error on turns of the carrier that it was not fitted to.
+    /// Of each gauge the one with the smaller error on turns of the carrier that it was not fitted
+    /// to.
     Best,
 }
 
@@ -305,7 +307,6 @@ fn report(machine: &Machine, gauge: &Gauge, source: MapSource) -> Value {
     })
 }
 
-/// A line for each channel, the most sensitive first.
 /// A line for each set of sensors with the error of each load.
 fn print_bands(machine: &Machine, bands: &BTreeMap<String, BTreeMap<String, ErrorBand>>) {
     for set in &machine.sensor_sets {
@@ -324,6 +325,7 @@ fn print_bands(machine: &Machine, bands: &BTreeMap<String, BTreeMap<String, Erro
     }
 }
 
+/// A line for each channel, the most sensitive first.
 fn print(machine: &Machine, gauges: &[Gauge], source: MapSource) {
     let response = |g: &Gauge| g.surface.as_ref().map_or(0.0, |s| s.sensitivity().abs());
     let mut ranked: Vec<&Gauge> = gauges.iter().collect();

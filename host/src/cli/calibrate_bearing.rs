@@ -1,5 +1,6 @@
-//! Part of `loadtwin calibrate` for bearings: fits a bearing to one recording on a rig, and writes
-//! its calibration and a report page with physical parameters, gauges and loads.
+//! The part of `loadtwin calibrate` for bearings: fits contact stiffness, preload, contact angle,
+//! row coupling and gauges to one recording on a rig, prints them, and writes the calibration file
+//! and a page.
 
 use std::time::Instant;
 
@@ -18,7 +19,7 @@ use crate::report::{Axis, Data, MinMaxDecimator, Plot, Report, Role, Section, Se
 /// Rows of the plots over time.
 const ROWS: usize = 2048;
 
-/// Fits a bearing to a recording on a rig; `--output` gets the answers of its gauges.
+/// Fits a bearing to a recording on a rig; `--output` gets the calibration.
 pub(super) fn run(rig: &Rig<'_>, options: &Calibrate, as_json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
     let [recording] = options.recordings.as_slice() else {
@@ -73,7 +74,8 @@ pub(super) fn run(rig: &Rig<'_>, options: &Calibrate, as_json: bool) -> anyhow::
     Ok(())
 }
 
-/// What the bearing is against its description, with the standard deviation.
+/// Difference of the bearing from its description, with the standard deviation: the contact angle
+/// in degrees, the others relative.
 fn physical(calibration: &Calibration) -> [(&'static str, [f64; 2]); 4] {
     let (found, std) = (calibration.physical, calibration.physical_std);
     [

@@ -1,5 +1,6 @@
-//! `loadtwin` without a command: replays the two shipped recordings of a gearbox with every set of
-//! sensors, prints the errors, and writes a page on the first recording with the first set.
+//! Runs `loadtwin` without a command: replays the two shipped recordings of a gearbox with every
+//! set of sensors, prints the errors, and writes `out/report.html` on the first recording with the
+//! first set.
 
 use std::path::{Path, PathBuf};
 

@@ -1,6 +1,7 @@
 //! The command `loadtwin diagnose`: finds the physical effects that the model of a drivetrain,
-//! rotor or bearing lacks, compares the estimator before and after, and writes the improved
-//! description.
+//! rotor or bearing lacks in recordings with reference loads, compares the estimator before and
+//! after, and writes the improved description where it is not worse. Drives with a `[balance]` go
+//! to `diagnose_drive.rs`.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -51,8 +52,8 @@ pub struct Diagnose {
     /// description's `tuning.cutoff_hz` where absent.
     #[arg(long, value_name = "HZ")]
     cutoff_hz: Option<f64>,
-    /// Change of a load below which an effect is negligible [% of nominal]: it is listed, but neither
-    /// named nor written. 0 names every significant effect of a size.
+    /// Change of a load below which an effect is negligible [% of nominal]: it is listed, but
+    /// neither named nor written. 0 names every significant effect of a size.
     #[arg(long, value_name = "PERCENT", default_value_t = 100.0 * RELEVANT_PART)]
     relevant_percent: f64,
     #[command(flatten)]

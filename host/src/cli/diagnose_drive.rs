@@ -1,5 +1,6 @@
-//! Part of `loadtwin diagnose` for drives with a table `[balance]`: runs the diagnosis of the
-//! torque balance, and prints verdict, effects and errors as text or JSON.
+//! The part of `loadtwin diagnose` for drives with a table `[balance]`: runs the diagnosis of the
+//! torque balance in the module `balance`, writes the page, and prints verdict, effects, errors and
+//! remainder as text or JSON.
 
 use std::path::Path;
 use std::time::Instant;

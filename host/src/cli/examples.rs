@@ -1,4 +1,5 @@
-//! Examples and exit status of the commands, for `--help` and the man pages.
+//! Lists example command lines of each command and the meaning of the exit status, and adds both to
+//! the help of the commands; the man pages have them, too.
 
 use clap::Command;
 

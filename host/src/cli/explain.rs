@@ -1,5 +1,6 @@
-//! The command `loadtwin explain`: what a flag, an effect or the line of an error means, and the next step, out of the
-//! pages of the documentation.
+//! The command `loadtwin explain`: prints what a flag, an effect or the line of an error means, and
+//! the next step, from pages of the documentation that are compiled in. A question is searched by
+//! its words.
 
 use anyhow::bail;
 use clap::Args;

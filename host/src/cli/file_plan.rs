@@ -1,6 +1,6 @@
-//! Declaration of the inputs and outputs of a command, with the option `--force`, and their check
-//! before it runs: refusal of `-` as an input, of hold-outs that are fitted and of outputs that may
-//! not be written; text goes to standard error where an output takes standard output.
+//! Declares the inputs and outputs of a command, with the option `--force` (`Plan`), and checks
+//! them before it runs: refuses `-` as an input, hold-outs that are fitted, and outputs that may
+//! not be written. Where an output takes standard output, text goes to standard error.
 
 use std::path::{Path, PathBuf};
 
@@ -144,7 +144,7 @@ impl Plan {
     /// standard error from now on.
     ///
     /// # Errors
-    /// One line on the first output that may not be written.
+    /// One line on an input that is refused, or on the first output that may not be written.
     pub(super) fn check(self, as_json: bool) -> anyhow::Result<()> {
         if let Some(refused) = self.1 {
             anyhow::bail!(refused);

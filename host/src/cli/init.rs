@@ -1,5 +1,6 @@
-//! The command `loadtwin init`: writes or prints the draft of a machine description that is
-//! generated from a recording.
+//! The command `loadtwin init`: has `init::draft` generate the draft of a machine description from
+//! a recording, writes or prints it, and reports the kind of machine and the number of places to
+//! fill in.
 
 use std::path::{Path, PathBuf};
 

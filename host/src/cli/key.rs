@@ -1,5 +1,5 @@
-//! The command `loadtwin key`: makes a key pair that signs model images, and the key page of a
-//! board.
+//! The command `loadtwin key`: makes an Ed25519 key pair that signs model images and the key page
+//! of a board, or, with `--public`, the key page of one more board.
 
 use std::path::PathBuf;
 

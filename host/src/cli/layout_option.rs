@@ -1,5 +1,5 @@
-//! The option `--layout`, which replaces the recording layout of a description; and loading of a
-//! description, with a note on values that are still to be filled in.
+//! Loads a machine description for a command, with a note on values that are still to be filled in
+//! (`load`), and applies the option `--layout`, which replaces its recording layout (`LayoutFile`).
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,5 @@
-//! The commands `loadtwin completions` and `loadtwin man`: a completion script of a shell; a man
-//! page for each command in a folder.
+//! The commands `loadtwin completions`, which prints a completion script for a shell, and
+//! `loadtwin man`, which writes a man page for each command to a folder.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

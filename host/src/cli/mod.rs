@@ -1,5 +1,5 @@
-//! The command-line interface of `loadtwin`: list of the commands with their help, parsing, and
-//! dispatch to the file that holds the command.
+//! The command-line interface of `loadtwin`: lists the commands with their help (`Cli`), parses the
+//! arguments, and calls the file that holds the command.
 
 mod build;
 mod calibrate;

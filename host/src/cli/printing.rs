@@ -1,6 +1,6 @@
-//! Printing of text on standard output, or on standard error where the command writes a file to
-//! standard output; a closed pipe is ignored, any other write error ends the program. Notes on
-//! standard error; paths as text for JSON.
+//! Prints text on standard output, or on standard error where a file goes to standard output
+//! (`print`, `say!`); a closed pipe is ignored, any other write error ends the program. `note`
+//! prints on standard error; `shown` gives paths as text for JSON.
 
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write, stderr, stdout};

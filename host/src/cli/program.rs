@@ -1,5 +1,5 @@
-//! Entry point of the command line: parses the arguments, runs the command, prints its error in one
-//! line and returns the exit code.
+//! Runs a command line from its arguments to its exit code (`program`, called by `main`): parses,
+//! runs the command, and prints its error in one line. 0: done; 1: not done; 2: wrong usage.
 
 use std::ffi::OsString;
 use std::io::{self, ErrorKind, Write, stderr};

@@ -1,4 +1,5 @@
-//! Progress bar on standard error, where that is a terminal and the work takes more than a second.
+//! Shows a progress bar on standard error (`Progress`) where that is a terminal, the work takes
+//! more than a second and `--quiet` is not given.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;

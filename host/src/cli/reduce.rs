@@ -1,5 +1,6 @@
-//! The command `loadtwin reduce`: turns finite-element strains under unit loads into strain maps of
-//! the gauges over the carrier angle.
+//! The command `loadtwin reduce`: reads finite-element strains under unit loads, and writes strain
+//! maps of the gauges, and of candidate nodes about them, over the carrier angle: strain per
+//! torque.
 
 use std::path::PathBuf;
 use std::time::Instant;

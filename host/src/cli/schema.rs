@@ -1,4 +1,5 @@
-//! The command `loadtwin schema`: prints the JSON schema of the machine description.
+//! The command `loadtwin schema`: prints the JSON schema of the machine description, generated from
+//! the type `Machine`.
 
 use super::printing::say;
 use crate::machine::Machine;

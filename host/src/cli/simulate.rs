@@ -1,5 +1,6 @@
 //! The command `loadtwin simulate`: writes a recording of a simulated drivetrain, rotor or bearing
-//! for a scenario, a seed and chosen effects.
+//! for a scenario, a seed and chosen effects, and lists scenarios and effects in its help. The
+//! simulations are in the crate `loadtwin_simulate`.
 
 use std::path::PathBuf;
 use std::time::Instant;

@@ -1,5 +1,5 @@
-//! Recordings from standard input or a pipe, copied to a temporary file so that they can be opened
-//! repeatedly and read at any position.
+//! Makes a recording from standard input or a pipe readable repeatedly and at any position: copies
+//! it to a temporary file (`spooled`). A recording in a file is left where it is.
 
 use std::io::{self, IsTerminal, Read};
 use std::path::{Path, PathBuf};

@@ -1,5 +1,6 @@
-//! The command `loadtwin tables`: reproduces tables 2 and 3 of Bosmans et al. 2023 on simulated
-//! gearboxes, and prints the errors beside the published ones.
+//! The command `loadtwin tables`: has simulated gearboxes calibrated, tuned and evaluated as in
+//! tables 2 and 3 of Bosmans et al. 2023, prints their errors beside the published ones, and writes
+//! a page.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};

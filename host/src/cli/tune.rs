@@ -1,5 +1,6 @@
-//! The command `loadtwin tune`: chooses the noise of the filter from recordings, evaluates it on
-//! hold-out data and writes the tuned description.
+//! The command `loadtwin tune`: chooses measurement noise R and random walks of the loads of a
+//! drivetrain from recordings, evaluates both on hold-out data, and writes the tuned description
+//! for the sensor sets that are not worse. A rotor goes to `tune_rotor.rs`.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -52,10 +53,10 @@ const RESPONSE: Content = Content {
 /// before the first sample and noise of the sensors, by the likelihood of the
 /// innovations and by the differential evolution of the paper, side by side.
 ///
-/// Of a drivetrain the described and the tuned noise run on data that took no part. Written are the walks of
-/// sets that are shown not to be worse: the error of no load rises by more than 0.1 % of nominal at the upper
-/// end of its 95 % interval (without references: they are not less likely). If nothing remains, nothing is
-/// written and the exit code is 1.
+/// Of a drivetrain the described and the tuned noise run on data that took no part. Written are the
+/// walks of sets that are shown not to be worse: the error of no load rises by more than 0.1 % of
+/// nominal at the upper end of its 95 % interval (without references: they are not less likely). If
+/// nothing remains, nothing is written and the exit code is 1.
 #[derive(Debug, Args)]
 pub struct Tune {
     /// Machine description (TOML), calibrated.
@@ -66,8 +67,9 @@ pub struct Tune {
     /// Only this set of sensors.
     #[arg(long, value_name = "NAME")]
     pub(super) sensors: Option<String>,
-    /// How the noise is chosen. Drivetrain: of the loads' steps; where absent `reference` if a recording
-    /// has reference loads, else `likelihood`. Rotor: all noise; where absent `likelihood`.
+    /// How the noise is chosen. Drivetrain: of the loads' steps; where absent `reference` if a
+    /// recording has reference loads, else `likelihood`. Rotor: all noise; where absent
+    /// `likelihood`.
     #[arg(long, value_enum)]
     pub(super) method: Option<Choice>,
     /// A recording that takes no part and on which the noise is evaluated; without it the last
@@ -143,7 +145,7 @@ pub(super) struct Set {
     pub(super) seconds: f64,
 }
 
-/// Walk of each load that is written for each set, `[set][load]` [N m/sqrt(s)].
+/// Walk of each load that is written for each set, by set and load (N m/sqrt(s)).
 ///
 /// Which bandwidth a set can reach differs from set to set, how the loads moved does not.
 fn chosen_walks(sets: &[Set], method: Method) -> Vec<Vec<f64>> {
@@ -176,7 +178,8 @@ impl Attempt {
         !self.checks.iter().any(Check::refuses_noise)
     }
 
-    /// Whether the tuned noise of some set is written; R alone is not, for nothing shows that it helps.
+    /// Whether the tuned noise of some set is written; R alone is not, for nothing shows that it
+    /// helps.
     fn has_news(&self) -> bool {
         self.is_accepted() && self.checks.iter().any(Check::takes_walks)
     }

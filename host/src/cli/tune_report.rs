@@ -1,6 +1,6 @@
-//! Output of `loadtwin tune` for a drivetrain: table of the tuned noise, hold-out results, warnings
-//! (a response short of the cut-off), JSON with a Monte Carlo check of the process noise, and the CSV
-//! file of the frequency response.
+//! Makes the output of `loadtwin tune` for a drivetrain: table of the tuned noise, hold-out
+//! results, warnings (a response short of the cut-off), JSON with a Monte Carlo check of the
+//! process noise, and the CSV file of the frequency response.
 
 use std::path::Path;
 
@@ -46,7 +46,7 @@ pub(super) fn check_report(check: &Check) -> Value {
     })
 }
 
-/// Frequency up to which the response of each load is above -3 dB.
+/// Frequency up to which the response of each load is above -3 dB (Hz).
 pub(super) fn reached(machine: &Machine, set: &Set) -> Value {
     let loads = load_names(machine).enumerate();
     let of =

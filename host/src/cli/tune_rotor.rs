@@ -1,6 +1,6 @@
-//! `loadtwin tune` for a rotor: tunes the noise by likelihood and by differential evolution,
-//! compares the chosen noise with the described noise on hold-out data, and writes it unless it is
-//! worse.
+//! The part of `loadtwin tune` for rotors: tunes the noise by likelihood and by differential
+//! evolution, compares the chosen noise with the described noise on hold-out data, and writes it
+//! unless it is worse.
 
 use std::path::Path;
 use std::time::Instant;

@@ -1,5 +1,6 @@
-//! The command `loadtwin zero`: zeroes a strain bridge from a recording of the unloaded structure,
-//! adjusts its gauge factor by a shunt resistor, and writes both to the description.
+//! The command `loadtwin zero`: computes the zero of a strain bridge (mV/V) from a recording of the
+//! unloaded structure and, with a shunt recording, its adjusted gauge factor, and writes both to
+//! the description.
 
 use std::path::{Path, PathBuf};
 
@@ -15,9 +16,9 @@ use crate::machine::{Channel, DESCRIPTION, Encoding, Machine};
 use crate::recording::{Reader, Unit, Wanted, columns};
 use crate::strain::{Calibration, MV_PER_V, ShuntReading, Simulates, calibrate};
 
-/// Largest standard deviation of the reading of a machine that stands still [`noise_std` of the channel]. `noise_std`
-/// is that about the model in operation; of a machine that stands still the noise is less: three times as much is
-/// motion or drift.
+/// Largest standard deviation of the reading of a machine that stands still, in `noise_std` of the
+/// channel. `noise_std` is that about the model in operation; of a machine that stands still the
+/// noise is less: three times as much is motion or drift.
 const STANDSTILL: f64 = 3.0;
 
 /// Zero a strain bridge, and adjust its gauge factor by a shunt resistor.
@@ -158,7 +159,7 @@ impl Zero {
     }
 }
 
-/// Bridge output of `channel` over a recording [V/V]; missing samples left out.
+/// Bridge output of `channel` over a recording (V/V); missing samples left out.
 fn ratios(machine: &Machine, channel: &Channel, path: &Path) -> anyhow::Result<Vec<f64>> {
     let layout = &machine.recording;
     let found = columns(path, layout, &[(&channel.name, true)])?;

@@ -1,5 +1,6 @@
-//! Draft description of a wheel bearing with four gauges on its outer ring: geometry of a passenger
-//! car's hub to be filled in; gauges, encoder, references and load ranges from the columns.
+//! Writes the tables of a wheel bearing with four gauges into a draft description: values of a
+//! passenger car's hub, marked to be filled in; gauges, encoder, references and load ranges from
+//! the columns of the recording.
 
 use loadtwin_common::bearing::GAUGES;
 use loadtwin_machine::BEARING_LOADS;

@@ -1,5 +1,5 @@
-//! Classification of a recording's columns (strain, torque, encoder counts, index pulse, ...) by
-//! unit, then name, then values.
+//! Classifies a column of a recording (`ColumnKind`: strain, torque, encoder counts, index pulse,
+//! ...) by its unit, then by words in its name, then by its values.
 
 use loadtwin_recording::{Quantity, SurveyedColumn, Unit};
 
@@ -36,7 +36,7 @@ pub enum ColumnKind {
     Current,
     /// A voltage.
     Voltage,
-    /// Something that no machine is described by.
+    /// Something that no machine is described by, as a set point.
     Other,
     /// Nothing that its unit, name or values show.
     Unknown,

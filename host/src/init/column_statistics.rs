@@ -1,5 +1,6 @@
-//! Statistics of a column by which its kind is recognised: range, white noise, quantisation step,
-//! counter width and steadiness of motion.
+//! Computes the statistics of a column by which its kind is recognised (`Statistics`): range, white
+//! noise, quantisation step, width of a counter that wraps, steadiness of motion, part of empty
+//! rows.
 
 use loadtwin_math::count_unwrapping::unwrapped;
 
@@ -12,7 +13,7 @@ const WIDEST_BITS: f64 = 26.0;
 /// Bits of a hardware counter.
 const COUNTERS: std::ops::RangeInclusive<u32> = 8..=32;
 
-/// Figures of the values of a column.
+/// Figures of the values of a column, in its unit where none is given.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Statistics {
     /// Least value.

@@ -1,5 +1,6 @@
-//! Draft description of a drive without gauges, the table `[balance]`: drive signal, position,
-//! speed, temperature and loads, chosen among the columns of the recording.
+//! Writes the table `[balance]` of a drive without gauges into a draft description: chooses drive
+//! signal, position, speed, temperature and loads among the columns of the recording, and marks
+//! each choice that is not certain.
 
 use std::f64::consts::TAU;
 

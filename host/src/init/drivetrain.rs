@@ -1,5 +1,6 @@
-//! Draft description of a torsional drivetrain: two inertias and a shaft to be filled in; gauges,
-//! encoders, speeds and reference torques from the columns of the recording.
+//! Writes the tables of a torsional drivetrain into a draft description: two inertias and a shaft,
+//! marked to be filled in; gauges, encoders, speeds and reference torques from the columns of the
+//! recording; a sensor set where there are more than the estimator takes.
 
 use super::Source;
 use super::column_kind::{ClassifiedColumn, ColumnKind};

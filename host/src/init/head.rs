@@ -1,5 +1,5 @@
-//! Head of a draft description: comments on the columns found, name and sample rate; and its table
-//! `[recording]`, the layout of the recording.
+//! Writes the beginning of a draft description (comments on the columns found, name, sample rate)
+//! and its last table `[recording]`, the layout settings with which the recording can be read.
 
 use loadtwin_recording::{ChannelLayout, RATES_HZ, Timing, Unit, WrittenNan};
 

@@ -1,5 +1,6 @@
-//! Draft of a machine description generated from a recording: classifies the columns, chooses the
-//! kind of machine, writes the text, and checks that it loads.
+//! Generates the draft of a machine description from a recording, for `loadtwin init` (`draft`):
+//! classifies the columns, chooses the kind of machine, writes the TOML text, and checks that it
+//! loads.
 //!
 //! Columns are described by their kind; what a recording does not show stands below a line
 //! `# TO FILL IN: ...` with a value that is allowed. The description is valid as it is.

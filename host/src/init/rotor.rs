@@ -1,5 +1,6 @@
-//! Draft description of a rotor on two bearings: shaft, disc and bearings to be filled in;
-//! displacement sensors, forces, encoder and index pulse from the columns of the recording.
+//! Writes the tables of a rotor on two bearings into a draft description: shaft, disc and bearings,
+//! marked to be filled in; displacement sensors, forces, encoder and index pulse from the columns
+//! of the recording.
 
 use std::f64::consts::TAU;
 

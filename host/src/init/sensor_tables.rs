@@ -1,5 +1,6 @@
-//! Sensor tables of a draft description: channels with their converters, encoders, index pulse,
-//! references and temperatures, from the columns of the recording.
+//! Writes the tables of sensors of a drivetrain, rotor or bearing into a draft description:
+//! channels with their converters, encoders with counts per turn by the index pulse, references and
+//! temperatures, from the columns of the recording.
 
 use loadtwin_machine::six_digits;
 use loadtwin_recording::{Quantity, Unit};
@@ -320,7 +321,7 @@ fn pulses(
     Some(counts)
 }
 
-/// Nominal value of a load [SI], by the largest value of its reference.
+/// Nominal value of a load (N m or N), by the largest value of its reference.
 pub(super) fn nominal(column: Option<&&ClassifiedColumn>) -> String {
     column.map_or("1".into(), |column| {
         rounded_up((column.unit.to_si(column.largest()) - column.unit.to_si(0.0)).abs())

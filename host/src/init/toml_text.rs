@@ -1,5 +1,6 @@
-//! Text builder for a generated machine description: tables, fields and comments in TOML; the
-//! values that are to be filled in are marked and counted.
+//! Builds the TOML text of a draft description (`Text`): tables, fields and comments; each value
+//! that is to be filled in is marked with a comment and counted. Also formats numbers and texts in
+//! TOML.
 
 use std::fmt::Display;
 

@@ -1,5 +1,6 @@
-//! Tables 2 and 3 of Bosmans et al. 2023 on simulated gearboxes: simulates, calibrates, tunes and
-//! evaluates individual machines.
+//! Reproduces tables 2 and 3 of Bosmans et al. 2023 on simulated gearboxes (`Individual`):
+//! simulates one, calibrates its gauges, tunes the noise for each row, and evaluates the NMAE (%)
+//! of the first load on another recording (`Cell`).
 //!
 //! Each individual has its own parameters, gauge positions, offsets and drift.
 //! It is calibrated and tuned on a recording with torque ramps and one at
@@ -29,19 +30,19 @@ pub use noise_sweep::{Curve, Point, curve};
 pub use published::{OTHERS, Published, TABLE_2, TABLE_3};
 pub use report_page::page;
 
-/// How far a gauge may sit from its described angle [rad].
+/// How far a gauge may sit from its described angle (rad).
 const PATCH_RAD: f64 = 0.1;
 
-/// Drift of a gauge where it has a state [m/m]: what section 6.2 reports of the high-speed housing.
+/// Drift of a gauge where it has a state (m/m): what section 6.2 reports of the high-speed housing.
 const DRIFT_STD: f64 = 5e-6;
 
-/// Its time constant [s].
+/// Its time constant (s).
 const DRIFT_TIME_S: f64 = 60.0;
 
 /// The segments of a cell, the whole first.
 pub const SEGMENTS: [&str; 4] = ["full", "ramp_up", "dwell", "ramp_down"];
 
-/// NMAE [%] in each of [`SEGMENTS`].
+/// NMAE (% of nominal) in each of [`SEGMENTS`].
 pub type Nmae = [f64; 4];
 
 /// Why the tables cannot be made.
@@ -70,9 +71,9 @@ pub enum TablesError {
 /// What one individual gave in one row.
 #[derive(Clone, Debug)]
 pub struct Cell {
-    /// NMAE of the first load [%]; NaN for a segment that the machine does not name.
+    /// NMAE of the first load (% of nominal); NaN for a segment that the machine does not name.
     pub nmae: Nmae,
-    /// `log10 Qd` of the loads.
+    /// `log10 Qd` of each load.
     pub log10_qd: Vec<f64>,
 }
 
@@ -118,7 +119,8 @@ impl Individual {
         })
     }
 
-    /// Tunes and evaluates it: a cell for each of `rows`, in their order. Calls `each` after each of them.
+    /// Tunes and evaluates it: a cell for each of `rows`, in their order. Calls `each` after each
+    /// of them.
     ///
     /// # Errors
     /// When the machine lacks a set of sensors.
@@ -161,7 +163,7 @@ impl Individual {
         Ok(Sensors::choose(&self.machine, Some(set)).map_err(ReplayError::from)?)
     }
 
-    /// NMAE with random walks of the loads of `walk` [N m/sqrt(s)].
+    /// NMAE with random walks of the loads of `walk` (N m/sqrt(s)).
     fn nmae(&self, mut sensors: Sensors, walk: &[f64]) -> Result<Nmae, TablesError> {
         let loads = self.machine.drivetrain.iter().flat_map(|d| &d.loads);
         let names = loads.map(|load| load.name.clone());

@@ -1,5 +1,6 @@
-//! Sweep of the process noise Qd of the loads on a simulated gearbox: error and innovation norm of
-//! a set of sensors at each Qd.
+//! Sweeps the process noise Qd of the loads of a simulated gearbox over twelve decades (`curve`),
+//! and returns error and innovation norm of a set of sensors at each Qd, for the plots of
+//! `loadtwin tables`.
 
 use rayon::prelude::*;
 
@@ -24,7 +25,7 @@ pub struct Curve {
 pub struct Point {
     /// `log10 Qd` of the first load.
     pub log10_qd: f64,
-    /// NMAE of the first load over the whole recording [%].
+    /// NMAE of the first load over the whole recording (% of nominal).
     pub nmae: f64,
     /// Innovation norm on the recordings tuned with: mean square over the noise's variance.
     pub innovation: f64,

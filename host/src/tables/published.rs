@@ -1,5 +1,6 @@
-//! Rows of tables 2 and 3 of Bosmans et al. 2023 with their published errors, and further rows of
-//! tuning methods and drift states that the paper does not have.
+//! Lists the rows that `loadtwin tables` computes (`Published`): those of tables 2 and 3 of Bosmans
+//! et al. 2023 with the published NMAE and, in table 3, Qd; and further tuning methods and drift
+//! states that the paper does not have.
 
 use super::Nmae;
 use crate::tune::Method;
@@ -17,7 +18,7 @@ pub struct Published {
     pub drift: bool,
     /// `log10 Qd` of both loads, in table 3.
     pub log10_qd: Option<[f64; 2]>,
-    /// What the paper found [%]; none for a way of tuning that it does not have.
+    /// NMAE that the paper found (%); none for a way of tuning that it does not have.
     pub nmae: Option<Nmae>,
 }
 

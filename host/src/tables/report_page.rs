@@ -1,5 +1,5 @@
-//! HTML page of `loadtwin tables`: tables with the paper's errors beside ours, and plots of error
-//! and innovation norm over the process noise Qd.
+//! Makes the HTML page of `loadtwin tables` (`page`): tables with the paper's errors beside ours,
+//! and plots of error and innovation norm over the process noise Qd.
 
 use super::{Cell, Curve, Point, Published, SEGMENTS, TABLE_2, TABLE_3, mean_qd, statistics};
 use crate::machine::Machine;
@@ -10,7 +10,8 @@ const NOTE: &str = "Lines: the same sensors with other Qd. Points: what each met
      model errs over the carrier angle; one that wants the response 1 up to a frequency above \
      the first torsional mode goes where noise alone is left.";
 
-/// The page on `cells` and `curves`, for each individual those of `rows` and of each set of table 3.
+/// The page on `cells` and `curves`, for each individual those of `rows` and of each set of table
+/// 3.
 pub fn page(
     machine: &Machine,
     effects: &[String],

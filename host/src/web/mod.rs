@@ -1,5 +1,6 @@
-//! Browser view of a CAN bus, for `loadtwin monitor --web`: one page with loads, sensors and state,
-//! fed over a WebSocket.
+//! Shows a CAN bus in browsers for `loadtwin monitor --web` (`WebView`, a `View` of the crate
+//! `loadtwin_can`): one page with loads, sensors and state, fed over a WebSocket ten times a
+//! second.
 //!
 //! Each tenth of a second the least and the largest value of each signal are sent, so that no peak
 //! is lost and the amount does not grow with the sample rate. A browser that connects, or connects

@@ -1,5 +1,6 @@
-//! HTTP server of the browser view: serves the page, and sends the latest rows of values to each
-//! browser over a WebSocket. Requests of other sites are refused.
+//! Serves the page of the browser view over HTTP, and sends the latest rows of values to each of up
+//! to 16 browsers over a WebSocket; a new one gets the last minute. Requests of other sites are
+//! refused.
 
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};

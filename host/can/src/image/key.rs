@@ -1,5 +1,6 @@
-//! Ed25519 key pairs (RFC 8032) that sign model images: generation, signature, PEM key files, and
-//! the key page of a board (public key and machine identity). Existing files are not overwritten.
+//! Generates Ed25519 key pairs (RFC 8032), reads and writes them as PEM files, and signs the header
+//! of model images. Also writes the key page of a board: public key and machine identity. Existing
+//! files are not overwritten.
 //!
 //! Kept as PEM (PKCS #8 and `SubjectPublicKeyInfo`, RFC 8410), so that OpenSSL
 //! makes, reads and guards them as well.
@@ -17,7 +18,7 @@ use rand::TryRng;
 use rand::rngs::SysRng;
 use thiserror::Error;
 
-/// Largest file of a key [bytes]; one has 120.
+/// Largest file of a key (bytes); one has 120.
 const LARGEST_KEY: u64 = 1 << 20;
 
 /// Content type of a key file.

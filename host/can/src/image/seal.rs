@@ -1,4 +1,6 @@
-//! Sealing a model image: header, signature, payload, CRC.
+//! Packs the bytes of a model into a sealed image (`seal`): a header with machine, issue number and
+//! signature, the model, a CRC. Boards accept signed images; without a key the image is for the
+//! host only.
 
 use loadtwin_common::io::signed_image::{CRC, Header, MachineId};
 use thiserror::Error;
@@ -12,8 +14,9 @@ pub struct SealError(pub usize);
 
 /// Seals a payload; without a key the image is for the host only.
 ///
-/// `machine`: identifier of the machine that the image is for; `issue`: rises with every image that the signer publishes; `replaces`: the
-/// issue of a newer image that this one may replace on a board.
+/// `machine`: identifier of the machine that the image is for; `issue`: rises with every image that
+/// the signer publishes; `replaces`: the issue of a newer image that this one may replace on a
+/// board.
 ///
 /// ```
 /// use loadtwin_can::image::{key::SigningKey, seal::seal};

@@ -1,5 +1,6 @@
-//! State machine that uploads a sealed image to a board: UDS download services over ISO-TP, with
-//! repeated requests.
+//! State machine that uploads a sealed image to a board by the UDS download services over ISO-TP,
+//! and repeats requests that are not answered. It returns the data of the next frame to send, a
+//! wait, or the result; `upload.rs` moves the frames over a bus.
 //!
 //! No socket and no clock: frames with [`uds::ANSWER_ID`] go into
 //! [`Uploader::on_frame`], frames from [`Uploader::poll`] go out with
@@ -13,9 +14,9 @@ use loadtwin_common::io::signed_image::{HEADER_LEN, ImageError};
 use loadtwin_common::io::uds;
 use thiserror::Error;
 
-/// Longest wait for an answer [us].
+/// Longest wait for an answer (us).
 const ANSWER_US: u32 = 1_000_000;
-/// Longest wait after "still at work" [us] (ISO 14229-2, P2* with room for a
+/// Longest wait after "still at work" (us; ISO 14229-2, P2* with room for a
 /// signature check and a slot read at the slowest clock).
 const WORK_US: u32 = 10_000_000;
 /// How often a request is sent before the upload is given up.
@@ -128,7 +129,7 @@ impl Uploader {
         (self.sent, self.image.len())
     }
 
-    /// The next thing to do at this time [us, wrapping].
+    /// The next thing to do at the time `now_us` (us, wrapping).
     pub fn poll(&mut self, now_us: u32) -> Next {
         match &mut self.phase {
             Phase::Over(next) => *next,

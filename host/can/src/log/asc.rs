@@ -1,4 +1,6 @@
-//! Reader of ASC, the text log of CAN buses by Vector's tools.
+//! Parses the lines of ASC files, the text log of CAN buses by Vector's tools, into frames with
+//! time and channel. Called by `log/mod.rs`, line by line, once the line `base hex` or `base dec`
+//! is found.
 //!
 //! Classic: `   0.000200 1  109             Rx   d 8 2C CB 01 00 0F 6A FE FF`, FD: `   0.000400
 //! CANFD   1 Rx        10F   1 0 d 32 00 ...`; an `x` behind the identifier is 29 bits.

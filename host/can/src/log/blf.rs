@@ -1,4 +1,5 @@
-//! Reader of BLF, the binary log of CAN buses by Vector's tools.
+//! Reads frames with time and channel from BLF files, the binary log of CAN buses by Vector's
+//! tools. Damaged or missing containers are counted and passed over.
 //!
 //! A file header `LOGG`, then objects `LOBJ`. Those of a log stand in containers, most of them
 //! compressed by zlib; an object may begin in one and end in the next.
@@ -195,7 +196,8 @@ impl<R: Read> Blf<R> {
             (Some(0), Some(content)) => self.objects.extend(content),
             (Some(2), Some(content)) => {
                 let mut expanded = ZlibDecoder::new(content).take(LARGEST as u64);
-                // What stands before the damage is whole; a cut at the end of the file is counted there.
+                // What stands before the damage is whole; a cut at the end of the file is counted
+                // there.
                 if let Err(error) = expanded.read_to_end(&mut self.objects)
                     && (error.kind() != io::ErrorKind::UnexpectedEof || self.read >= self.stated)
                 {

@@ -1,5 +1,6 @@
-//! Reader of `candump` output (can-utils): logs (`-L`, `-l`) and printed lines, with time stamps of
-//! any kind.
+//! Parses lines of `candump` (can-utils), as logged (`-L`, `-l`) or as printed, into frames with
+//! time and interface. Time stamps may be absolute, steps or dates; a line without one has the time
+//! of the line before.
 //!
 //! | written by | a line |
 //! |---|---|

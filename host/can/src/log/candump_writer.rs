@@ -1,4 +1,5 @@
-//! Writer of bus logs in the format of `candump -L`, to a new file that grows by whole lines.
+//! Writes frames to a log file as `candump -L` does (`LogWriter`). The file is new and grows by
+//! whole lines, so that it can be read where the program is killed.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -9,10 +10,10 @@ use loadtwin_files::content::Content;
 use crate::CanError;
 use crate::bus::Received;
 
-/// Lines that are written at once [bytes].
+/// Text that is written at once (bytes).
 const LINES: usize = 8 << 10;
 
-/// Longest time for which a frame stays in memory [us].
+/// Longest time for which a frame stays in memory (us).
 const LONGEST_US: u64 = 1_000_000;
 
 /// Content type of the log of a bus.
@@ -22,8 +23,8 @@ pub const LOG: Content = Content {
     is_same: |_| Ok(false),
 };
 
-/// Writes frames as `candump -L` does, into a new file that grows by whole lines:
-/// where the program is killed, what came before is there.
+/// Writes frames as `candump -L` does, into a new file that grows by whole lines. Of a program that
+/// is killed at most the last second or 8 KiB are missing.
 pub struct LogWriter {
     file: File,
     lines: Vec<u8>,

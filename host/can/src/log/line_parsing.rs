@@ -1,5 +1,6 @@
-//! Parts that the log readers share: a frame with its time and interface, the result of parsing a
-//! line, and parsing of numbers, bytes and times.
+//! Types and number parsers that the log readers share: a frame with time and interface (`Line`),
+//! the result of parsing one line (`Parsed`), and text to hexadecimal numbers, bytes and
+//! microseconds.
 
 use crate::bus_frame::BusFrame;
 

@@ -1,4 +1,6 @@
-//! Logs of CAN buses: read in the formats that tools write, and written as `candump -L` does.
+//! Reads logs of CAN buses as a `Bus` that only receives (`LogBus`), in candump, ASC, BLF or TRC
+//! format, which is recognised by the beginning of the log. Logs are written as `candump -L` does
+//! (`LogWriter`).
 //!
 //! | format | known by |
 //! |---|---|
@@ -57,8 +59,8 @@ enum Format<R> {
 
 /// A log, frame by frame; sending is refused.
 ///
-/// A line that is no frame is counted and passed over, as is a container of a BLF log. A log of several
-/// interfaces is read whole unless one is chosen.
+/// A malformed line is counted and passed over, as is a damaged container of a BLF log. A log of
+/// several interfaces is read whole unless one is chosen.
 pub struct LogBus<R> {
     format: Format<R>,
     interface: Option<String>,

@@ -1,4 +1,6 @@
-//! Reader of TRC, the text log of CAN buses by PEAK's tools, versions 1.0 to 2.1.
+//! Parses the lines of TRC files, versions 1.0 to 2.1, the text log of CAN buses by PEAK's tools,
+//! into frames with time and bus. The version, or the file's list of columns, states what each word
+//! of a line is.
 //!
 //! `     1)       0.200  1  Rx        0109  -  8    2C CB ...` (1.3) or `      1       0.200 DT  1
 //! 0109 Rx -  8    2C CB ...` (2.1, by `;$COLUMNS=N,O,T,B,I,d,R,L,D`).

@@ -1,5 +1,6 @@
-//! A recording as Arrow record batches that can be read once, from memory or from a stream: look at
-//! the first batches, reading as rows, writing as Parquet.
+//! Holds a recording as a stream of Arrow record batches, which is read once (`Batches`): the first
+//! batches can be looked at before, then all are read as rows of numbers (`ArrowStream`) or written
+//! to a Parquet file.
 
 use std::fmt;
 use std::fs::File;
@@ -18,7 +19,8 @@ use crate::{BLOCK_ROWS, clipped};
 
 type Stream = Box<dyn Iterator<Item = Result<RecordBatch, ArrowError>> + Send>;
 
-/// Record batches that are read once, in order; those at the beginning may be looked at before.
+/// Record batches that are read once, in order; those at the beginning may be looked at before. A
+/// clone shares the stream.
 #[derive(Clone)]
 pub struct Batches {
     schema: SchemaRef,

@@ -1,5 +1,6 @@
-//! Conversion of Arrow record batches to rows of numbers, for Parquet files and Arrow streams: a
-//! unit in the metadata of each field, nulls where a sample is missing.
+//! Converts Arrow record batches to blocks of rows in f64, for Parquet files and Arrow streams
+//! (`ArrowTable`). The unit of a column comes from the metadata of its field, its name or its type;
+//! null is a missing sample (NaN); a time that is not finite is an error.
 mod batches;
 mod values;
 

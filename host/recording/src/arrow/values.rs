@@ -1,5 +1,6 @@
-//! Conversion of Arrow columns to f64: numbers, booleans, dictionaries, text by its layout, times
-//! as seconds since the first time stamp or since 1970. Also the classification of column types.
+//! Converts one Arrow column to f64 (`Values`): numbers, booleans, decimals, dictionaries, text as
+//! the layout states, times in seconds since the first time stamp or since 1970; null becomes NaN.
+//! Also states which column types are numbers, times or text.
 use arrow_array::cast::AsArray;
 use arrow_array::types::{
     ArrowPrimitiveType, Decimal32Type, Decimal64Type, Decimal128Type, Float16Type, Float32Type,

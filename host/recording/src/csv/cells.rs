@@ -1,4 +1,5 @@
-//! Splitting of a line of text into cells at the delimiter; cells may be quoted.
+//! Splits a line of text into cells at the delimiter, and calls a function with each cell, trimmed
+//! and unquoted (`Cells`).
 
 /// How a line is divided.
 #[derive(Clone, Copy)]

@@ -1,5 +1,6 @@
-//! Delimiter and decimal sign of a text file: as the layout states, else recognised from the first
-//! rows.
+//! Determines the delimiter and the decimal sign of a text file (`Dialect`), as the layout or a
+//! line `sep=;` states. Otherwise it is the delimiter that gives most numbers in the first rows,
+//! and a decimal comma where these have commas and no points.
 use crate::error::Problem;
 use crate::recording_layout::CsvLayout;
 

@@ -1,11 +1,12 @@
-//! Header of a text file, up to its first row: skipped lines, `sep=;`, names and units; also the
-//! kind of each column, by the first rows.
+//! Reads all lines of a text file before its first row of values (`Header`): skipped lines,
+//! `sep=;`, names and units of the columns. Also determines the delimiter and, by the first 50
+//! rows, the kind of each column.
 use crate::channel_names::name_time;
 use crate::error::Problem;
 use crate::recording_layout::{Column, CsvLayout};
 use crate::{Unit, shown};
 
-use super::cell::{Kind, recognise};
+use super::cell_kind::{Kind, recognise};
 use super::cells::Cells;
 use super::dialect::Dialect;
 use super::lines::Lines;

@@ -1,5 +1,6 @@
-//! Reader of the lines of a text file of any encoding (UTF-8, UTF-16, Windows-1252), converted
-//! to UTF-8.
+//! Reads a text file line by line as UTF-8 through a buffer of 1 MiB (`Lines`), which is also the
+//! longest line. The encoding (UTF-8, UTF-16, Windows-1252 or another) is stated by the layout or
+//! recognised by the first 64 KiB.
 use std::fs::File;
 use std::io::{Cursor, Read};
 use std::ops::Range;

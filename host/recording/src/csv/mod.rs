@@ -1,8 +1,10 @@
-//! Reader of recordings in text: delimiter-separated columns, one row a sample.
+//! Reads recordings in text files, one row a sample, with cells at a delimiter (`Csv`), and
+//! delivers the picked columns as blocks of rows in f64. A cell that does not suit its column is an
+//! error with line and column; an empty one is a missing sample (NaN).
 //!
 //! A row is one line; quoted cells are understood, line ends inside quotes are
 //! not. Only the columns asked for are parsed.
-mod cell;
+mod cell_kind;
 mod cells;
 mod dialect;
 mod header;
@@ -16,7 +18,7 @@ use super::error::{FINITE, FINITE_TIME, NO_NAN, Problem, Row};
 use super::recording_layout::{Column, CsvLayout, WrittenNan};
 use super::row_source::{Output, Rows};
 use super::{BLOCK_ROWS, shown};
-pub(super) use cell::Kind;
+pub(super) use cell_kind::Kind;
 use cells::Cells;
 use lines::Lines;
 pub(super) use outline::outline;
@@ -28,7 +30,7 @@ pub(super) struct Csv {
     /// `destination[i]`: where column `i` of the file goes.
     destination: Vec<Option<usize>>,
     rows: u64,
-    /// Time from row to row where the file has no time [s].
+    /// Time from row to row where the file has no time (s).
     row_period_s: Option<f64>,
     /// What was recognised rather than stated, as settings.
     recognised: Vec<String>,

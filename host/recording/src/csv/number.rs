@@ -1,4 +1,6 @@
-//! Parser of the numbers in text cells, with decimal point or decimal comma.
+//! Parses the number in a text cell to f64, with decimal point or decimal comma (`parse`). Numbers
+//! with separators between thousands are not parsed; `is_grouped` recognises them for the error
+//! message.
 
 /// The number in a cell; none where there is no number.
 pub(super) fn parse(cell: &[u8], decimal_comma: bool) -> Option<f64> {

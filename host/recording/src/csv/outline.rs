@@ -1,9 +1,10 @@
-//! Detection of the table in a text file of unknown layout: delimiter, first row, names and units
-//! of the columns.
+//! Finds the table in a text file of unknown layout for `file_survey.rs`, and returns the layout by
+//! which it can be read (`outline`): the usual one where the header stands at the top, else lines
+//! to skip, delimiter, and name and unit of each column.
 
 use std::path::Path;
 
-use super::cell::recognise;
+use super::cell_kind::recognise;
 use super::cells::Cells;
 use super::dialect::DELIMITERS;
 use super::header::separator;

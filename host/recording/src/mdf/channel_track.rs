@@ -1,11 +1,12 @@
-//! Track of an MDF4 recording: channels that share one time, in one or several consecutive channel
-//! groups. `Stream` reads them in windows of samples.
+//! Reads channels that share one time from consecutive channel groups of an MDF4 file, as one
+//! track: `Track` lists the groups and channels, `Stream` returns windows of samples with the time
+//! in s. Invalid samples become NaN; a file that ends early is an error.
 use falcon_mdf::stream::SignalsChunks;
 use falcon_mdf::{Channel, Mf4File};
 
+use super::channel_group::seconds;
 use super::channel_values::Decoded;
 use super::damaged;
-use super::group::seconds;
 use crate::error::{FINITE, FINITE_TIME, NO_NAN, Problem, Row};
 use crate::unit::Conversion;
 use crate::{BLOCK_ROWS, TIME, shown};
@@ -35,12 +36,12 @@ impl Track {
 
 /// Consecutive samples of a track.
 pub(super) struct Window {
-    /// Time [s].
+    /// Time (s).
     pub(super) t: Vec<f64>,
     pub(super) columns: Vec<Vec<f64>>,
 }
 
-/// A track at work.
+/// Reads a track window by window.
 pub(super) struct Stream<'a> {
     file: &'a Mf4File,
     track: &'a Track,

@@ -1,5 +1,6 @@
-//! Conversion of MDF4 channels to numbers: half-precision floats and tables of labels, which the
-//! decoder does not convert itself, and the unit of a channel.
+//! Converts the samples of one MDF4 channel to f64 (`Decoded`), including half-precision floats and
+//! tables of labels, which the decoder does not convert: a label among numbers is a missing sample.
+//! `unit` reads the unit of a channel.
 use falcon_mdf::blocks::{ConversionOutput, DataType};
 use falcon_mdf::io::reader::BufferedSource;
 use falcon_mdf::model::Signal;
@@ -56,7 +57,7 @@ impl Decoded {
         self.channel.is_numeric() && !self.channel.is_array()
     }
 
-    /// The samples, NaN where one is invalid or a label.
+    /// The samples, and which of them are missing: invalid ones and labels.
     pub(super) fn values(&self, signal: &Signal) -> Result<Values, Mf4Error> {
         let mut numbers = signal.values_f64()?;
         let mut missing = vec![false; numbers.len()];

@@ -1,12 +1,13 @@
-//! Channel groups of an MDF4 file that a recording is read from: one gives the time, channels of
-//! others are taken at its stamps.
+//! Decides from which channel groups of an MDF4 file each wanted channel is read (`Planner`, result
+//! `Plan`): the groups with most of the required channels give the time; channels of other groups
+//! are joined at its stamps. A required channel of another rate is an error.
 use falcon_mdf::Mf4File;
 use falcon_mdf::io::reader::BufferedSource;
 
+use super::channel_group::{Candidates, Group, Stamps, chain};
 use super::channel_track::{Part, Track};
 use super::channel_values::{Decoded, unit};
-use super::group::{Candidates, Group, Stamps, chain};
-use super::other_group::Join;
+use super::group_join::Join;
 use crate::error::Problem;
 use crate::recording_layout::{Column, CsvLayout};
 use crate::{TIME, shown};
@@ -20,7 +21,7 @@ pub(super) struct Plan {
     /// Gives the recording its time.
     pub(super) base: Track,
     pub(super) sides: Vec<SidePlan>,
-    /// Period of the base [s].
+    /// Period of the base (s).
     pub(super) period_s: f64,
     pub(super) notes: Vec<String>,
 }
@@ -29,7 +30,7 @@ pub(super) struct Plan {
 pub(super) struct SidePlan {
     pub(super) track: Track,
     pub(super) join: Join,
-    /// Its period [s].
+    /// Its period (s).
     pub(super) step_s: f64,
 }
 
@@ -418,7 +419,7 @@ impl Stamps {
     }
 }
 
-/// How far the first samples of `side` are from those of the base at most [s].
+/// How far the first samples of `side` are from those of the base at most (s).
 fn offset(base: &Candidates, side: &Stamps) -> f64 {
     let head = base.first().map_or(&[][..], |(_, stamps)| &stamps.head);
     let mut largest = 0.0_f64;

@@ -1,15 +1,16 @@
-//! Reader of recordings in ASAM MDF4, the format of test benches: channels of one or several
-//! channel groups, each with its unit, at the time stamps of one group.
+//! Reads recordings in ASAM MDF4, the format of test benches (`Mdf`): opens the file, plans the
+//! channel groups, and delivers rows of the picked channels at the time stamps of one group;
+//! channels of other groups are joined at these stamps.
 //!
 //! A channel is found in whichever group has it. Groups of the same channels
 //! that follow each other in time are one recording. Records are read window by
 //! window; a compressed block is held whole, which is 4 MB or less from the
 //! usual writers. Invalid samples are missing samples.
+mod channel_group;
 mod channel_track;
 mod channel_values;
-mod group;
+mod group_join;
 mod group_plan;
-mod other_group;
 mod unsorted;
 
 use std::path::Path;
@@ -21,10 +22,10 @@ use falcon_mdf::{Mf4Error, Mf4File, OpenOptions};
 use super::error::{Problem, clipped};
 use super::recording_layout::{Column, CsvLayout, WrittenNan};
 use super::row_source::{Output, Rows};
+use channel_group::Group;
 use channel_track::Stream;
-use group::Group;
+use group_join::Side;
 use group_plan::{Plan, Planner};
-use other_group::Side;
 use unsorted::WholeRecords;
 
 /// Largest size that a compressed block may claim to have expanded, bytes: 24

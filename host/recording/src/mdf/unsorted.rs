@@ -1,5 +1,6 @@
-//! `WholeRecords`, the bytes of an MDF4 file in which records that are split between data
-//! blocks are presented as blocks of whole records, for the decoder of unsorted data groups.
+//! Presents an MDF4 file with unsorted data groups to the decoder as if no record were split
+//! between data blocks (`WholeRecords`, a source of bytes): puts blocks of whole records behind the
+//! end of the file, and changes the links to them.
 //!
 //! ASAM MDF 4.1 lets a record of an unsorted group begin in one data block and end
 //! in the next. `falcon_mdf` 0.7 looks for records in each block on its own and
@@ -279,7 +280,8 @@ impl RecordStream {
 
     /// Ends of blocks of whole records; the last is the end of the stream.
     ///
-    /// Behind a record that no channel group of the file has, nothing is known: all that follows is one block.
+    /// Behind a record that no channel group of the file has, nothing is known: all that follows is
+    /// one block.
     fn ends(&self, group: &DataGroup) -> Result<Vec<u64>, Mf4Error> {
         let records = RecordSizes::of(group);
         let total = self.blocks.total_size();

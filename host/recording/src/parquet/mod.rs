@@ -1,5 +1,6 @@
-//! Reader of recordings in Parquet: a unit in the metadata of each field, nulls where a sample is
-//! missing.
+//! Reads recordings in Parquet (`Parquet`): decodes the picked columns in batches, which
+//! `ArrowTable` converts to rows in f64. Units stand in the metadata of the fields; null is a
+//! missing sample.
 mod page_size;
 
 use std::fs::File;

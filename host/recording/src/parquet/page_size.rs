@@ -1,5 +1,6 @@
-//! Limit on the expanded size of Parquet pages: a page header is checked before the decoder
-//! allocates the memory that it states, which may be up to 2 GiB.
+//! Limits the expanded size of Parquet pages (`Bounded`, the file as the decoder reads it): checks
+//! the header of each page before the decoder allocates the memory that it states, up to 2 GiB.
+//! Larger pages are an error.
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
 

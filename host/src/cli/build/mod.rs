@@ -1,5 +1,6 @@
-//! The command `loadtwin build`: makes the model image of a machine description, signs it where a
-//! key is given, and packs it into an FMU.
+//! The command `loadtwin build`: makes the model image of a machine description for one set of
+//! sensors, checks it for a board, signs it where a key is given, and packs it into an FMU on
+//! request.
 
 mod report;
 
@@ -25,7 +26,7 @@ use crate::fmu::package::{FMU, FmiVersion, pack};
 use crate::key::SigningKey;
 use crate::seal::seal;
 
-/// No image is larger [bytes]: that of a board's flash bank is 256 kB.
+/// No image is larger (bytes): that of a board's flash bank is 256 kB.
 const LARGEST_IMAGE: u64 = 1 << 20;
 
 /// What is written as a model image.
@@ -62,7 +63,8 @@ pub struct Build {
     /// The board that the image is for; one that it cannot serve is refused.
     #[arg(long, value_name = "BOARD", value_enum)]
     board: Option<BoardName>,
-    /// Write the estimator as a co-simulation FMU to FILE.fmu: the image, and a shared library that runs it.
+    /// Write the estimator as a co-simulation FMU to FILE.fmu: the image, and a shared library that
+    /// runs it.
     #[arg(long, value_name = "FILE")]
     fmu: Option<PathBuf>,
     /// Version of FMI of the FMU.

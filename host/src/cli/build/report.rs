@@ -1,4 +1,5 @@
-//! Output of `loadtwin build`: sizes, lag, error of a rotor's model reduction, its stability.
+//! Prints the result of `loadtwin build` as text or JSON: sizes, signature, lag, and for a rotor
+//! the error of the model reduction and whether the rotor as described is unstable.
 
 use serde_json::json;
 
@@ -20,7 +21,7 @@ pub(super) struct Built {
     pub(super) is_signed: bool,
     /// Size of the FMU (bytes).
     pub(super) fmu: Option<usize>,
-    /// Speeds between which gains computed beforehand are used [rad/s].
+    /// Speeds between which gains computed beforehand are used (rad/s).
     pub(super) steady: Option<[f64; 2]>,
     pub(super) seconds: f64,
 }

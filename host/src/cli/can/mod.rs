@@ -1,5 +1,6 @@
-//! The commands for CAN buses and their logs: arguments and execution of `loadtwin node`, `send`,
-//! `twin`, `monitor`, `prove`, `upload` and `dbc`.
+//! The commands `loadtwin node`, `send`, `twin`, `monitor`, `prove`, `upload` and `dbc`: their
+//! arguments, opening of model, bus or log, and printing of the summary. The work is done in the
+//! crate `loadtwin_can`. `twin` and `prove` fail unless all frames are identical.
 
 pub(super) mod record;
 
@@ -38,7 +39,7 @@ use crate::replay::Samples;
 use crate::upload_protocol::Uploader;
 use crate::web::{Labels, WebView};
 
-/// Largest model image [bytes]: the flash of the largest boards has 2 MiB.
+/// Largest model image (bytes): the flash of the largest boards has 2 MiB.
 const LARGEST_IMAGE: u64 = 16 << 20;
 
 /// The model to run.

@@ -1,4 +1,6 @@
-//! The command `loadtwin record`: arguments and execution.
+//! The command `loadtwin record`: builds the model of a description, opens the bus, and has the
+//! crate `loadtwin_record` record the machine into an archive and publish its loads over MQTT.
+//! Prints the summary.
 
 use std::path::PathBuf;
 

@@ -1,5 +1,6 @@
-//! Counting in `loadtwin life`: range and gate of each load, counts of all files for one machine or
-//! several, and the spectrum of their load cycles.
+//! Counts the loads of all files for `loadtwin life`: chooses range and gate of each load, counts
+//! the files of one machine or several (rainflow cycles, time, turns), and makes the spectrum of
+//! the cycles (`Counted`).
 
 use anyhow::Context;
 use loadtwin_common::counting::{LEVELS, LevelScale, LoadCounts};
@@ -17,7 +18,7 @@ pub(super) struct Counted {
     /// One for each machine.
     pub(super) machines: Vec<CountedLoad>,
     pub(super) spectrum: Spectrum,
-    /// Where the file has standard deviations.
+    /// Spectrum without the noise of the estimates, where the file has standard deviations.
     pub(super) noise_removed: Option<NoiseRemoved>,
 }
 
@@ -78,6 +79,7 @@ impl Life {
         loads.loads.iter().zip(surveys).map(widened).collect()
     }
 
+    /// Period of a sample (s), and the counts of each load.
     pub(super) fn count(
         &self,
         loads: &Loads,

@@ -1,5 +1,6 @@
-//! Figures of `loadtwin life`, computed from the counts of a load: damage-equivalent loads, damage
-//! by an S-N curve, equivalent torque of a gear and rating life of a bearing.
+//! Computes the results of `loadtwin life` from the counts of a load (`Figures`): damage-equivalent
+//! loads, damage by an S-N curve, equivalent torque of a gear and rating life of a bearing; also
+//! without the noise of the estimates, with a 90 % interval.
 
 use super::Life;
 use super::count::Counted;
@@ -8,15 +9,16 @@ use crate::life::{
     equivalent_torque, rating_life, turns_at_load,
 };
 
-/// What follows for a load.
+/// Results of one load; ranges and torques in its unit.
 pub(super) struct Figures {
+    /// Time with valid samples (s).
     pub(super) seen_s: f64,
     pub(super) equivalent_cycles: f64,
     pub(super) equivalent: Vec<Equivalent>,
     pub(super) damage: Option<f64>,
-    /// Where the file has standard deviations.
+    /// Damage without the noise of the estimates, where the file has standard deviations.
     pub(super) damage_noise_removed: Option<Interval>,
-    /// For each shaft.
+    /// Equivalent torque of a gear on each shaft; empty without `--gear`.
     pub(super) torque: Vec<Option<f64>>,
     pub(super) bearing: Option<RatingLife>,
 }
@@ -26,7 +28,7 @@ pub(super) struct Equivalent {
     pub(super) exponent: f64,
     /// Of the load as estimated.
     pub(super) load: f64,
-    /// Where the file has standard deviations.
+    /// Without the noise of the estimates, where the file has standard deviations.
     pub(super) noise_removed: Option<Interval>,
 }
 

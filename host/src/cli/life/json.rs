@@ -1,5 +1,5 @@
-//! JSON output of `loadtwin life`: counts, damage-equivalent loads, damage and bearing life of a
-//! load.
+//! Makes the JSON object that `loadtwin life --json` prints of one load: counts of each machine,
+//! cycles, damage-equivalent loads, damage, equivalent torque and bearing life.
 
 use loadtwin_common::counting::LoadCounts;
 use serde_json::{Map, Value, json};

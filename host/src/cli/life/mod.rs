@@ -1,5 +1,6 @@
 //! The command `loadtwin life`: counts the load cycles of files, computes damage-equivalent loads,
-//! damage and life, and writes counts and page. Here: options and sequence.
+//! damage and life, prints them, and writes counts and page. Here: options, the sequence of the
+//! steps, and the S-N curve from `--sn`.
 
 mod count;
 mod figures;
@@ -69,7 +70,8 @@ pub struct Life {
     /// Exponent of the damage line of a gear, for its equivalent torque.
     #[arg(long, value_name = "P", requires = "speed")]
     gear: Option<f64>,
-    /// Load rating [N] and exponent of a bearing that the load acts on: 3 for balls, 3.333 for rollers.
+    /// Load rating [N] and exponent of a bearing that the load acts on: 3 for balls, 3.333 for
+    /// rollers.
     #[arg(long, value_name = "C:P", requires = "speed")]
     bearing: Option<Pair>,
     /// Write the counts to FILE.parquet.

@@ -1,5 +1,6 @@
-//! HTML page of `loadtwin life`: tables of damage-equivalent loads; plots of cumulative cycles,
-//! rainflow matrix, level crossings, time and turns at load.
+//! Makes the HTML page of `loadtwin life` (`report`): tables of counts and damage-equivalent loads;
+//! for each load plots of cumulative cycles, rainflow matrix, level crossings, time and turns at
+//! load.
 
 use std::path::PathBuf;
 

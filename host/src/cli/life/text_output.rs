@@ -1,5 +1,5 @@
-//! Text output of `loadtwin life`: observed time, extremes, cycle counts, damage-equivalent loads,
-//! damage, gear torque and bearing life of a load.
+//! Prints the text output of `loadtwin life` for one load: time seen, extremes, cycle counts,
+//! damage-equivalent loads, damage, gear torque and bearing life.
 
 use super::count::Counted;
 use super::figures::Figures;

@@ -1,4 +1,6 @@
-//! `loadtwin replay --archive DIR`: all machines of an archive, day by day, on all cores.
+//! The command `loadtwin replay --archive DIR`: its options, and the replay of all machines of an
+//! archive, day by day, on all cores, by the crate `loadtwin_archive`, with a progress bar. Days
+//! that are up to date are left out.
 
 use std::path::PathBuf;
 use std::time::Duration;

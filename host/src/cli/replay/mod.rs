@@ -1,6 +1,6 @@
 //! The command `loadtwin replay`: runs the estimator on a recording with one set of sensors or all,
-//! and reports the error; writes estimates, filter state and a page with plots. With `--archive` all
-//! machines of an archive.
+//! and prints error, flags and NIS; writes estimates, filter state and a page with plots.
+//! `--archive` goes to `archive.rs`.
 
 mod archive;
 mod text_output;
@@ -73,7 +73,8 @@ pub struct Replay {
     /// Write a page with plots to FILE.html.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Write every sample to FILE.samples.js beside the page, for zooming. Short recordings fit the page.
+    /// Write every sample to FILE.samples.js beside the page, for zooming. Short recordings fit the
+    /// page.
     #[arg(long, requires = "report")]
     report_samples: bool,
     #[command(flatten)]

@@ -1,5 +1,5 @@
-//! Text output of `loadtwin replay`: table of errors by sensor set, load and segment; displacement
-//! errors, fault flags and baseline algorithms.
+//! Prints the text output of `loadtwin replay`: table of errors by sensor set, load and segment;
+//! displacement errors, flags, 1x phasor inversion and baseline algorithms.
 
 use loadtwin_common::io::fault::Fault;
 

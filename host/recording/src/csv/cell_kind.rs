@@ -1,5 +1,6 @@
-//! Kinds of text cells (number, Boolean, timestamp, duration): recognition from the first rows and
-//! conversion to a number.
+//! Converts one text cell to f64 by the kind of its column (`Kind`: number, Boolean, timestamp,
+//! duration), in s for times; timestamps count from the first row. `recognise` finds the kind of a
+//! column from its first cells.
 use std::cell::Cell as Remembered;
 
 use chrono::{DateTime, FixedOffset, NaiveDateTime};
@@ -19,6 +20,7 @@ pub(crate) enum Kind {
         /// The first row's.
         origin: Remembered<Option<Stamp>>,
     },
+    /// Seconds of `hours:minutes:seconds`.
     Duration,
 }
 

@@ -1,5 +1,6 @@
-//! Channels of another MDF4 channel group at the time stamps of the recording: nearest sample at
-//! the same rate, linear interpolation of a slower group, mean over a period of a faster one.
+//! Joins channels of another MDF4 channel group at the time stamps of the recording (`Side::at`):
+//! nearest sample at the same rate, linear interpolation of a slower group, mean over one period of
+//! a faster group; NaN where there is no sample.
 use std::collections::VecDeque;
 
 use super::channel_track::Stream;
@@ -18,7 +19,7 @@ pub(super) enum Join {
 }
 
 impl Join {
-    /// By the periods of the other group and of the recording [s].
+    /// By the periods of the other group and of the recording (s).
     pub(super) fn of(step_s: f64, period_s: f64, same: bool) -> Self {
         if same {
             Self::Nearest
@@ -30,11 +31,11 @@ impl Join {
     }
 }
 
-/// Another group at work.
+/// Another group, read along with the recording.
 pub(super) struct Side<'a> {
     stream: Stream<'a>,
     join: Join,
-    /// Period of the group and of the recording [s].
+    /// Period of the group and of the recording (s).
     step_s: f64,
     period_s: f64,
     /// Samples around the current stamps: time and values.
@@ -67,7 +68,7 @@ impl<'a> Side<'a> {
         }
     }
 
-    /// Its columns at the stamps `t` [s]; NaN where it has no sample.
+    /// Its columns at the stamps `t` (s); NaN where it has no sample.
     pub(super) fn at(&mut self, t: &[f64]) -> Result<Vec<Vec<f64>>, Problem> {
         let mut columns = vec![Vec::with_capacity(t.len()); self.width];
         for &t in t {

@@ -1,5 +1,6 @@
-//! Channel groups of an MDF4 file: their time stamps, median period and declared number of samples,
-//! and the choice of the groups of one rate that follow each other in time and form one recording.
+//! Reads the channel groups of an MDF4 file that have a time (`Group`): time stamps, median period
+//! (s), declared number of samples. `chain` chooses among groups with the same channels those of
+//! one rate that follow each other in time: they are one recording.
 use falcon_mdf::{Channel, ChannelGroup, Mf4Error, Mf4File};
 
 use super::damaged;
@@ -20,7 +21,7 @@ pub(super) struct Group<'a> {
     pub(super) declared: u64,
 }
 
-/// When the samples of a group were taken [s].
+/// When the samples of a group were taken (s).
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Stamps {
     /// The first ones.
@@ -58,8 +59,8 @@ impl<'a> Group<'a> {
         self.block.acquisition_name.trim() == name || self.number.to_string() == name
     }
 
-    /// Its stamps; none where it has no samples. The last is that of the first window unless `whole`:
-    /// then all of its time is read.
+    /// Its stamps; none where it has no samples. With `whole` all of its time is read, else the
+    /// last stamp is that of the first window.
     pub(super) fn stamps(&self, file: &Mf4File, whole: bool) -> Result<Option<Stamps>, Problem> {
         let to_seconds = seconds(self.time)?;
         let mut stamps: Option<Stamps> = None;
