@@ -1,6 +1,7 @@
 //! Arranges raw samples and load frames of a machine on a bus as rows of columns over time (s),
-//! with empty cells for samples that are missing. Cuts them into parts, each for a file: at a gap
-//! above 1 s, a restart of the machine or midnight (UTC).
+//! with empty cells for samples that are missing. Cuts them into parts, each for a file: at
+//! midnight (UTC), raw samples also at a gap above 1 s or a restart of the machine, and where the
+//! recorder takes one.
 
 use loadtwin_common::io::fault::Fault;
 use loadtwin_common::io::frame::LoadFrame;
