@@ -4,7 +4,7 @@
 usage: tests/after_the_loop.py INDIVIDUAL [EFFECT ...]
 
 One simulated gearbox with one effect that no description declares: diagnosed on `reversals`,
-tuned on a start-stop cycle, judged on another one. Writes a row of Markdown for each effect: what was
+tuned on a start-stop cycle, evaluated on another one. Writes a row of Markdown for each effect: what was
 named, and for three gauges on each part of the housing the NMAE of the main shaft's torque [% of nominal]
 as described; with what was found; tuned as well; and tuned only.
 """

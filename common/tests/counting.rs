@@ -1,5 +1,7 @@
-//! Load counting on long and on randomly cut sequences: equal counts, no overflow, bounded
-//! number of cycles closed by a sample. The environment sets the number of sequences.
+//! Tests of the load counts (`LoadCounts`) on random sequences of levels: one that is cut at random
+//! places, saved and continued or appended, has the counts of the whole; ten million samples
+//! neither overflow nor drift; no sample closes more than 8 cycles. `LOADTWIN_SEQUENCES` and
+//! `LOADTWIN_SAMPLES` set how many.
 
 use loadtwin_common::counting::saved_counts::MAX_BYTES;
 use loadtwin_common::counting::{LEVELS, LevelScale, LoadCounts, Residue, SHAFTS};

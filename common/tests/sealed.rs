@@ -1,5 +1,6 @@
-//! Sealed images: a valid one opens; bit flips, truncations, other signers and any bytes are
-//! refused, each with its reason.
+//! Sealed images (`signed_image`): the one that Python made (`reference/sealed.py`) opens; every
+//! bit flip and truncation, other signers and machines, older issues and 400 000 strings of random
+//! bytes are refused, each with its reason.
 
 use ed25519_compact::{KeyPair, Seed};
 use loadtwin_common::io::signed_image::{

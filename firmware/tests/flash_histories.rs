@@ -1,5 +1,5 @@
-//! Random histories of a board's flash (uploads, power cuts, flipped bits, worn cells): the
-//! newest whole image always runs.
+//! Random histories of a board on a simulated flash, each of twelve uploads with power cuts,
+//! flipped bits and worn cells: after every start the newest image that is whole runs.
 //!
 //! `LOADTWIN_HISTORIES` sets how many of each kind; 100 000 in all were run for the figures in
 //! docs/reference/boards.md.

@@ -1,4 +1,6 @@
-//! Power cuts at any flash operation of an upload: afterwards the old or the new image runs.
+//! Power cuts at every flash operation of an upload, on a simulated flash, in pairs and in rows of
+//! eight: afterwards the old or the new image runs. Also without a cut: a refused image writes
+//! nothing, an older one runs only with permission, wrong layouts are refused.
 
 mod signer;
 

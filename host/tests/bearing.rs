@@ -1,5 +1,6 @@
-//! Wheel bearing of the example, from simulated words to loads: start, dead gauge, comparison
-//! with baselines, calibration.
+//! Estimator of the example's wheel bearing on recordings simulated for the individual that it is
+//! calibrated for: moments from an unknown start (within 4 and 9 % of their range), standing wheel,
+//! dead gauge, lower errors than both algorithms of the paper. Calibration of another individual.
 
 #[path = "web/appearance.rs"]
 mod appearance;

@@ -1,5 +1,6 @@
-//! `loadtwin diagnose` of bearings on simulated recordings: nothing is named without an effect, a
-//! loose gauge is named.
+//! `loadtwin diagnose` of wheel bearings on simulated recordings: nothing is named without an
+//! effect; a loose gauge is named with its place and the part of its answer that is lost, within
+//! 0.05.
 
 #[path = "web/appearance.rs"]
 mod appearance;

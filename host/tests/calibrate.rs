@@ -1,5 +1,6 @@
-//! `loadtwin calibrate` on simulated machines with displaced, faulty or mis-scaled gauges:
-//! errors found, refusals, accuracy of the calibrated description.
+//! Calibration of simulated gearboxes with displaced, scaled, swapped, dead or stuck gauges:
+//! positions are found within 0.1 degrees and gains within 1 %, faults are named, too little data
+//! is refused; the calibrated description of `loadtwin calibrate` estimates better.
 
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,6 @@
-//! A fixed part of the benchmark of `diagnose`, with the rates that it must reach; and a check of
-//! the interval of a rate.
+//! A fixed part of the benchmark of `diagnose`, five cases of one simulated gearbox: strong effects
+//! are found, nothing is named without an effect, one outside the library is unknown. Also the
+//! interval of a rate against a published one.
 
 #[path = "../examples/diagnose_benchmark/cases.rs"]
 mod cases;

@@ -1,5 +1,6 @@
-//! Estimator of simulated drives: what `diagnose` writes is built and replayed, and reduces the
-//! load error.
+//! Estimator of a simulated drive: what `diagnose` finds is built and replayed, and lowers the
+//! error of an unknown load of 3 N on another recording from above 1 N to below 0.35 N. Effects
+//! that the estimator lacks are refused with their key.
 
 use std::f64::consts::TAU;
 use std::fmt::Write as _;

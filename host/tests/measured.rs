@@ -1,5 +1,6 @@
-//! Replay and diagnosis of measured data that does not ship with the project: `LOADTWIN_DATA`,
-//! or the folder `shared/data` beside the checkout.
+//! Replay and diagnosis of measured drives: what each lacks is named, and its error on recordings
+//! that took no part is below a bound. The data does not ship with the project: `LOADTWIN_DATA`, or
+//! the folder `shared/data` beside the checkout.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

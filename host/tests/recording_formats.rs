@@ -1,4 +1,4 @@
-//! Round trip of recordings in every format, and one line of error for each damaged file.
+//! Round trip of recordings in CSV, Parquet and MDF4, and one line of error for each damaged file.
 use std::path::Path;
 
 use loadtwin::recording::{

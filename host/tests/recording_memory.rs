@@ -1,5 +1,5 @@
-//! Peak memory of writing and reading a recording, which does not grow with its length. Alone
-//! in its process: the peak is that of the process.
+//! Peak memory of writing and reading a recording: ten times the rows need less than 6 MB more.
+//! Alone in its process, as the peak is that of the process.
 use std::path::Path;
 
 use loadtwin::recording::{BLOCK_ROWS, CsvLayout, OutputColumn, Reader, Wanted, Writer};

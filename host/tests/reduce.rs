@@ -1,5 +1,6 @@
-//! `loadtwin reduce`: strain maps from unit loads, of an analytic housing by CSV and of the
-//! example's by `CalculiX`.
+//! `loadtwin reduce`: strain maps from unit loads. Those of an analytic housing agree with the sum
+//! of its influences to 1e-5 of the peak; those of the example's housing, solved anew by
+//! `CalculiX`, with the solution under all forces at once to 1 % of each gauge's peak.
 
 use std::f64::consts::TAU;
 use std::fmt::Write as _;

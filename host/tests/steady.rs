@@ -1,5 +1,6 @@
-//! Steady filter beside the full filter on the gearbox of the example: errors, size of the
-//! image, missing gauges, lost samples, homing, damaged tables.
+//! Steady filter beside the full filter on the shipped recording of the gearbox: every NMAE within
+//! 0.1 points, an image of at most 32 KiB, the full recursion while gauges are missing, after lost
+//! samples and before homing; damaged tables are refused.
 
 use std::path::{Path, PathBuf};
 

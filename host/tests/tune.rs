@@ -1,5 +1,6 @@
-//! `loadtwin tune` of a drivetrain: chosen noise, hold-out comparison, written description,
-//! refusals.
+//! `loadtwin tune` of the simulated gearbox: each method is best by its own criterion, the tuned
+//! description has a lower NMAE on a hold-out recording than the paper's 3.43 %, and one that is
+//! worse is not written.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

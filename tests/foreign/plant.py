@@ -1,4 +1,5 @@
-"""A test bench that shares no code and no form of an effect with loadtwin, described as its user would know it.
+"""Simulates a test bench that shares no code and no form of an effect with loadtwin, and writes its recordings and
+the description that its user would have.
 
 A motor turns a gear and a brake over two shafts; four gauges on the gear's housing read the torque of the first shaft,
 two on a flange that of the second. True parameters differ from the description by what machines differ by.

@@ -1,5 +1,7 @@
-//! Numerical robustness of the filters in `f32`: ten million steps without drift, badly scaled
-//! models, any numbers as input.
+//! Numerical robustness of the filters in `f32`: after ten million steps at constant readings the
+//! state has moved by less than 1e-4 (linear) or 1e-2 (extended, unscented) standard deviations;
+//! with a badly scaled drivetrain and with any numbers as input, states stay finite and covariances
+//! symmetric and positive.
 
 use crate::model::{Pendulum, shaft};
 use loadtwin_common::kalman::gaussian::Gaussian;

@@ -1,4 +1,4 @@
-//! Models of the filter tests, the same as in `reference/filters.py`: a linear shaft and a
+//! Models of the filter tests, the same as in `common/reference/filters.py`: a linear shaft and a
 //! pendulum; reader of the reference tables.
 
 use loadtwin_common::kalman::transition::{RandomWalk, Transition};

@@ -1,6 +1,8 @@
-//! Comparison of each filter with filterpy and scipy, step by step.
+//! Compares the linear, extended and unscented filter, the constant gain and the Butterworth filter
+//! with filterpy and scipy, step by step: states and covariances agree to 2e-4 standard deviations,
+//! those of the unscented filter and of the steady state to 1e-3.
 //!
-//! `reference/filters.py` made the numbers in double precision with filterpy
+//! `common/reference/filters.py` made the numbers in double precision with filterpy
 //! 1.4.5 and scipy 1.17.1. Tolerances are relative to the standard deviation
 //! of the state (for covariances: to both): f32 rounds a step of a few hundred
 //! operations by some 1e-6, and the filters forget within tens of steps.

@@ -1,4 +1,5 @@
-"""Writes sealed.bin: a sealed image made without any code of this project.
+"""Writes sealed.bin and key_page.bin: a sealed image and the key page of its board, made without any code of this
+project.
 
 Python 3 with `cryptography`; CRC-32 from zlib, SHA-256 from hashlib. The layout is
 that of the table in common/src/io/signed_image.rs. Run: python3 sealed.py

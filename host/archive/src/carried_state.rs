@@ -1,4 +1,7 @@
-//! What is carried from day to day: state of the estimator, counts of load cycles.
+//! Holds what goes from one day of a machine to the next (`CarriedState`): the estimator's state as
+//! bytes, the time of the last sample (s), and the counts of load cycles since the first day.
+//! Writes it to the file `_state` beside the day's estimates; reads it only if its SHA-256 is that
+//! of the day's row.
 
 use std::path::Path;
 

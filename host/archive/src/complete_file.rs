@@ -60,7 +60,7 @@ pub(crate) fn write(path: &Path, content: &[u8]) -> Result<(), ArchiveError> {
     write().map_err(ArchiveError::io(path))
 }
 
-/// Removes what killed processes left in a folder and those in it.
+/// Removes the temporary files that killed processes left in a folder and in the folders inside it.
 ///
 /// # Errors
 /// [`ArchiveError::Io`] when a folder cannot be read.

@@ -1,4 +1,6 @@
-//! One day of a machine: sums of loads and sensors, its recordings, and by what it was made.
+//! Defines a row of the table of days (`Day`): verdict, sums over the samples of each load and
+//! sensor, the day's recordings, and hashes of what it was made from. Adds the sums of a later
+//! recording of the day to those of the earlier ones (`DaySums::add`).
 
 use std::collections::BTreeMap;
 
@@ -19,13 +21,13 @@ pub(crate) struct LoadOfDay {
     pub(crate) unit: String,
     /// Samples in which it is valid.
     pub(crate) valid: u64,
-    /// Extremes of the valid values [unit].
+    /// Lowest and highest valid value (in `unit`).
     pub(crate) lowest: Option<f32>,
     pub(crate) highest: Option<f32>,
-    /// Sum of the valid values [unit].
+    /// Sum of the valid values (in `unit`).
     pub(crate) sum: f64,
     pub(crate) flags: Flags,
-    /// By the S-N curve of the table of descriptions, since the first day.
+    /// Damage since the first day by the S-N curve of the table of descriptions.
     pub(crate) damage: Option<f64>,
 }
 
@@ -80,7 +82,7 @@ pub(crate) struct Day {
     pub(crate) name: Option<String>,
     pub(crate) description: Option<String>,
     pub(crate) description_sha256: Option<String>,
-    /// Version by which it was made.
+    /// Version of loadtwin that replayed it.
     pub(crate) loadtwin: String,
     /// Hash of all that the day was made from.
     pub(crate) made_from: String,

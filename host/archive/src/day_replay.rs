@@ -1,4 +1,7 @@
-//! Replay of one day of a machine: estimates of each recording, sums, the state after it.
+//! Replays the recordings of one day of a machine in the order of their names: writes the estimates
+//! of each to Parquet, counts load cycles, and gives the day's row (`Day`) and the state after it.
+//! For each recording it decides whether the estimator continues from the state before, or begins
+//! anew as time goes back, the gap is too long or the state does not fit.
 
 use std::fs;
 use std::path::Path;
@@ -10,7 +13,7 @@ use loadtwin_replay::{EstimateRows, Run, Sample, Sums, has_state};
 
 use crate::carried_state::CarriedState;
 use crate::day::{Day, DaySums, RecordingOfDay};
-use crate::described::Described;
+use crate::described_machine::Described;
 use crate::description_table::Entry;
 use crate::error::message;
 use crate::layout::Recording;
@@ -19,7 +22,7 @@ use crate::options::{Columns, Options};
 use crate::verdict::Verdict;
 use crate::{ArchiveError, Watch};
 
-/// Range of the counts where none is given [nominal load].
+/// Range of the counts to either side of 0 where none is given (nominal loads).
 const NOMINAL_LOADS: f64 = 1.5;
 
 /// Part of a period by which a gap of whole periods may be off.

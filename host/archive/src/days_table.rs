@@ -1,4 +1,6 @@
-//! Table of the days of a machine in Parquet: a row a day.
+//! Writes the days of a machine to `days.parquet`, a row for each day with lists of its loads,
+//! sensors and recordings, and reads them at the next run. A damaged table is read as no days,
+//! which are replayed again.
 
 use std::fs::File;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -1,4 +1,6 @@
-//! Table of the descriptions of an archive: which one holds for a machine on a day.
+//! Reads `descriptions.csv` of an archive: for each machine the description files, the days from
+//! and to which each is valid, and the counted load with its S-N curve and design spectrum
+//! (`Entry`). `at` finds the row that is valid on a day.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -25,21 +27,21 @@ const MARK: &str = "\u{feff}";
 /// A row of the table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
-    /// First day for which it holds.
+    /// First day for which it holds, as 2026-11-28.
     pub first: String,
     /// Last day; none where it holds until another one does.
     pub last: Option<String>,
-    /// The description.
+    /// Path of the description.
     pub path: String,
-    /// Hash that it has to have.
+    /// SHA-256 that it has to have (hexadecimal).
     pub sha256: Option<String>,
     /// Load whose cycles are counted.
     pub load: Option<String>,
-    /// Points of the S-N curve: cycles, range [unit of the load]; empty for none.
+    /// Points of the S-N curve: cycles, range (in the load's unit); empty for none.
     pub sn: Vec<(f64, f64)>,
-    /// Loads that the levels of the counts cover [unit of the load].
+    /// Lowest and highest load that the levels of the counts cover (in the load's unit).
     pub range: Option<(f64, f64)>,
-    /// Cycles that the machine is designed for: range [unit of the load], cycles an hour; empty for
+    /// Cycles that the machine is designed for: range (in the load's unit), cycles an hour; empty for
     /// none.
     pub design: Vec<(f64, f64)>,
 }

@@ -1,4 +1,6 @@
-//! Errors of a run over an archive.
+//! Error type of a run over an archive: refused input, files that cannot be read or written, a stop
+//! by the caller. `ends_the_run` separates errors that every machine would have (full or broken
+//! disk) from those of one machine; `message` writes an error with its causes on one line.
 
 use std::error::Error;
 use std::io;

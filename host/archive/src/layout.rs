@@ -1,4 +1,6 @@
-//! Folders of an archive and of its results.
+//! Lists the machines, days and recordings of an archive (`recordings/machine=M/day=D/*.parquet`)
+//! with size and time of change, and gives the paths of its results. Refuses a folder for the
+//! results that holds other files or lies among the recordings.
 
 use std::collections::BTreeMap;
 use std::fs::{self, DirEntry};
@@ -81,8 +83,8 @@ impl Archive {
         Ok(found.into_keys().collect())
     }
 
-    /// Recordings of a machine by day, in the order of their names. A key that is no date is as its
-    /// folder has it.
+    /// Recordings of a machine by day, in the order of their names; days without recordings are left
+    /// out. That a day is a date is not checked here.
     ///
     /// # Errors
     /// [`ArchiveError::Io`] when a folder cannot be read.

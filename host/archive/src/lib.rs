@@ -27,7 +27,7 @@ mod complete_file;
 mod day;
 mod day_replay;
 mod days_table;
-mod described;
+mod described_machine;
 mod description_table;
 mod error;
 mod layout;

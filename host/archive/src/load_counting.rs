@@ -1,5 +1,6 @@
-//! Counting of load cycles over days: counts as bytes that the next recording continues, and the
-//! damage that follows from them.
+//! Counts the load cycles in the estimates of a day on top of the counts of the days before, which
+//! are saved as bytes for each load. Computes the damage of counts by the Palmgren-Miner rule and
+//! an S-N curve with the slope of Haibach below its last point.
 
 use std::collections::BTreeMap;
 
@@ -73,7 +74,7 @@ impl LoadCounting {
     /// The counts as bytes.
     ///
     /// # Errors
-    /// In words.
+    /// In words, when counts cannot be saved.
     pub(crate) fn save(self) -> Result<SavedCounts, String> {
         let saved = self.0.into_iter().map(|mut counted| {
             let bytes = written(&counted.name, &mut counted.counts)?;
@@ -83,7 +84,7 @@ impl LoadCounting {
     }
 }
 
-/// Counts with nothing in them, of levels over the range `from` to `to` [unit of the load].
+/// Counts with nothing in them, of levels over the range `from` to `to` (in the load's unit).
 ///
 /// # Errors
 /// In words, when the range is none.

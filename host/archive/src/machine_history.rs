@@ -1,5 +1,6 @@
-//! All days of one machine, in their order: what is up to date stays, what follows a change is
-//! replayed.
+//! Goes through the days of one machine in order and replays those that are not up to date: new
+//! ones, those with a fault, and those where the hash of recordings, description, options and state
+//! before has changed. Other days keep their row, also where their recordings were removed.
 
 use std::collections::{BTreeSet, HashMap};
 use std::fs;
@@ -16,7 +17,7 @@ use crate::carried_state::CarriedState;
 use crate::complete_file::{Lock, remove_parts};
 use crate::day::{Day, DaySums, Days, RecordingOfDay};
 use crate::day_replay::DayReplay;
-use crate::described::Described;
+use crate::described_machine::Described;
 use crate::description_table::{self, Entry};
 use crate::layout::{Archive, Recording, Results, is_date};
 use crate::options::Options;

@@ -1,4 +1,6 @@
-//! Options of a run over an archive.
+//! Options of a run over an archive: sensor set, filter (`aekf`, or `steady` with gains computed
+//! beforehand), columns of the estimates that are kept, whether days that are up to date are
+//! replayed again, and whether pages are written. `named` checks the names from the command line.
 
 use loadtwin_design::build::Filter;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,6 @@
-//! Tables of all machines and the page of the fleet, written at the end of a run.
+//! Writes the results over all machines at the end of a run: `machines.parquet`, `faults.parquet`,
+//! `contradicting.csv` (machines to `diagnose`) and the HTML page of the fleet. Returns the
+//! `Figures` that the commands print.
 
 use std::fmt;
 use std::path::Path;

@@ -1,4 +1,6 @@
-//! A machine in one row: its state, its figures, its faults.
+//! Sums up the days of a machine in one row (`Overview`): verdict and worst sensor of the last day
+//! with samples, NIS over all days, damage, faults. Computes the time until the damage is 1 (s), at
+//! the mean rate so far and by the design spectrum.
 
 use loadtwin_life::{Beyond, LoadCycle, SnCurve, damage_of_cycles};
 use serde::{Deserialize, Serialize};
@@ -36,7 +38,7 @@ pub struct Overview {
     pub days: u64,
     /// Days that were replayed in this run.
     pub replayed_days: u64,
-    /// First and last day.
+    /// First day.
     pub first_day: Option<String>,
     /// Last day.
     pub last_day: Option<String>,
@@ -44,21 +46,21 @@ pub struct Overview {
     pub samples: u64,
     /// Time that the recordings span (s).
     pub seconds: f64,
-    /// Part of the samples in which some load is valid [%].
+    /// Part of the samples in which some load is valid (%).
     pub valid_percent: Option<f64>,
-    /// Normalised innovations squared of all days and sensors, 1 in a consistent filter.
+    /// Mean normalised innovation squared over all days and sensors, 1 in a consistent filter.
     pub nis: Option<f64>,
     /// On the last day with samples, the sensor that contradicts most.
     pub sensor: Option<String>,
-    /// Part of its readings that contradict the description [%].
+    /// Part of its readings that contradict the description (%).
     pub contradicting_percent: Option<f64>,
-    /// Its mean innovation [standard deviations].
+    /// Its mean innovation (standard deviations).
     pub bias: Option<f64>,
     /// Days that contradict the description.
     pub contradicting_days: u64,
     /// Load that is counted.
     pub load: Option<String>,
-    /// Damage since the first day.
+    /// Damage since the first day; failure is expected at 1.
     pub damage: Option<f64>,
     /// Recorded time until the damage is 1, at the mean rate so far (s).
     pub remaining_s: Option<f64>,

@@ -1,5 +1,6 @@
-//! Replay of all machines of an archive on a thread pool, each machine on one thread; a machine
-//! that fails does not stop the others. `Watch`: progress of the run, and its stop from outside.
+//! Replays all machines of an archive on a thread pool, each machine on one thread, and writes the
+//! outcome; a machine that fails does not stop the others, a full disk does. `prepared` makes the
+//! task of each machine; `Watch` reports the progress, and stops a run from another thread.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;

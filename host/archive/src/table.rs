@@ -1,4 +1,6 @@
-//! Columns of the tables of results in Arrow, and their writer to complete Parquet files.
+//! Makes Arrow columns from iterators of texts, counts, numbers, lists, structs and fault counts,
+//! for the tables of results. Writes a table as a compressed Parquet file that gets its name when
+//! it is complete.
 
 use std::path::Path;
 use std::sync::Arc;

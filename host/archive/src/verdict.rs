@@ -1,4 +1,6 @@
-//! State of a machine on a day: whether its sensors contradict the description.
+//! Decides the state of a machine on a day from the sums of its replay (`Verdict`): a sensor
+//! contradicts the description by the limits of `loadtwin replay`, no load is valid in most
+//! samples, no data, or the description fits. `worst` finds the sensor that contradicts most.
 
 use loadtwin_replay::{BIASED, CONTRADICTING, SETTLED};
 use serde::{Deserialize, Serialize};
@@ -13,11 +15,11 @@ const VALID: f64 = 0.5;
 pub enum Verdict {
     /// A sensor disagrees with the description by the rule of `loadtwin replay`.
     Contradicts,
-    /// No load is valid in half of the samples.
+    /// In more than half of the samples no load is valid.
     NotValid,
     /// No sample could be replayed.
     NoData,
-    /// Else.
+    /// None of the above.
     Fits,
 }
 

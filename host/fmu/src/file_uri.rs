@@ -1,4 +1,5 @@
-//! Path of a `file:` URI (RFC 8089), as `fmuResourceLocation` of FMI 2.0 has it.
+//! Converts a `file:` URI (RFC 8089), as FMI 2.0 has it in `fmuResourceLocation`, to a path. A text
+//! without that scheme is a path already; a URI of another host is refused.
 
 use std::path::PathBuf;
 

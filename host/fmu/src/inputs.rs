@@ -1,5 +1,6 @@
-//! Inputs of an FMU instance (channels, encoders, index pulse), and their conversion to a raw
-//! sample.
+//! Holds the inputs that the environment sets on an FMU instance (readings of channels, angles of
+//! encoders, index pulse), and quantises them to the raw sample that the board would have taken, as
+//! `replay` does.
 
 use loadtwin_common::io::raw::{MAX_CHANNELS, MAX_ENCODERS, RawSample};
 use serde::{Deserialize, Serialize};
@@ -9,10 +10,15 @@ use crate::interface::Interface;
 /// What the environment set.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Inputs {
+    /// Readings of the channels (in the unit of each).
     pub readings: [f64; MAX_CHANNELS],
+    /// Angles or travels of the encoders (in the unit of each).
     pub angles: [f64; MAX_ENCODERS],
+    /// Whether there is a reading of each channel and encoder.
     pub delivered: ([bool; MAX_CHANNELS], [bool; MAX_ENCODERS]),
+    /// Level of the index pulse; its rising edge counts.
     pub index: bool,
+    /// How far the encoder has turned since the index pulse (in its unit).
     pub since_index: f64,
 }
 

@@ -1,5 +1,6 @@
-//! One instance of an FMU: its phase, values of its variables, one sample of the estimator a step,
-//! reset, and its state as bytes.
+//! Runs the estimator of one FMU instance: sets inputs and gets outputs by value reference, takes
+//! one raw sample in each step, which has to be one sample period long, and checks the order of
+//! calls. Saves and restores the whole state as bytes.
 
 use loadtwin_common::estimator::{Estimator, MAX_STATE_BYTES};
 use loadtwin_common::image::Image;
@@ -14,7 +15,7 @@ use crate::interface::Interface;
 use crate::refusal::{Named, Phase, Refusal};
 use crate::resources::Resources;
 use crate::role::{LoadField, Role, SensorField, Type};
-use crate::state::State;
+use crate::saved_state::State;
 use crate::variable::{Variable, variables};
 
 /// Part of a period by which a step may differ from it: masters add step sizes up.

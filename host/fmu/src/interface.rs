@@ -1,5 +1,6 @@
-//! Description of the machine of an FMU beside the model image, the file `machine.toml` in its
-//! resources: sensors with their quantisation, loads, sample rate; writing, reading and checks.
+//! Defines the file `machine.toml` in the resources of an FMU (`Interface`): channels and encoders
+//! with their quantisation, loads with nominal values, sample rate (Hz). Makes it from a machine
+//! description; writes, reads and checks it.
 
 use loadtwin_machine::{Channel, Counter, Encoder, Machine, Quantiser, Rotor};
 use loadtwin_recording::{Quantity, Unit};
@@ -62,7 +63,7 @@ pub struct Load {
     pub name: String,
     /// Its unit.
     pub unit: Unit,
-    /// Nominal value or range [`unit`], > 0.
+    /// Nominal value or range (in `unit`), > 0.
     pub nominal: f64,
 }
 
@@ -101,7 +102,7 @@ pub struct IndexInput {
 }
 
 impl EncoderInput {
-    /// The counter's value at an angle, travel or count [`Self::unit`].
+    /// The counter's value at an angle, travel or count `at` (in [`Self::unit`]).
     pub fn count(&self, at: f64) -> u32 {
         if self.unit == Unit::COUNTS {
             self.counter.at_count(at)

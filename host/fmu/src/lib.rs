@@ -16,16 +16,16 @@
 )]
 
 mod abi;
-mod description;
 mod file_uri;
 mod inputs;
 pub mod instance;
 pub mod interface;
 pub mod library;
+mod model_description;
 pub mod package;
 pub mod refusal;
 pub mod resources;
 pub mod role;
-mod state;
+mod saved_state;
 mod unit;
 pub mod variable;

@@ -16,7 +16,7 @@ pub(crate) const MARK: &str = concat!("loadtwin FMU library ", env!("CARGO_PKG_V
 /// Name of the library as it is built.
 pub const FILE: &str = "libloadtwin_fmu.so";
 
-/// No library is larger [bytes].
+/// No library is larger (bytes).
 const LARGEST: u64 = 256 << 20;
 
 /// Why there is no library.

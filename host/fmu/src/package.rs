@@ -1,4 +1,5 @@
-//! The FMU itself: a zip archive of model description, shared library and resources.
+//! Packs an FMU (`pack`): a zip archive of model description, shared library and resources, as
+//! bytes, for FMI 3.0 or 2.0. `FMU` recognises a file that was written so.
 
 use std::io::{self, Cursor, Write};
 
@@ -7,9 +8,9 @@ use thiserror::Error;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-use crate::description;
 use crate::interface::Interface;
 use crate::library::{IDENTIFIER, Library, Platform};
+use crate::model_description;
 use crate::resources::{IMAGE, INTERFACE, Resources};
 
 /// What is written as an FMU. The model description comes first and is not compressed.
@@ -78,7 +79,7 @@ pub fn pack(
         image: image.to_vec(),
         interface: interface.to_toml()?,
     };
-    let description = description::xml(interface, &resources.token(), version)?;
+    let description = model_description::xml(interface, &resources.token(), version)?;
     let folder = version.folder(library.platform);
     let binary = format!("binaries/{folder}/{IDENTIFIER}.so");
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));

@@ -24,7 +24,7 @@ pub enum Refusal {
         /// What it has to be.
         allowed: usize,
     },
-    /// A text that is no UTF-8.
+    /// A text that is no UTF-8, or no `file:` URI of this machine.
     #[error("{0}: found bytes that are no UTF-8")]
     Text(&'static str),
     /// No variable has this value reference.
@@ -69,9 +69,9 @@ pub enum Refusal {
     /// A step of another size than one sample.
     #[error("communicationStepSize: found {found} s, allowed: {allowed} s, one sample")]
     StepSize {
-        /// The size.
+        /// The size (s).
         found: f64,
-        /// Time between two samples.
+        /// Time between two samples (s).
         allowed: f64,
     },
     /// A step that does not begin where the last one ended.
@@ -79,9 +79,9 @@ pub enum Refusal {
         "currentCommunicationPoint: found {found} s, allowed: {allowed} s, the end of the last step"
     )]
     StepPoint {
-        /// The point.
+        /// The point (s).
         found: f64,
-        /// Where it has to be.
+        /// Where it has to be (s).
         allowed: f64,
     },
     /// What no time can be.

@@ -1,5 +1,5 @@
-//! Files in the resources of an FMU: model image and description of the inputs; the token that
-//! binds the model description to them.
+//! Reads the model image and `machine.toml` from the resources folder of an FMU. Computes the token
+//! that binds the model description to them, the SHA-256 of both files.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ pub const IMAGE: &str = "machine.image";
 /// [`crate::interface::Interface`].
 pub const INTERFACE: &str = "machine.toml";
 
-/// No resource is larger [bytes].
+/// No resource is larger (bytes).
 const LARGEST: u64 = 1 << 20;
 
 /// Both files.

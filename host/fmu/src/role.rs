@@ -1,5 +1,6 @@
-//! Role of a variable of an FMU (time, reading, angle or index as inputs; load, sensor or shaft
-//! angle as outputs), and its type.
+//! What a variable of an FMU stands for (`Role`): time; reading, angle or index as input; load,
+//! sensor or shaft angle as output. Gives the variable's type (`f64`, `i32` or truth) and whether
+//! the environment sets it.
 
 /// What a variable stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

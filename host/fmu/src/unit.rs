@@ -1,4 +1,5 @@
-//! Units as FMI defines them: by exponents of the SI base units.
+//! Gives the name of a unit as FMI writes it (`N.m`), and the exponents of the SI base units by
+//! which FMI defines a quantity.
 
 use loadtwin_recording::{Quantity as Q, Unit};
 

@@ -1,4 +1,6 @@
-//! Variables of an FMU: name, unit and description of each value reference.
+//! Lists the variables of an FMU from the machine's `Interface`: time, outputs named as columns of
+//! estimates, inputs named as columns of recordings, each with unit, nominal value and description.
+//! The place in the list is the value reference.
 
 use std::collections::HashSet;
 
@@ -17,7 +19,7 @@ pub struct Variable {
     pub role: Role,
     /// Unit of a real number.
     pub unit: Option<Unit>,
-    /// Size that is usual.
+    /// Usual size (in `unit`).
     pub nominal: Option<f64>,
     /// What it is, for a person.
     pub description: String,

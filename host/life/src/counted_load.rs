@@ -1,5 +1,5 @@
-//! Cycle counts of one load: of the load as estimated, and of the load with the noise of its
-//! estimate removed by smoothing.
+//! Counts the cycles of one load twice (`CountedLoad`): as estimated, with the bits of a board, and
+//! with the noise of its estimate removed by smoothing.
 
 use loadtwin_common::Error;
 use loadtwin_common::counting::{LoadCounts, SHAFTS};
@@ -58,7 +58,7 @@ impl CountedLoad {
         }
     }
 
-    /// Takes one sample, none where it is not valid, and the advance of each shaft [2^-32 turn].
+    /// Takes one sample, none where it is not valid, and the advance of each shaft (2^-32 turn).
     pub fn push(&mut self, sample: Option<LoadSample>, advance: [u32; SHAFTS]) {
         self.counts.push(sample.map(|sample| sample.load), advance);
         if let Some(SmoothedCounts { smoother, counts }) = &mut self.smoothed {

@@ -26,7 +26,7 @@ pub const COUNTS: Content = Content {
     },
 };
 
-/// Rows of load, kind, low, high and count.
+/// Rows of load, kind, low, high and count; low and high are in the unit of the load.
 ///
 /// | kind | low, high | count |
 /// |---|---|---|

@@ -23,7 +23,7 @@ pub fn damage_of_cycles(cycles: impl Iterator<Item = LoadCycle>, curve: &SnCurve
 }
 
 /// Range of `cycles` equal cycles that do the same damage:
-/// `DEL = (sum n_i S_i^m / cycles)^(1/m)` [unit of the load].
+/// `DEL = (sum n_i S_i^m / cycles)^(1/m)`, in the unit of the load.
 ///
 /// # Errors
 /// [`LifeError::Number`] when exponent or cycles are not above zero.

@@ -1,5 +1,6 @@
-//! Damage figures with the noise of the load estimate removed, and their 90 % interval, by the
-//! spectra of the load as estimated and smoothed.
+//! Computes a damage figure from the cycles of the smoothed load, and its 90 % interval from the
+//! same cycles with all ranges narrower and wider by the noise of the estimate, and from those of
+//! the load as estimated (`NoiseRemoved`).
 
 use crate::{CountedLoad, LifeError, Spectrum};
 
@@ -64,7 +65,7 @@ impl NoiseRemoved {
         }))
     }
 
-    /// Standard deviation of a range [unit of the load].
+    /// Standard deviation of a range (in the unit of the load).
     pub fn range_std(&self) -> f64 {
         self.range_std
     }

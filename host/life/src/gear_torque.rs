@@ -7,7 +7,7 @@ use crate::error::positive;
 /// Constant torque that does the same damage to a gear in the same turns:
 /// `T_eq = (sum n_i |T_i|^p / sum n_i)^(1/p)`; none without turns.
 ///
-/// `turns`: torque [N m] and turns `n_i` at it, of the shaft of the gear; each
+/// `turns`: torque (N m) and turns `n_i` at it, of the shaft of the gear; each
 /// tooth is loaded once a turn and mesh. Torques of both signs count on the
 /// flank that they load, here as one.
 ///

@@ -1,5 +1,6 @@
-//! Columns of a file whose loads are to be counted, with their units, and the speed and shaft ratio
-//! beside them: loads named by the caller, else those with a standard deviation and a fault column.
+//! Finds the columns of a file whose loads are counted, and their SI units (`Loads`): those named
+//! by the caller, else all with columns of standard deviation and fault beside them. Keeps the name
+//! of the speed column and the ratio of the shafts.
 
 use std::path::Path;
 

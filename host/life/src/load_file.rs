@@ -1,5 +1,6 @@
-//! Reader of load samples from a file of estimates or a recording with measured loads: validity and
-//! standard deviation of each sample, gaps, and advance of the shafts.
+//! Reads load samples from a file of estimates or a recording with measured loads, and counts their
+//! cycles (`LoadFile::count`): valid samples with standard deviation, gaps, and the advance of the
+//! shafts (2^-32 turn) from the speed.
 
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -39,7 +40,7 @@ fn valid(block: &Block, k: usize, i: usize) -> Option<LoadSample> {
 
 /// What a file has next.
 pub(crate) enum Sample<'a> {
-    /// A sample: each load where it is valid, and the advance of each shaft [2^-32 turn].
+    /// A sample: each load where it is valid, and the advance of each shaft (2^-32 turn).
     Taken(&'a [Option<LoadSample>], [u32; SHAFTS]),
     /// Samples that were never taken.
     Gap(u64),
@@ -138,7 +139,7 @@ impl<'a> LoadFile<'a> {
         Ok(())
     }
 
-    /// By how much each shaft turned up to sample `i` [2^-32 turn].
+    /// By how much each shaft turned up to sample `i` (2^-32 turn).
     fn advance(&mut self, block: &Block, i: usize) -> Result<[u32; SHAFTS], LoadFileError> {
         let speed = (block.columns.get(COLUMNS * self.loads.loads.len()))
             .and_then(|column| column.as_ref())

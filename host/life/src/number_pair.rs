@@ -1,4 +1,5 @@
-//! Two numbers with a colon between: a point of an S-N curve, a range, a rating.
+//! Parses two numbers with a colon between, as `1e6:250`: a point of an S-N curve, a range, a
+//! rating.
 
 /// The numbers of a text as 1e6:250; none where it is something else or a number is not finite.
 pub fn number_pair(text: &str) -> Option<(f64, f64)> {

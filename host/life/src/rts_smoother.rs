@@ -12,7 +12,7 @@ const FORGOTTEN: f64 = 1e-9;
 pub struct Estimate {
     /// The load.
     pub load: f64,
-    /// Variance of its error [square of its unit].
+    /// Variance of its error (square of its unit).
     pub variance: f64,
 }
 
@@ -44,7 +44,7 @@ impl StepVariance {
         self.steps += other.steps;
     }
 
-    /// q [square of the load's unit]; none without two samples in a row.
+    /// q (square of the load's unit); none without two samples in a row.
     pub fn mean(&self) -> Option<f64> {
         (self.steps > 0).then(|| (self.sum / self.steps as f64).max(0.0))
     }

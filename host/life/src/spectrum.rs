@@ -1,5 +1,6 @@
-//! Spectrum of load cycles by range, of one machine or merged from several, also with all ranges
-//! wider or narrower by one amount; and turns of a shaft at each load.
+//! Makes the spectrum of load cycles by range from the counts of a load, with each range of the
+//! residue as half a cycle; merges spectra of several machines, and widens all ranges by one
+//! amount. Also gives the turns of a shaft at each load.
 
 use loadtwin_common::counting::{Cycle, LoadCounts, TURN_BINS};
 
@@ -8,7 +9,7 @@ use crate::LifeError;
 /// Cycles of one range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoadCycle {
-    /// Range, from minimum to maximum [unit of the load], > 0.
+    /// Range, from minimum to maximum (in the unit of the load), > 0.
     pub range: f64,
     /// How many; a half cycle is 0.5.
     pub count: f64,
@@ -22,7 +23,7 @@ pub struct LoadCycle {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Spectrum {
     width: f64,
-    /// By how much each range is wider than counted [unit of the load].
+    /// By how much each range is wider than counted (in the unit of the load).
     widening: f64,
     /// By range (levels).
     counts: Vec<f64>,
@@ -90,7 +91,7 @@ impl Spectrum {
         cycles.filter(|cycle| cycle.count > 0.0 && cycle.range > 0.0)
     }
 
-    /// The same cycles with each range wider by `by` [unit of the load]; narrower for a
+    /// The same cycles with each range wider by `by` (in the unit of the load); narrower for a
     /// negative one, and without those that vanish.
     #[must_use]
     pub fn widened(&self, by: f64) -> Self {

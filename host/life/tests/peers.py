@@ -1,4 +1,4 @@
-"""Counts of the peers: rainflow, fatpack, pylife and py-fatigue.
+"""Counts load cycles by the peers: rainflow, fatpack, pylife and py-fatigue.
 
 Reads sequences of levels, one JSON array a line. Prints for each a JSON object: for each peer the
 half cycles of each range, the residue where it has one, and the equivalent load of one cycle for exponents

@@ -1,4 +1,6 @@
-//! Counts and equivalent loads against rainflow, fatpack, pylife and py-fatigue.
+//! Compares counts and equivalent loads with rainflow, fatpack, pylife and py-fatigue, on the
+//! examples of ASTM E1049-85 and of textbooks and on 10 000 random sequences: half cycles and
+//! residue are equal, equivalent loads agree to 1e-6.
 //!
 //! The sequences are of whole levels, so that peers and levels see the same numbers.
 

@@ -11,7 +11,7 @@
 mod archive;
 mod capsule;
 mod replay_threads;
-mod worker;
+mod replay_worker;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -29,7 +29,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyCapsule};
 
 use replay_threads::Stop;
-use worker::{Pause, SharedEnd, Source, Task, Worker};
+use replay_worker::{Pause, SharedEnd, Source, Task, Worker};
 
 create_exception!(
     loadtwin,
@@ -167,7 +167,8 @@ impl Stream {
         })
     }
 
-    /// The state at the end; none before it, or where rows are resampled.
+    /// The state at the end; none before it, where rows are resampled, or where estimates lag and no
+    /// other part follows.
     #[getter]
     fn state<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyBytes>> {
         let end = self.end.lock().unwrap_or_else(PoisonError::into_inner);

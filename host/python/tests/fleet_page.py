@@ -1,4 +1,4 @@
-"""Pages of a fleet: python fleet_page.py FOLDER MACHINES.
+"""Writes the page of a fleet for a test in a browser: python fleet_page.py FOLDER MACHINES. Prints its path.
 
 Three simulated machines are replayed; the page then has so many rows, with names of their own.
 """

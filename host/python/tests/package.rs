@@ -1,5 +1,6 @@
-//! The Python package, as it is installed: put together from the library that was built and the
-//! modules beside it, and tested by a Python with `tests/requirements.txt`.
+//! Tests the Python package as it is installed: puts it together from the library that was built
+//! and the modules beside it, runs the tests in Python of this folder on it, and opens the page of
+//! a fleet of ten thousand machines in a browser. Needs a Python with `tests/requirements.txt`.
 
 #[path = "../../tests/web/accessibility.rs"]
 mod accessibility;

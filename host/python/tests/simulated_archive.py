@@ -1,4 +1,6 @@
-"""Archives of simulated gearboxes: python simulated_archive.py FOLDER MACHINES DAYS SECONDS."""
+"""Makes archives of simulated gearboxes, and hashes what runs over them have made: python simulated_archive.py
+FOLDER MACHINES DAYS SECONDS.
+"""
 
 import concurrent.futures
 import datetime

@@ -1,4 +1,6 @@
-"""Archives: the bits of one recording, whatever is cut, late, broken, killed or changed."""
+"""Archives by the Python package, on a simulated gearbox cut into four days: estimates have the bits of one replay,
+sums and damage are those of ``evaluate`` and ``life``, whatever is late, broken, killed or changed.
+"""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""The examples of the docstrings give what they show."""
+"""The examples of the docstrings give what they show, and everything public has a docstring."""
 
 import doctest
 import importlib

@@ -1,4 +1,4 @@
-"""Wrong input is an exception with a reason, and never the end of the process."""
+"""Wrong input, in at least a hundred forms, is an exception with a reason, and never the end of the process."""
 
 import gc
 import os

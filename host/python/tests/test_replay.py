@@ -1,4 +1,6 @@
-"""Estimates from tables: bits, cuts, streams, units, libraries, memory."""
+"""Replays of tables and streams on the shipped gearbox recording: the same bits from pyarrow, polars, pandas and
+DuckDB, also cut anywhere; bounded memory; interrupts, forks and dropped streams.
+"""
 
 import os
 import pickle

@@ -1,4 +1,5 @@
-//! Address of an MQTT broker: `mqtt://[USER[:PASSWORD]@]HOST[:PORT]`.
+//! Parses the address of an MQTT broker, `mqtt://[USER[:PASSWORD]@]HOST[:PORT]` (`Broker`). Without
+//! a port it is 1883; a user without password has that of `LOADTWIN_MQTT_PASSWORD`.
 
 use std::str::FromStr;
 

@@ -1,4 +1,7 @@
-//! Rows of raw samples and of estimates from the frames of a machine, cut into parts.
+//! Arranges raw samples and load frames of a machine on a bus as rows of columns over time (s),
+//! with empty cells for samples that are missing. Cuts them into parts, each for a file: at
+//! midnight (UTC), raw samples also at a gap above 1 s or a restart of the machine, and where the
+//! recorder takes one.
 
 use loadtwin_common::io::fault::Fault;
 use loadtwin_common::io::frame::LoadFrame;
@@ -168,9 +171,9 @@ impl SampleRows {
 /// A load as it came.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Load {
-    /// Value.
+    /// Value (in the load's unit).
     pub value: Option<f64>,
-    /// Standard deviation.
+    /// Standard deviation (in the load's unit).
     pub std: Option<f64>,
     /// Why it is not valid.
     pub fault: Fault,
@@ -195,7 +198,7 @@ pub struct EstimateRows {
 }
 
 impl EstimateRows {
-    /// Columns of the estimates of `machine`, as `replay --estimates` has them.
+    /// Columns of the loads of `machine`, as `replay --estimates` has them before those of sensors.
     pub fn columns(machine: &Machine) -> Vec<OutputColumn> {
         let column = |name: String, unit| OutputColumn {
             name,

@@ -1,5 +1,5 @@
-//! Recorder of a machine on a bus: raw samples and estimates into an archive of Parquet, loads and health to an
-//! MQTT broker.
+//! Records a machine on a bus: raw samples and estimates to Parquet files of an archive, statistics
+//! of loads and health to an MQTT broker.
 //!
 //! Files are complete or absent, and [`summary`] counts what came, what is in files and what is missing.
 #![forbid(unsafe_code)]

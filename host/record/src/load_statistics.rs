@@ -1,5 +1,6 @@
-//! Statistics of one load over one second, as they are published: mean, extremes, standard
-//! deviation, number of valid samples.
+//! Computes the statistics of one load over one second, as they are published: mean and extremes of
+//! its values, root mean square of the standard deviations of its estimates, and the number of
+//! valid samples.
 
 use serde::Serialize;
 
@@ -27,13 +28,13 @@ pub struct LoadMessage<'a> {
     pub load: &'a str,
     /// Unit.
     pub unit: &'a str,
-    /// Mean of the values.
+    /// Mean of the values (in `unit`).
     pub mean: Option<f64>,
-    /// Least value.
+    /// Least value (in `unit`).
     pub min: Option<f64>,
-    /// Largest value.
+    /// Largest value (in `unit`).
     pub max: Option<f64>,
-    /// Root mean square of the standard deviations of the estimates.
+    /// Root mean square of the standard deviations of the estimates (in `unit`).
     pub deviation: Option<f64>,
     /// Whether all samples are valid.
     pub valid: bool,

@@ -1,4 +1,5 @@
-//! Store of messages on the disk until the broker has acknowledged them, in order and bounded.
+//! Stores messages on the disk, in order, until the broker has acknowledged them. Beyond a limit in
+//! bytes the oldest are deleted and counted as dropped.
 //!
 //! Files `SEQUENCE.messages` of lines `sequence TAB topic TAB payload`, named by their first message;
 //! `acknowledged` holds the sequence up to which the broker has all.
@@ -9,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use loadtwin_files::atomic_file::AtomicFile;
 
-/// Largest file [bytes].
+/// Size from which a new file is begun (bytes).
 const FILE_BYTES: u64 = 256 << 10;
 
 /// A message.
@@ -161,7 +162,7 @@ impl MessageStore {
         self.bound()
     }
 
-    /// Deletes the oldest files beyond the bound.
+    /// Deletes the oldest files beyond the bound; the last one stays.
     fn bound(&mut self) -> io::Result<()> {
         while self.files.len() > 1
             && self.files.iter().map(|file| file.1).sum::<u64>() > self.most_bytes

@@ -81,7 +81,7 @@ impl OwnFiles {
         self.files.push_back((sequence, path.to_owned(), bytes));
     }
 
-    /// Deletes the oldest until at most `most` bytes are left; files and bytes deleted.
+    /// Deletes the oldest until at most `most` bytes or one file are left; files and bytes deleted.
     ///
     /// # Errors
     /// When one cannot be deleted.

@@ -1,4 +1,6 @@
-//! Thread that writes parts of a recording to files, beside the one that receives frames.
+//! Writes parts of a recording to Parquet files on a thread beside the one that receives frames,
+//! one file a part, and counts each part in the summary as written or not written. Deletes the
+//! oldest files beyond a limit in bytes.
 
 use std::fs;
 use std::path::PathBuf;
@@ -40,9 +42,9 @@ pub struct Part {
     pub t: Vec<f64>,
     /// As described.
     pub columns: Vec<Vec<f64>>,
-    /// Where it is written.
+    /// What is counted where the part is written.
     pub written: Counts,
-    /// Where it is not.
+    /// What is counted where it is not written.
     pub not_written: Counts,
     /// Clock after it.
     pub clock: Option<SampleClock>,

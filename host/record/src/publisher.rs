@@ -1,4 +1,6 @@
-//! Thread that publishes stored messages and the health of a machine to an MQTT broker.
+//! Publishes stored messages and the latest health of a machine to an MQTT broker on a thread of
+//! its own, connects again where the connection is lost, and acknowledges in the store what the
+//! broker has.
 //!
 //! After each connection all messages that are not acknowledged are sent again, in order.
 
@@ -30,7 +32,7 @@ const PAUSE: Duration = Duration::from_secs(1);
 /// Time for the remaining messages at the end.
 const END: Duration = Duration::from_secs(3);
 
-/// Largest message [bytes].
+/// Largest message (bytes).
 const LARGEST: usize = 64 << 10;
 
 /// State of a machine whose recorder does not run, or is not reached.

@@ -1,5 +1,6 @@
-//! Time of raw samples by their ticks, also across restarts of the recorder; of each sample, whether
-//! ticks are missing before it, it is repeated, or the machine started anew (`Step`).
+//! Computes the time of raw samples (s since the epoch) from their ticks, also across restarts of
+//! the recorder. Decides for each sample whether ticks are missing before it, it is repeated, or
+//! the machine started anew (`Step`).
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,5 @@
-//! Summary of a recorder, a file that survives its restart: identity, next sequence, clock and counts.
+//! Reads and writes `summary.json`, what a recorder keeps across its restarts (`Summary`): its
+//! random name, the next sequence of a file, the clock of the samples, and counts.
 //!
 //! It is written before the file that it counts gets its name. After a kill in between, the file is not
 //! there, and the counts before it hold.
@@ -14,7 +15,7 @@ use super::RecordError;
 use super::counts::Counts;
 use super::sample_clock::SampleClock;
 
-/// Largest summary [bytes].
+/// Largest summary (bytes).
 const LARGEST: u64 = 1 << 20;
 
 /// Counts and clock at a point in time.

@@ -1,5 +1,6 @@
-//! Messages that are published of a machine: each second the statistics of each load, and the
-//! health of the board and its sensors where it changes.
+//! Gathers the load, sensor and status frames of a machine for an MQTT broker: each second it
+//! stores a message with the statistics of each load, and sets the health of board, loads and
+//! sensors where it has changed or is 10 s old.
 
 use std::io;
 
@@ -103,7 +104,7 @@ impl<'a> Telemetry<'a> {
         store.append(&messages)
     }
 
-    /// Publishes the health where it has changed, or some time has passed.
+    /// Sets the health that is to be published, where it has changed or is [`HEALTH_S`] old.
     fn health(&mut self, now_s: u64) {
         let loads = (self.loads.iter().zip(&self.faults))
             .map(|((name, _), fault)| (name.clone(), json!({ "fault": fault })));

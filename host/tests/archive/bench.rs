@@ -1,4 +1,5 @@
-//! Archives of simulated gearboxes, and what a run over one has made.
+//! Makes archives of simulated gearboxes, runs `loadtwin replay --archive` on them, and compares
+//! their estimates with those of one replay of the whole recording, to the bit.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};

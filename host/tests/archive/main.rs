@@ -1,5 +1,6 @@
-//! `loadtwin replay --archive` on the real binary: the bits of one recording, whatever the threads,
-//! and whatever is damaged, late, killed, without description or on a full disk.
+//! `loadtwin replay --archive` on the real binary and simulated gearboxes: results have the bits of
+//! one replay, whatever the threads, and whatever is damaged, late, killed, without description or
+//! on a full disk. The remaining life by a design spectrum is that by hand.
 
 mod bench;
 

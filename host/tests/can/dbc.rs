@@ -1,5 +1,5 @@
-//! The DBC files, general and of one machine, decoded by another library to the numbers that
-//! were encoded.
+//! Decodes frames by the DBC files, general and of one machine, with another library (cantools):
+//! the numbers are those that were encoded.
 
 use std::fmt::Write as _;
 use std::io::Write as _;

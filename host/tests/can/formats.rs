@@ -1,4 +1,5 @@
-//! Bus logs of the same traffic in every format: `loadtwin prove` gives the same result.
+//! Bus logs of the same traffic in every format that python-can writes and can-utils print:
+//! `loadtwin prove` gives the same result. A damaged BLF log is no proof.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;

@@ -1,5 +1,5 @@
-//! Comparison of `common/src/io/frame/signal_layout.rs` and the tables of the documentation
-//! with the DBC; writes the file anew on request.
+//! Compares the bit positions in `common/src/io/frame/signal_layout.rs`, and the faults, states and
+//! refusals of the code, with the DBC; `LOADTWIN_BLESS=1` writes `signal_layout.rs` anew.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;

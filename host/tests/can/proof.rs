@@ -1,5 +1,6 @@
-//! The commands `twin`, `prove`, `node` and `send` on logs and on a simulated controller,
-//! without a real bus.
+//! Comparison of a machine's frames with the estimator on the host, as `twin` and `prove` do:
+//! identical, one bit different, frames lost, foreign or late, restarts, files that are no logs.
+//! `node` and `send` on a simulated controller, without a real bus.
 
 use std::collections::VecDeque;
 use std::sync::atomic::AtomicBool;

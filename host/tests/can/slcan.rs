@@ -1,5 +1,5 @@
-//! Serial adapter (slcan) over a pseudo-terminal: frames of a machine are received, recorded
-//! and compared.
+//! Serial adapter (slcan) over a pseudo-terminal: a minute of a machine is received and compared to
+//! the bit; an adapter that refuses, is gone or does not answer is reported.
 #![cfg(unix)]
 
 use std::fmt::Write as _;

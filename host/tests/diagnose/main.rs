@@ -1,5 +1,6 @@
-//! Test program of `loadtwin diagnose` for drivetrains, on simulated recordings of an effect
-//! that it does not know.
+//! Test program of `loadtwin diagnose` for drivetrains, on simulated recordings of the example's
+//! gearbox: nothing is named without an effect; here also machines without references, two effects
+//! at once, delays, and corrections without a cause.
 
 mod estimator;
 mod foreign;

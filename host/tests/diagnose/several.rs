@@ -1,4 +1,5 @@
-//! Joint diagnosis of several recordings by `loadtwin diagnose`.
+//! Joint diagnosis of several recordings by `loadtwin diagnose`: zeros that differ between them are
+//! no effect, and a gear's inertia is named alone.
 
 use super::{diagnosed, recorded};
 

@@ -1,5 +1,5 @@
-//! `loadtwin life` on the real binary: counts, damage, equivalent torque and bearing life,
-//! merging of files, page, refusals.
+//! `loadtwin life` on the real binary and the sequence of ASTM E1049-85, figure 6: cycles and
+//! damage by hand, equivalent torque and bearing life, merging of files, page, refusals.
 
 mod noise;
 

@@ -1,5 +1,6 @@
-//! Damage of estimated torques against that of the true ones, on individuals of the gearbox that
-//! are calibrated on another recording.
+//! Damage of estimated torques against that of the true ones, on simulated individuals of the
+//! gearbox that are calibrated on another recording: the stated interval holds at least 85 % of the
+//! true figures, and the removal of noise lowers the error by 30 %.
 //!
 //! `LOADTWIN_INDIVIDUALS=10` prints the figures of the documentation.
 

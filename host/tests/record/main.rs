@@ -1,5 +1,6 @@
-//! Recorder with a real mosquitto: kills of the recorder and the broker, a network that is cut, a full
-//! disk.
+//! Recorder with a real mosquitto, through kills of the recorder and of the broker and a network
+//! that is cut: each sample is in the archive once or counted as missing, and each message reaches
+//! a subscriber in order.
 #![cfg(unix)]
 
 #[path = "../can/machine.rs"]

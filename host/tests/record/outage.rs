@@ -1,4 +1,5 @@
-//! A broker that is killed while it is connected, and a disk that is full for a while.
+//! Recorder while its broker is killed with a connection open, and while the disk is full: no
+//! message is lost that was stored, no file is half, and samples that are not written are counted.
 
 use std::fs;
 use std::path::Path;

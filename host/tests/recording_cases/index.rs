@@ -1,5 +1,5 @@
-//! Formats of the index pulse in a recording: latched counts, a level of any width, a voltage,
-//! absent.
+//! Formats of the index pulse in a recording (latched counts, a level of any width, a voltage,
+//! absent): the NMAE is that of the plain recording within 0.05 %, or the column is refused.
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;

@@ -1,4 +1,6 @@
-"""Files of formats that are refused by their names, as `recording_peer.py` lists them."""
+"""Writes files of other formats (gzip, ZIP, TDMS, HDF5, MAT, BLF, MDF 3) for `recording_peer.py`: the reader
+refuses each by the name of its format.
+"""
 
 import gzip
 import zipfile

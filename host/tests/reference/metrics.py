@@ -1,4 +1,4 @@
-"""Reference for host/src/metrics: statsmodels' autocorrelation, scipy's chi-squared quantiles.
+"""Reference for host/math/src/metrics: statsmodels' autocorrelation, scipy's chi-squared quantiles.
 
 python3 -m venv V && V/bin/pip install statsmodels==0.15.0 scipy==1.17.1
 V/bin/python metrics.py > metrics.json

@@ -1,4 +1,4 @@
-"""The recordings that `host/tests/recording_files.rs` reads.
+"""Writes the recordings that `host/tests/recording_files/main.rs` reads.
 
 recording_peer.py BASE.csv DIR    writes them to DIR, and what is right to DIR/manifest.json
 

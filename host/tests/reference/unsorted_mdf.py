@@ -1,4 +1,4 @@
-"""An unsorted MDF4 file, block by block: asammdf writes none."""
+"""Writes an unsorted MDF4 file, block by block: asammdf writes none."""
 
 import struct
 import zlib

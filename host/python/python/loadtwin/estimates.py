@@ -1,4 +1,4 @@
-"""Estimates of a replay."""
+"""Estimates of a replay: read while it goes on (``Stream``), or all in memory (``Estimates``)."""
 
 from __future__ import annotations
 
@@ -69,7 +69,8 @@ class Stream(_Exported):
     Attributes
     ----------
     state : bytes or None
-        The state after the last row, once all rows are read.
+        The state after the last row, once all rows are read; none where rows are resampled, or where estimates lag
+        and no other part follows.
     notes : list of str
         How the recording was read, where that is not plain, once all rows are read.
 

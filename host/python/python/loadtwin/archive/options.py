@@ -1,4 +1,4 @@
-"""Options of a run over an archive."""
+"""Options of a run over an archive (sensors, filter, columns, pages) and their command-line parser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run over an archive on the cores of this computer."""
+"""Replay of the machines of an archive on the cores of this computer, with progress on a terminal."""
 
 from __future__ import annotations
 

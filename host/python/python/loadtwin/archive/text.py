@@ -1,4 +1,4 @@
-"""What a run over an archive prints."""
+"""Frame of the command lines over archives: runs, prints the figures as JSON or text, gives the exit code."""
 
 from __future__ import annotations
 

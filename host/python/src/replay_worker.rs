@@ -1,4 +1,6 @@
-//! A replay on a thread of its own: recording in, estimates out, a few blocks at a time.
+//! Replays a recording on a thread of its own (`Worker`): a file or Arrow batches in, record
+//! batches of estimates out by a queue of four. At the end it gives the estimator's state, with
+//! which the next part goes on, and notes on how the recording was read.
 
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};

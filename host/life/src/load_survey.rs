@@ -1,4 +1,6 @@
-//! First pass over a file, before its loads are counted: extremes and step variance of each load.
+//! Reads a file before its loads are counted, for the lowest and highest value of each load, from
+//! which the range of its counts is chosen, and the variance of its steps, which its smoother needs
+//! (`LoadSurvey`).
 
 use std::path::Path;
 

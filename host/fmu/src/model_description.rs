@@ -1,4 +1,6 @@
-//! `modelDescription.xml` of an FMU, in FMI 3.0 or 2.0.
+//! Writes the `modelDescription.xml` of an FMU, in FMI 3.0 or 2.0, from the machine's `Interface`:
+//! capabilities, units, variables and outputs. It states that no output depends on an input of the
+//! same time.
 
 use std::io;
 

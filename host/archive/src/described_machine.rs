@@ -1,4 +1,6 @@
-//! A machine's description as it is in its files now, with sensors and model image.
+//! Reads the machine description that a row of the table of descriptions names, checks its SHA-256
+//! and the name of the counted load, chooses the sensor set and builds the model image
+//! (`Described`).
 
 use std::path::Path;
 
