@@ -1,4 +1,5 @@
-//! Counts as bytes with version and checksum, to save them and to continue them after a restart.
+//! Writes the counts of a load to bytes with version and checksum, and continues counting from such
+//! bytes after a restart (`LoadCounts::save`, `LoadCounts::continued`).
 
 use super::load_counts::LoadCounts;
 use crate::Error;

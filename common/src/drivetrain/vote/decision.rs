@@ -1,5 +1,5 @@
-//! Fault isolation among redundant gauges: the gauges to exclude, by the residual cost of each
-//! hypothesis, and the kinds of their faults. The prediction of the filter is further evidence
+//! Decides by the residual cost of each fault hypothesis which redundant gauges of a drivetrain are
+//! excluded, and names the kinds of their faults. The prediction of the filter is further evidence
 //! after the gauges have agreed for five windows.
 
 use crate::drivetrain::fault_kind::Moments;
@@ -37,7 +37,8 @@ impl Voting {
     /// Takes the first hypothesis of direction `d` that explains the readings: all gauges sound;
     /// those at fault that contradict a sound prediction, where the others agree; one at fault; two
     /// exchanged; two at fault; all but one that the prediction confirms. Where none does, or the
-    /// prediction cannot separate one turned gauge from two exchanged, the direction is contradicted.
+    /// prediction cannot separate one turned gauge from two exchanged, the direction is
+    /// contradicted.
     pub(crate) fn decide(
         &self,
         vote: &mut Vote,
@@ -78,9 +79,9 @@ impl Voting {
         test_alternative(vote, d, members, chosen, before);
     }
 
-    /// Latches which gauges departed from a sound prediction in the sample in which a direction began to disagree: later,
-    /// two that err alike have drawn the prediction along, and it accuses the third. A disagreement that grows slowly
-    /// accuses none.
+    /// Latches which gauges departed from a sound prediction in the sample in which a direction
+    /// began to disagree: later, two that err alike have drawn the prediction along, and it accuses
+    /// the third. A disagreement that grows slowly accuses none.
     #[inline]
     pub(super) fn follow_jump(
         &self,
