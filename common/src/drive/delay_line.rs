@@ -1,5 +1,5 @@
-//! Keeps the last 32 readings of one signal and gives that of less than 31 samples earlier, whole or
-//! fractional, interpolated between the two nearest (`DelayLine`).
+//! Keeps the last 32 readings of one signal and gives that of less than 31 samples earlier, a whole
+//! or fractional number, interpolated between the two nearest (`DelayLine`).
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,6 @@
-//! Load estimator of a rotor: forces at the discs and modal displacements, from displacement
-//! sensors at a few nodes.
+//! Estimates the forces at the discs of a rotor and its modal displacements from displacement
+//! sensors at a few nodes, one raw sample at a time (`RotorEstimator::step`), by an augmented
+//! Kalman filter of a reduced finite-element model.
 //!
 //! A reduced finite-element model with the forces as states ([`filter`]), its matrices over the
 //! speed. The full recursion runs until its gain has converged; then the steady gain of the speed
@@ -267,8 +268,8 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
         state.scheduled.reset(&self.model, noise, state.shaft.speed);
     }
 
-    /// Whether every load turns with the shaft: a jump of one reaches all sensors within a turn, and a fault of half of
-    /// them is none.
+    /// Whether every load turns with the shaft: a jump of one reaches all sensors within a turn,
+    /// and a fault of half of them is none.
     fn has_turning_loads_only(&self) -> bool {
         let pairs = self.constant.pairs as u32;
         u32::from(self.model.synchronous_mask).trailing_ones() >= pairs
