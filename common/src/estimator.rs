@@ -14,7 +14,7 @@ use crate::image::{Image, Model};
 use crate::io::estimate::Estimate;
 use crate::io::raw::RawSample;
 use crate::rotor::{RotorEstimator, RotorModel, RotorState};
-use crate::sealed_bytes::Seal;
+use crate::saved_bytes::Seal;
 
 /// Numbers of states that filters are compiled for; a model with another one
 /// is filled up with states that nothing depends on.

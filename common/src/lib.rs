@@ -17,7 +17,7 @@ pub mod kalman;
 pub mod load_signal;
 mod matrix_serde;
 pub mod rotor;
-mod sealed_bytes;
+mod saved_bytes;
 pub mod signal;
 
 pub use crate::error::Error;

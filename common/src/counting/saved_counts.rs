@@ -3,7 +3,7 @@
 
 use super::load_counts::LoadCounts;
 use crate::Error;
-use crate::sealed_bytes::Seal;
+use crate::saved_bytes::Seal;
 
 /// Version of the layout of saved counts; another one is refused.
 pub const VERSION: u16 = 1;

@@ -6,9 +6,9 @@
 //! of the layout. A load or sensor frame is a pure function of the estimate
 //! and of its tick: who knows the raw samples can recompute every bit.
 
-#[cfg(test)]
-mod bytes;
 pub mod e2e;
+#[cfg(test)]
+mod example_frame_tests;
 mod load_frame;
 mod raw_frame;
 mod sensor_frame;

@@ -1,5 +1,5 @@
 //! Writes saved states and saved counts to bytes and reads them back (`Seal`): version, value
-//! (postcard), CRC-32 (ISO-HDLC, little endian) of all before it. Not the format of sealed images.
+//! (postcard), CRC-32 (ISO-HDLC, little endian) of all before it.
 
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use serde::Serialize;
