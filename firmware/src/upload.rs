@@ -1,5 +1,5 @@
-//! Receiver of a model image from the bus: UDS download services over ISO-TP, written to a slot
-//! of the store.
+//! Receives a model image from the bus by UDS download services over ISO-TP (`Upload`), has the
+//! store check and install it page by page, and answers whether it is accepted or why not.
 //!
 //! [`Upload::on_frame`] belongs where frames are received: it answers with flow
 //! control and never blocks. [`Upload::poll`] belongs in the background, below
