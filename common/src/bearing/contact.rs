@@ -220,7 +220,7 @@ impl Contacts {
         let square = d * d + w * w;
         let inverse = inverse_sqrt(square);
         let distance = square * inverse;
-        // Rounded off about zero, so that a row without load still says which way load lies.
+        // Rounded off about zero, so that a row without load keeps a slope towards load.
         let delta = distance - g.groove_um;
         let rounded = sqrt(delta * delta + SMOOTHING_UM * SMOOTHING_UM);
         let approach = 0.5 * (delta + rounded);

@@ -5,7 +5,7 @@
 //! Within a block of 10 ms nothing that is looked for changes but the phase,
 //! so that `y(t) = sum_k c_k e_k(t) + v`, `e = (1, cos Phi, sin Phi, cos 2 Phi, ..)`,
 //! where `Phi` is the phase of ball passing by the wheel's angle alone. The
-//! sums `E'E` and `E'y` then hold all that the samples say.
+//! sums `E'E` and `E'y` then hold all information of the samples.
 
 use serde::{Deserialize, Serialize};
 
@@ -36,7 +36,7 @@ pub struct HarmonicSums {
 /// A block as independent readings of equal variance: `y = U c + v`.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct HarmonicBlock {
-    /// `U`, upper triangular, `U'U = E'E`; a row of zeros says nothing.
+    /// `U`, upper triangular, `U'U = E'E`; a row of zeros is no reading.
     pub root: [[f32; BASIS]; BASIS],
     /// `y` of each gauge.
     pub reading: [[f32; BASIS]; GAUGES],

@@ -3,14 +3,14 @@
 //! starts the next alternative: rows exchanged (mirror image), loads reset or phases shifted.
 //!
 //! The mirror image of a posterior explains the local strain as well as the posterior itself; only
-//! bulk strain and what is expected of the loads tell the two apart, and at a start, with offsets
+//! bulk strain and the expected loads distinguish the two, and at a start, with offsets
 //! unknown, not before the loads have moved. So the first test against the mirror image lasts until
 //! it is decided, and a moment that has passed near zero calls the next one.
 //!
-//! Wrong rows take up offsets that make them right. So each alternative starts with those that were
-//! learnt before, by rows that were distinguished from their mirror image, and so does a search
-//! that starts anew. So does each of two images once it has found its phases: on the way there it
-//! has taken offsets for what phases were.
+//! With exchanged rows the filter estimates offsets that fit the readings. So each alternative, and
+//! each search that starts anew, begins with the offsets that were estimated before, while the rows
+//! were distinguished from their mirror image. So do both images once they have found their phases:
+//! until then they estimate offsets by wrong phases.
 //!
 //! The limits were tuned on simulated bearings 1 to 4, 101 to 120 and 201 to 216; 121 to 130 took
 //! no part (docs/lab/results.md).

@@ -100,8 +100,7 @@ pub struct BearingState {
     cost: (f32, f32),
     lock: LockDetector,
     test: HypothesisTest,
-    /// What was learnt of preload and biases by rows that were distinguished from their mirror
-    /// image.
+    /// Preload and biases, as estimated while the rows were distinguished from their mirror image.
     offsets: BiasPrior,
     consistency: Consistency,
     running: bool,
@@ -303,7 +302,7 @@ impl BearingEstimator {
             let dt_s = self.dt_s * f32::from(state.block.elapsed);
             (state.consistency).update(&state.primary.offsets(), locked, &self.model.tuning, dt_s);
         }
-        // What was learnt from a dead gauge before it was detected is discarded.
+        // What was estimated from a dead gauge before it was detected is discarded.
         state.running &= !fell_silent;
     }
 }

@@ -55,7 +55,7 @@ pub struct GaugeModel {
 /// Tuning of the joint filter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tuning {
-    /// Time in which slip forgets (s), > 0.
+    /// Time constant of the slip (s), > 0.
     pub slip_time_s: f32,
     /// Standard deviation of slip, relative, > 0.
     pub slip_std: f32,
@@ -67,7 +67,7 @@ pub struct Tuning {
     pub load_mean: [f32; LOADS],
     /// Lower factor of their covariance (kN): those on the rig.
     pub load_factor: [[f32; LOADS]; LOADS],
-    /// Time in which loads return to them (s), > 0.
+    /// Time constant with which the loads return to their mean (s), > 0.
     pub load_time_s: f32,
     /// Standard deviation of the preload (um), > 0.
     pub preload_std: f32,

@@ -247,7 +247,7 @@ impl<'a> DriveEstimator<'a> {
         let terms = self.terms(state, estimate.homed);
         let row = RowSVector::from([0.0, model.drag, model.inertia, 1.0]);
         let drive = model.drive.map(|signal| {
-            // Of a load that is not measured in this sample, the drive says nothing either.
+            // Where a known load is not measured in this sample, the drive is not used either.
             let all = readings.known.iter().take(model.known.len());
             let reading = all.fold(readings.drive, |drive, load| load.and(drive));
             update_sensor(state, &row, terms, reading, signal.noise_std)

@@ -46,7 +46,7 @@ impl SignalHistory {
         }
     }
 
-    /// Forgets readings, not where the counter is.
+    /// Drops all readings; the position of the counter stays.
     pub(super) fn forget_readings(&mut self) {
         *self = Self {
             counter: self.counter,

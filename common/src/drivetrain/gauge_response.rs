@@ -37,8 +37,8 @@ pub struct GaugeResponse {
 /// Part of `l` by which what is sensed has to be ahead before it counts as moved.
 const MOTION_THRESHOLD: f32 = 0.02;
 
-/// The same in standard deviations of its estimate, whose noise would forget the way on which the
-/// load came.
+/// The same in standard deviations of its estimate, whose noise would otherwise erase the
+/// hysteresis.
 const MOTION_SIGMA: f32 = 6.0;
 
 /// State of creep and hysteresis of one gauge.

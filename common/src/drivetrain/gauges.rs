@@ -84,7 +84,7 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
             (*map_mean, 0.0)
         };
         // `E[(m - mean)^2 s^2]` where the angle is not known: what is sensed has a spread, too. The
-        // filter keeps to its estimate; that gauges differ by the spread accuses none of them.
+        // filter keeps to its estimate; that gauges differ by the spread is no sign of a fault.
         let unknown = if homed {
             0.0
         } else {

@@ -114,9 +114,9 @@ pub(crate) struct Vote {
     left_out: u8,
     kinds: [Fault; MAX_CHANNELS],
     moments: [Moments; MAX_CHANNELS],
-    /// Directions whose gauges contradict each other without a culprit.
+    /// Directions whose gauges contradict each other and none is isolated.
     contradicted: u8,
-    /// Gauges that nothing but two others accused when they were left out.
+    /// Gauges that only two others, and not the prediction, contradicted when they were left out.
     outvoted: u8,
     /// Directions where two gauges with the same gain explain the readings as simply as the one
     /// that is left out.
@@ -162,7 +162,7 @@ impl Vote {
         out.then(|| self.kinds.get(i).copied().unwrap_or(Fault::Erratic))
     }
 
-    /// Whether the gauges of direction `d` contradict each other without a culprit.
+    /// Whether the gauges of direction `d` contradict each other and none is isolated.
     pub(crate) fn contradicts(&self, d: usize) -> bool {
         self.contradicted & (1 << (d % MAX_CHANNELS)) != 0
     }

@@ -2,7 +2,8 @@
 //! samples, with steady gains (`FixedLagSmoother`), so that the rotor's estimate may lag by some
 //! samples and is more accurate.
 //!
-//! A force moves a sensor only samples later, so that those samples say most of what is said of it.
+//! A force moves a sensor only samples later, so that those samples have most of the information on
+//! it.
 //! By the steady gains `G_j` for the `j`-th sample before,
 //!
 //! `x(k-j | k) = x(k-j | k-1) + G_j nu_k`, `G_j = P (F (I - K H))^j' H' S^-1`, `G_0 = K`

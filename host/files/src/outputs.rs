@@ -93,7 +93,7 @@ pub enum OutputError {
         /// The other option.
         other: &'static str,
     },
-    /// The name says that it is something else.
+    /// Its name has the suffix of another kind of file.
     #[error("{option} {}: {noun} cannot have this suffix; allowed: {allowed}", path.display())]
     Suffix {
         /// The option.

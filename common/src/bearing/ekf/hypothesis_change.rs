@@ -46,7 +46,8 @@ impl JointEkf {
         self.inflate_loads(tuning, 1.0);
     }
 
-    /// Whether the phases of two posteriors, where the first knows its own, are not the same.
+    /// Whether the phases of two posteriors are not the same, in the rows where the first has a
+    /// variance below `KNOWN_PHASE`.
     pub fn phases_differ(&self, other: &Self) -> bool {
         (0..ROWS)
             .filter(|row| self.gaussian.upper[*row][*row] < KNOWN_PHASE)

@@ -10,7 +10,7 @@ use crate::io::raw::MAX_CHANNELS;
 /// Part of the limit below which gauges agree: half of [`RETURN`].
 const CALM: f32 = 0.5 * RETURN;
 
-/// Gauges of a direction by what a hypothesis says of them, one bit each.
+/// Gauges of a direction that a hypothesis leaves out, one bit each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Hypothesis {
     left_out: u8,
@@ -80,8 +80,8 @@ impl Voting {
     }
 
     /// Latches which gauges departed from a sound prediction in the sample in which a direction
-    /// began to disagree: later, two that err alike have drawn the prediction along, and it accuses
-    /// the third. A disagreement that grows slowly accuses none.
+    /// began to disagree: later, two that err alike have drawn the prediction along, and it
+    /// contradicts the third. A disagreement that grows slowly latches none.
     #[inline]
     pub(super) fn follow_jump(
         &self,
@@ -139,7 +139,7 @@ impl Voting {
         if against != 0 && rest > 1 && self.remain(vote, members, against) {
             return leave(against);
         }
-        // The prediction says nothing where all, or none, are off it.
+        // The prediction is no evidence where all, or none, are off it.
         let accused = |i: usize| against == 0 || rest == 0 || against & bit(i) != 0;
         if n > 2 {
             let lowest = |a: &usize, b: &usize| vote.single[*a].total_cmp(&vote.single[*b]);
@@ -194,7 +194,7 @@ impl Voting {
                 }
             }
         }
-        // One alone: nothing but the prediction speaks for it.
+        // One alone: only the prediction confirms it.
         if rest == 1 {
             return leave(against);
         }
@@ -272,7 +272,7 @@ fn at(i: u8) -> usize {
     usize::from(i) % MAX_CHANNELS
 }
 
-/// Whether the gauges without `single` show no further culprit.
+/// Whether no further gauge is at fault among those without `single`.
 fn agrees(vote: &Vote, members: &[u8], single: usize) -> bool {
     members.len() <= 3
         || (members.iter().map(|i| at(*i)))

@@ -4,7 +4,7 @@
 //!
 //! `docs/wire-format.md` is the specification, `docs/loadtwin.dbc` the source
 //! of the layout. A load or sensor frame is a pure function of the estimate
-//! and of its tick: who knows the raw samples can recompute every bit.
+//! and of its tick: every bit can be recomputed from the raw samples.
 
 pub mod e2e;
 #[cfg(test)]
@@ -31,7 +31,7 @@ use crate::io::raw::RawSample;
 /// version fail their end-to-end check.
 pub const WIRE_VERSION: u16 = 1;
 
-/// Identifier of the first frame where no image says another one.
+/// Identifier of the first frame where there is no image.
 pub const DEFAULT_BASE: u16 = 0x500;
 
 /// Identifiers that one machine takes; the base is a multiple of it.
