@@ -1,4 +1,5 @@
-//! Build script: gives the linker the memory layout of the board that is built.
+//! Build script: gives the linker the memory layout and the linker scripts of the board whose
+//! feature is on, and the entry point of the check `panic_free`. Does nothing for the host.
 
 use std::env;
 use std::fs;

@@ -1,9 +1,10 @@
-//! Error type of this crate: why a parameter, a configuration or encoded bytes are refused; the
-//! checks for finite and for positive values.
+//! Defines the error type of this crate (`Error`): why a parameter, a configuration or encoded
+//! bytes are refused. Also checks values for being finite and for being positive.
 
 use core::fmt;
 
-/// Why a configuration was refused; carries the parameter's name.
+/// Why a parameter, a configuration or encoded bytes are refused; carries the name of what is
+/// wrong.
 ///
 /// Steps of a filter built from a valid configuration do not return it for a
 /// configuration reason; what a step meets is reported by its

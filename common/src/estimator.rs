@@ -1,6 +1,6 @@
-//! Estimator of any machine, built from a model image: one raw sample in and one estimate out for
-//! each step; saving and restoring of its state; lag of the estimates, and states and covariance of
-//! a rotor.
+//! Runs the estimator of any machine, built from a model image (`Estimator::try_build`): takes one
+//! raw sample and gives one estimate in each step. Also saves and restores its state, and gives the
+//! lag of the estimates and the state and covariance of a rotor.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -14,7 +14,7 @@ use crate::image::{Image, Model};
 use crate::io::estimate::Estimate;
 use crate::io::raw::RawSample;
 use crate::rotor::{RotorEstimator, RotorModel, RotorState};
-use crate::sealed_bytes::Seal;
+use crate::saved_bytes::Seal;
 
 /// Numbers of states that filters are compiled for; a model with another one
 /// is filled up with states that nothing depends on.
@@ -136,7 +136,7 @@ fn restore<S: DeserializeOwned>(state: &mut S, image: &[u8], bytes: &[u8]) -> Re
 }
 
 impl<'a> Estimator<'a> {
-    /// The line of `image`, before its first sample.
+    /// The estimator of `image`, before its first sample.
     ///
     /// # Errors
     /// The name of the first number that is out of its range.
@@ -146,8 +146,8 @@ impl<'a> Estimator<'a> {
         slot.ok_or(Error::OutOfRange("number of states"))
     }
 
-    /// As [`Self::try_build`], in its slot: a line is long, and where the
-    /// stack is short a copy on it too many.
+    /// As [`Self::try_build`], in its slot: an estimator is large, and where the stack is short a
+    /// copy on it does not fit.
     ///
     /// # Errors
     /// As [`Self::try_build`]; the slot is as it was then.
@@ -194,8 +194,9 @@ impl<'a> Estimator<'a> {
         }
     }
 
-    /// Writes the state to `bytes` and gives how many it took: version, SHA-256 of `image`, of which
-    /// the estimator was built, state (postcard), CRC-32 (ISO-HDLC, little endian) of all before it.
+    /// Writes the state to `bytes` and gives how many it took: version, SHA-256 of `image`, of
+    /// which the estimator was built, state (postcard), CRC-32 (ISO-HDLC, little endian) of all
+    /// before it.
     ///
     /// ```
     /// # use loadtwin_common::estimator::{Estimator, MAX_STATE_BYTES};
@@ -308,8 +309,8 @@ impl<'a> Estimator<'a> {
         }
     }
 
-    /// The modal displacements and the rest of a rotor's state that the estimate is of, in the image's
-    /// scale, for displacements at nodes without sensor; empty for other machines.
+    /// The modal displacements and the rest of a rotor's state that the estimate is of, in the
+    /// image's scale, for displacements at nodes without sensor; empty for other machines.
     pub fn rotor_state(&self) -> &[f32] {
         match &self.kind {
             Kind::Rotor20(r, s) => r.state(s),

@@ -1,4 +1,5 @@
-//! What a board's hardware measures, and the check that a model image fits it.
+//! Checks that a model image fits a board (`Hardware::serves`): sample rate, number of channels and
+//! encoders, width of the counters. Holds what the two boards of this project have.
 
 use core::fmt;
 
@@ -40,7 +41,7 @@ pub const EMULATED: Hardware = Hardware {
     counter_bits: None,
 };
 
-/// What of an image a board does not have.
+/// Why an image does not fit a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Mismatch {
     /// The image is for another rate (Hz).

@@ -1,6 +1,6 @@
-//! Model image (`Image`), everything that the estimator needs to know of a machine: name, sample
-//! rate, CAN identifiers, and the model of its kind (gearbox, rotor, bearing or drive); decoding
-//! from bytes.
+//! Defines the model image (`Image`), which holds everything that the estimator needs to know of a
+//! machine: name, sample rate, CAN identifiers, and the model of its kind (gearbox, rotor, bearing
+//! or drive). Decodes it from bytes; ranges are checked by the estimator.
 //!
 //! Made by `loadtwin build`, read by the firmware and by the host. It is
 //! postcard; its tables are borrowed from the bytes, so that they stay in flash.

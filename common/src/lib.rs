@@ -1,5 +1,6 @@
-//! Load estimation from raw counts to CAN payload bytes, bit for bit the same on the
-//! microcontroller and on the host.
+//! Estimates the loads of rotating machines by Kalman filters, from raw converter words and encoder
+//! counts to CAN payload bytes, bit for bit the same on the microcontroller and on the host;
+//! `estimator::Estimator` is the entry point.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -16,7 +17,7 @@ pub mod kalman;
 pub mod load_signal;
 mod matrix_serde;
 pub mod rotor;
-mod sealed_bytes;
+mod saved_bytes;
 pub mod signal;
 
 pub use crate::error::Error;

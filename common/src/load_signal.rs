@@ -1,5 +1,5 @@
-//! Load signal in a model image: name, full scale on the bus, largest standard deviation of a valid
-//! estimate; the type of an image's state vectors.
+//! Defines what a model image states of one load (`LoadSignal`): name, full scale on the bus,
+//! largest standard deviation of a valid estimate. Also the vector type of gearbox states.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// Longest name of a machine or a load in an image (bytes).
 pub const MAX_NAME: usize = 24;
 
-/// A load as the outside knows it.
+/// Name, scale and limit of one load.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LoadSignal {
     /// Its name.
@@ -18,8 +18,8 @@ pub struct LoadSignal {
     pub valid_std: f32,
 }
 
-/// Small vectors of an image: states, noise, initial values.
+/// Vectors over the states of a gearbox in an image: scale, rows, initial values.
 pub type StateVec<T> = Vec<T, MAX_STATES>;
 
-/// Most states that a model can have.
+/// Most states that the model of a gearbox can have.
 pub const MAX_STATES: usize = 16;

@@ -1,5 +1,5 @@
-//! Serde functions for `f32` vectors and matrices whose dimensions are type parameters, written as
-//! one tuple of numbers.
+//! Serialises `f32` vectors and matrices whose dimensions are type parameters as one tuple of
+//! numbers, and reads them back, for `#[serde(with)]`.
 
 use core::fmt;
 use core::marker::PhantomData;

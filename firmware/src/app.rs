@@ -1,5 +1,6 @@
-//! The application of a board: raw samples to CAN frames by the estimator of a model image, status
-//! frames with or without an image, and the counters of the board in them.
+//! Runs the estimator of a model image on a board (`App`): at each data-ready takes a raw sample,
+//! steps, and queues the CAN frames of the estimate and of the status with the board's counters.
+//! Without a usable image it sends status frames only.
 
 use core::sync::atomic::Ordering::Relaxed;
 
@@ -19,7 +20,7 @@ pub const MAX_FRAMES: usize = 7 + loadtwin_common::io::estimate::MAX_LOADS + 1 +
 /// The estimator of one machine and the frames it sends.
 ///
 /// Load and sensor frames are the same on every board that gets the same image
-/// and the same samples; status frames tell what this board met.
+/// and the same samples; status frames report what happened on this board.
 #[derive(Debug)]
 pub struct App<'a> {
     line: Option<Estimator<'a>>,
@@ -43,7 +44,7 @@ impl<'a> App<'a> {
         Ok(app)
     }
 
-    /// The application of a board without a usable image: it says so.
+    /// The application of a board without a usable image: it sends status frames only.
     pub const fn without_image() -> Self {
         Self {
             line: None,
@@ -55,7 +56,7 @@ impl<'a> App<'a> {
     }
 
     /// Takes the model of `image`, as [`Self::try_new`], in place: an application
-    /// is long, and a copy on the stack the deepest that it ever gets.
+    /// is large, and a copy of it would be the largest thing on the stack.
     ///
     /// # Errors
     /// Why the image is refused; the application is as it was then.

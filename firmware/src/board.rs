@@ -1,4 +1,5 @@
-//! The trait `Board`: raw samples, queue to the bus, overrun flag and counters for the application.
+//! Defines the trait `Board`, by which the application takes raw samples and the overrun flag from
+//! a board, queues frames to the bus and counts events. Each board's program implements it.
 
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;

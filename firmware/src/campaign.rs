@@ -1,11 +1,12 @@
-//! Fault-injection campaign: one model, one clean recording, and many short runs with one fault
-//! each; statistics of detection, latency and deviation for each kind of fault.
+//! Runs a fault-injection campaign: one estimator, one recording without faults, and many short
+//! runs with one fault each (missing words, lost counts, swapped samples and others). Gives
+//! detection, latency and deviation from the run without faults for each kind of fault.
 //!
-//! A run starts from the state that the clean line has at that sample, spoils
-//! the samples that follow, and compares with what the clean line says of the
-//! same samples. It ends when all alarms are gone, or after [`LONGEST`]
-//! samples. The same code runs on the host and on the emulated board; the
-//! digest over all outputs shows whether both computed the same bits.
+//! A run starts from the state that the estimator has at that sample without faults, puts the fault
+//! into the samples that follow, and compares the estimates with those of the same samples without
+//! it. It ends when all alarms are gone, or after [`LONGEST`] samples. The same code runs on the
+//! host and on the emulated board; the digest over all outputs shows whether both computed the same
+//! bits.
 
 use heapless::Vec;
 use loadtwin_common::estimator::Estimator;
@@ -107,7 +108,7 @@ pub struct Outcome {
     pub kind: Kind,
     /// Runs.
     pub runs: u32,
-    /// Runs in which a flag was raised that the clean line did not raise.
+    /// Runs in which a flag was raised that was not raised without the fault.
     pub flagged: u32,
     /// Samples from the first that was spoilt to the first flag: most.
     pub latency_most: u32,
@@ -119,10 +120,10 @@ pub struct Outcome {
     pub latched: u32,
     /// Outputs that were no finite numbers.
     pub not_finite: u32,
-    /// Largest deviation of a load from the clean line's while the fault lasts and after
-    /// [standard deviations of the clean line].
+    /// Largest deviation of a load from that without the fault, while the fault lasts and after
+    /// [standard deviations without the fault].
     pub deviation_most: f32,
-    /// Largest deviation at the end of a run [standard deviations of the clean line].
+    /// Largest deviation at the end of a run [standard deviations without the fault].
     pub deviation_left: f32,
     /// Largest deviation [N m, N].
     pub error_most: f32,
@@ -139,7 +140,7 @@ pub struct Report {
     pub digest: u64,
 }
 
-/// What the machine has.
+/// Sensors of the machine and their ranges.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Machine {
     /// Analogue channels.
@@ -207,7 +208,7 @@ pub fn run(
         digest: 0xCBF2_9CE4_8422_2325,
     };
     let mut clean = line.clone();
-    // What the clean line says of the samples from `first` on.
+    // Estimates of the window's samples without faults.
     let mut ahead = line.clone();
     let mut said: Vec<Summary, { LONGEST + STRIDE }> = Vec::new();
     let (start, rest) = samples.split_at(settle.min(samples.len()));
@@ -292,7 +293,7 @@ impl Spoiler<'_> {
         }
     }
 
-    /// What the line gets in place of sample `i`: nothing, one or two samples.
+    /// What the estimator gets in place of sample `i`: nothing, one or two samples.
     fn spoil(&self, i: usize, window: &[RawSample]) -> Vec<RawSample, 2> {
         let mut out = Vec::new();
         let Some(sample) = window.get(i) else {

@@ -1,7 +1,5 @@
-//! Test of load counting, the same on the host and on the emulated board: pseudo-random load with
-//! gaps and restarts, its counts, and a CRC-32 of all saved counts.
-//!
-//! The digest over all saved counts shows whether both counted the same.
+//! Counts a pseudo-random load with gaps and restarts, and gives the CRC-32 of all saved counts
+//! (`digest`): tests on the host and a program on the emulated board compare it.
 
 use loadtwin_common::Error;
 use loadtwin_common::counting::{LevelScale, LoadCounts, SHAFTS};

@@ -1,5 +1,5 @@
-//! Data of one interrupt handler. Interrupts are disabled while the handler takes and returns the
-//! reference, not while it works on the data.
+//! Keeps the reference to the data of one interrupt handler (`Owned`). The handler takes it while
+//! it runs; interrupts are disabled while it takes and returns it, not while it works on the data.
 
 use core::cell::Cell;
 

@@ -1,4 +1,5 @@
-//! Progress check for the watchdog: whether samples were processed since the last call.
+//! Detects whether samples were processed since the last call (`Progress`), so that a board feeds
+//! its watchdog only then.
 
 /// Detects whether a wrapping count has gone on.
 ///

@@ -1,7 +1,9 @@
-//! NOR flash in ordinary memory, for the emulated board, which has no flash to write.
+//! Behaves as NOR flash in ordinary memory (`RamFlash`): erases pages to ones and programs each
+//! word of 8 bytes once. For the emulated board, which has no flash to write, with the layout of
+//! its slots and key page.
 //!
-//! It erases to ones and programs words of 8 bytes once, as the STM32G4 does.
-//! What loss of power does to such a flash is [`simulated_flash`](crate::simulated_flash)'s matter.
+//! So does the flash of the STM32G4. Loss of power is simulated by
+//! [`simulated_flash`](crate::simulated_flash).
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,

@@ -1,5 +1,5 @@
-//! The model image that a board runs: chosen from its flash slots at start, replaced by an upload
-//! over the bus.
+//! Chooses the model image that a board runs from its flash slots at start, checks that it fits the
+//! hardware, and takes a new image by an upload over the bus (`Models`).
 
 use embedded_storage::nor_flash::NorFlash;
 use loadtwin_common::hardware::Hardware;

@@ -1,11 +1,10 @@
-//! Simulated NOR flash in RAM, for tests of the store: power failures within an operation, ECC
-//! errors, flipped and stuck bits.
+//! Simulates NOR flash in RAM (`SimulatedFlash`) for tests of the store: power failures within an
+//! operation, ECC errors, flipped and stuck bits.
 //!
 //! It behaves as the flash of the STM32G4: words of 8 bytes that are programmed
 //! once after an erase, erased in pages. A cut leaves the word or the page that
 //! was at work half done: each bit old, new, or reading differently every time,
-//! and words whose ECC may fail to correct them. For tests, and for boards
-//! without a flash of their own.
+//! and words whose ECC may fail to correct them.
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read,

@@ -1,4 +1,5 @@
-//! Encoder and decoder of CAN frames as text on a serial line, as Linux's `slcan` driver speaks it.
+//! Encodes CAN frames as lines of text on a serial line and decodes them byte by byte, in the
+//! format of Linux's `slcan` driver.
 //!
 //! `tIII8DDDDDDDDDDDDDDDD` and a carriage return: `t`, three hex digits of a
 //! standard identifier, the length, two hex digits a byte. Every frame of this

@@ -1,5 +1,5 @@
-//! Messages of a test to the emulated board: raw samples, and commands for its converter, raw
-//! output, restart and end.
+//! Defines the messages that a test sends to the emulated board (`Stimulus`): raw samples, and
+//! commands for its converter, raw output, restart and end.
 //!
 //! Postcard messages in COBS frames, each ended by a zero byte.
 

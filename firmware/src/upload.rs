@@ -1,5 +1,5 @@
-//! Receiver of a model image from the bus: UDS download services over ISO-TP, written to a slot
-//! of the store.
+//! Receives a model image from the bus by UDS download services over ISO-TP (`Upload`), has the
+//! store check and install it page by page, and answers whether it is accepted or why not.
 //!
 //! [`Upload::on_frame`] belongs where frames are received: it answers with flow
 //! control and never blocks. [`Upload::poll`] belongs in the background, below
@@ -49,7 +49,7 @@ pub enum Event {
 pub struct Progress {
     /// Frame to send with [`uds::ANSWER_ID`].
     pub answer: Option<FrameData>,
-    /// The verdict on an image, for the status frame.
+    /// Whether an image was accepted or refused, for the status frame.
     pub event: Option<Event>,
 }
 
@@ -146,8 +146,7 @@ impl<const N: usize> Upload<N> {
         }
     }
 
-    /// Whether the message belongs to the upload under way: whoever asks for something else
-    /// does not keep it alive.
+    /// Whether the message belongs to the upload under way: other requests do not keep it alive.
     fn is_of_upload(&self) -> bool {
         matches!(
             self.receiver.message(),

@@ -1,6 +1,6 @@
-//! Mean and covariance of the preload and the gauge biases (`BiasPrior`): expected at first, taken
-//! from one posterior and put into another, chi-squared distance, low-pass; prediction of the
-//! biases with correlated drift.
+//! Holds mean and covariance of a bearing's slow states, preload and gauge biases (`BiasPrior`):
+//! reads them from a posterior, writes them into another, and computes their chi-squared distance
+//! from another set. Also predicts the biases by one block, with correlated drift.
 
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
@@ -12,7 +12,7 @@ use crate::kalman::gaussian::factor;
 /// Preload and biases.
 pub(crate) const OFFSETS: usize = 1 + GAUGES;
 
-/// Preload (um) and biases [um/m], as a posterior has learnt them.
+/// Mean and covariance of preload (um) and gauge biases (um/m).
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct BiasPrior {
     pub(crate) mean: [f32; OFFSETS],
@@ -21,7 +21,7 @@ pub struct BiasPrior {
 }
 
 impl BiasPrior {
-    /// Before anything is learnt.
+    /// Zero mean with the standard deviations of `tuning`, before any reading.
     pub fn expected(tuning: &Tuning) -> Self {
         let mut offsets = Self::default();
         for (i, column) in offsets.upper.iter_mut().enumerate() {
@@ -35,8 +35,9 @@ impl BiasPrior {
         offsets
     }
 
-    /// Distance of other preload and biases from these, squared, in units of the covariance of these with what they walk
-    /// in `time_s`: chi-squared; none where the covariance is not positive.
+    /// Squared distance of another mean from this one, in units of this covariance plus the random
+    /// walk of `time_s`: chi-squared with five degrees of freedom; none where that covariance is
+    /// not positive.
     pub(crate) fn distance(&self, other: &Self, tuning: &Tuning, time_s: f32) -> Option<f32> {
         let mut p = self.upper;
         let walk = 2.0 * time_s / tuning.bias_time_s * tuning.bias_std * tuning.bias_std;
@@ -61,7 +62,7 @@ impl BiasPrior {
         Some(sum)
     }
 
-    /// Moves these by `share` towards others, mean and covariance.
+    /// Moves mean and covariance by `share` towards another one: a step of a low-pass.
     pub(crate) fn follow(&mut self, other: &Self, share: f32) {
         for j in 0..OFFSETS {
             self.mean[j] += share * (other.mean[j] - self.mean[j]);
@@ -72,7 +73,7 @@ impl BiasPrior {
     }
 }
 
-/// Takes from state `i` what it has in common with the others; its variance stays.
+/// Sets the covariances of state `i` with all others to 0; its variance stays.
 #[inline(never)]
 pub(super) fn decorrelate_state(p: &mut [[f32; NX]; NX], i: usize) {
     for (j, column) in p.iter_mut().enumerate() {
@@ -85,8 +86,9 @@ pub(super) fn decorrelate_state(p: &mut [[f32; NX]; NX], i: usize) {
     }
 }
 
-/// Biases forget: `x+ = k x`, `P+ = k P k + (1 - k^2) std^2 C`, `k = 1 - share`; `C` is 1 on its diagonal
-/// and [`DRIFT_CORRELATION`] elsewhere.
+/// Predicts the biases by one block, each a Gauss-Markov process: `x+ = k x`,
+/// `P+ = k P k + (1 - k^2) std^2 C`, `k = 1 - share`; `C` is 1 on its diagonal and
+/// [`DRIFT_CORRELATION`] elsewhere.
 pub(super) fn propagate_bias(
     x: &mut SVector<f32, NX>,
     p: &mut [[f32; NX]; NX],
@@ -112,7 +114,7 @@ pub(super) fn propagate_bias(
 }
 
 impl JointEkf {
-    /// Preload and biases by the posterior.
+    /// Mean and covariance of preload and biases in this posterior.
     pub fn offsets(&self) -> BiasPrior {
         let mut offsets = BiasPrior::default();
         for j in 0..OFFSETS {
@@ -124,7 +126,8 @@ impl JointEkf {
         offsets
     }
 
-    /// Takes preload and biases from `offsets`: what it has taken up itself may belong to other rows.
+    /// Replaces mean and covariance of preload and biases by `offsets`, without correlation to
+    /// other states: its own may have been estimated with the rows exchanged.
     pub fn set_offsets(&mut self, offsets: &BiasPrior) {
         let p = &mut self.gaussian.upper;
         for j in 0..OFFSETS {

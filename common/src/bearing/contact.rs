@@ -1,5 +1,7 @@
-//! Contact model of two ball rows in a flexible outer ring: static equilibrium with the loads by
-//! Newton's method, rate of ball passing, contact features at the gauges with derivatives.
+//! Computes the static equilibrium of a bearing with two ball rows in a flexible outer ring under
+//! given loads and preload, by steps of Newton's method (`Contacts`). At an equilibrium it gives
+//! the ball loads at each gauge, of which the strain is a function (`Features`), with their
+//! derivatives, and the rate of ball passing of each row.
 //!
 //! Degrees of freedom `z` (um): inner ring `(dx, dy, dz, R gx, R gz)`, then the
 //! amplitudes of the outer ring's shapes under row 0 and under row 1. Loads
@@ -118,21 +120,21 @@ pub struct Contacts {
     gauges: [[Azimuth; 3]; GAUGES],
 }
 
-/// State of equilibrium and its derivative.
+/// Position after a step of Newton's method; the other fields are those of the position before it.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Equilibrium {
     /// `z` (um).
     pub position: [f32; DOF],
     /// `dz / d(loads, preload)`, by columns [um/kN, um/um].
     pub slope: [[f32; DOF]; INPUTS],
-    /// Force that is out of balance, largest entry (kN).
+    /// Largest entry of the force out of balance (kN).
     pub residual: f32,
     /// Rate of ball passing of each row over that at the unloaded contact angle.
     pub pace: [f32; ROWS],
 }
 
-/// What the gauges answer to: for each gauge and row `Q`, `Q sin(alpha -
-/// alpha0)`, half the difference and the curvature of `Q` over a ball spacing.
+/// Functions of the ball load `Q` that the strain of each gauge is linear in, for each row: `Q`,
+/// `Q sin(alpha - alpha0)`, half the difference and the curvature of `Q` over a ball spacing.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Features {
     /// Values (kN).
@@ -200,7 +202,8 @@ impl Contacts {
     ///
     /// `d = A cos a0 + dx cos + dz sin + c h/R T - u_r`,
     /// `w = A sin a0 + p + c (dy + T)`, `T = R gz cos - R gx sin`, `c` = 1 for
-    /// row 0 and -1 for row 1; `delta = |(d, w)| - A`, `Q = K_n delta^1.5`, rounded off about `delta = 0`.
+    /// row 0 and -1 for row 1; `delta = |(d, w)| - A`, `Q = K_n delta^1.5`, rounded off about
+    /// `delta = 0`.
     ///
     /// Source: Kerst et al. 2019, eq. (4)-(6), with the rows' offset `h`.
     #[inline]
@@ -217,7 +220,7 @@ impl Contacts {
         let square = d * d + w * w;
         let inverse = inverse_sqrt(square);
         let distance = square * inverse;
-        // Rounded off about zero, so that a row without load still says which way load lies.
+        // Rounded off about zero, so that a row without load keeps a slope towards load.
         let delta = distance - g.groove_um;
         let rounded = sqrt(delta * delta + SMOOTHING_UM * SMOOTHING_UM);
         let approach = 0.5 * (delta + rounded);
@@ -336,7 +339,8 @@ impl Contacts {
         }
     }
 
-    /// Equilibrium with `loads` (kN) from nothing: 40 steps at most.
+    /// Equilibrium with `loads` (kN) and `preload` (um) from the unloaded position: 41 steps at
+    /// most.
     pub fn solve_equilibrium(&self, loads: &[f32; LOADS], preload: f32) -> Equilibrium {
         let mut state = self.newton(&[0.0; DOF], loads, preload);
         for _ in 0..40 {
@@ -348,7 +352,8 @@ impl Contacts {
         state
     }
 
-    /// What one gauge answers to at an equilibrium.
+    /// Features of one gauge at an equilibrium, and their derivatives by loads and preload;
+    /// `preload` (um).
     pub fn features(
         &self,
         at: &Equilibrium,

@@ -1,6 +1,7 @@
-//! Extended Kalman filter for one hypothesis of the ball phases. States: ball-pass phases and cage
-//! slips, loads, preload, gauge biases. Prediction by a block, update by gauge from the harmonics,
-//! conditioning on known loads, and one Newton step of the contact equilibrium.
+//! Estimates loads, preload, gauge biases, ball-pass phases and cage slips of a bearing under one
+//! hypothesis of the phases (`JointEkf`), by an extended Kalman filter: prediction by one block of
+//! 10 ms, then an update with the harmonics of each gauge's strain. On a rig it is conditioned on
+//! known loads.
 //!
 //! States: phases of ball passing `theta_r` (rad) and slips `s_r` of both rows,
 //! loads (kN), preload (um), biases of the bulk strains [um/m].
@@ -53,7 +54,7 @@ pub(crate) const DRIFT_CORRELATION: f32 = 0.94;
 /// Variance of a load that is known [kN^2]: 0.1 N, far below the error of a reference.
 const KNOWN_VARIANCE: f32 = 1e-8;
 
-/// What one gauge said to one posterior in one block.
+/// Innovation of one gauge in one block, for one posterior.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct BlockInnovation {
     /// Mean normalised innovation squared of the rows that were used.
@@ -62,12 +63,13 @@ pub struct BlockInnovation {
     pub mean: (f32, f32),
     /// Root mean square of the local strain, read and predicted [um/m].
     pub local: (f32, f32),
-    /// Mean square of the local strain that was not expected.
+    /// Mean square of the innovation of the local strain, for one sample ((um/m)^2).
     pub left: f32,
     /// Normalised innovation squared, the sum over the rows.
     ///
-    /// Errors of the model last for many blocks and are reported larger for that, so that the determinant of the
-    /// innovations' covariance, the other part of the likelihood, would outweigh them: rows that say less would win.
+    /// Errors of the model last for many blocks and are reported larger for that, so that the
+    /// determinant of the innovations' covariance, the other part of the likelihood, would outweigh
+    /// them: the hypothesis with the more uncertain rows would win.
     pub cost: f32,
 }
 
@@ -99,7 +101,8 @@ impl JointEkf {
         }
     }
 
-    /// Begins with what is expected and known of preload and biases; `rest`: the equilibrium at the expected loads.
+    /// Starts with unknown phases, the expected loads and their covariance, and preload and biases
+    /// of `offsets`; `rest`: the equilibrium at the expected loads.
     pub fn initialise(
         &mut self,
         tuning: &Tuning,
@@ -163,7 +166,7 @@ impl JointEkf {
         }
     }
 
-    /// Takes the loads as known (kN).
+    /// Conditions the state on known loads (kN; moments over the radius), with the preload at 0.
     pub fn condition_on_loads(&mut self, loads: &[f32; LOADS]) {
         let p = &mut self.gaussian.upper;
         for (i, load) in loads.iter().enumerate() {
@@ -312,12 +315,12 @@ impl JointEkf {
         (c, by)
     }
 
-    /// Updates the posterior with what one gauge said in a block.
+    /// Updates the posterior with the readings of one gauge in a block.
     ///
     /// The row of the mean strain comes first in the block, so that the other
-    /// rows do not see it; it is trusted only as far as `bulk_std` and as far as the local strain is explained:
-    /// a posterior that is still on its way takes up no offsets. `used` false: the gauge is only
-    /// compared.
+    /// rows do not contain it; its variance includes `bulk_std` and half of the local strain that
+    /// is not explained, so that a posterior that has not converged takes up no offsets. `used`
+    /// false: the innovations are computed, and the posterior stays.
     pub fn update(
         &mut self,
         model: &GaugeModel,

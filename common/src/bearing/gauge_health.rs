@@ -1,5 +1,5 @@
-//! Detection of dead strain gauges of a bearing: a gauge is stuck when it shows no ball-passing
-//! strain although the filter predicts it.
+//! Detects dead strain gauges of a bearing in windows of 25 blocks (0.25 s): reports `Stuck` for a
+//! gauge that shows no ball-passing strain in two windows although the filter predicts it.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,8 +11,8 @@ use crate::io::fault::Fault;
 /// Blocks of a window over which a gauge is evaluated, a quarter of a second.
 const WINDOW: u16 = 25;
 
-/// Consecutive windows in which a stuck gauge is silent: a filter that has not converged may predict
-/// wrongly for one.
+/// Consecutive windows in which a stuck gauge is silent: a filter that has not converged may
+/// predict wrongly for one.
 const PATIENCE: u8 = 2;
 
 /// Mean square of local strain over that of noise below which a gauge is silent. Noise scatters by
@@ -27,7 +27,7 @@ const ALIVE_RATIO: f32 = 2.0;
 /// deviations of noise: without a moment a live gauge may be silent for half a second.
 const EXPECTED: f32 = 9.0;
 
-/// What is known of the gauges, judged four times a second.
+/// Fault of each gauge, evaluated four times a second.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct GaugeHealth {
     /// Mean square of local strain over that of noise, read and expected, summed over the window.
@@ -41,7 +41,7 @@ pub struct GaugeHealth {
 }
 
 impl GaugeHealth {
-    /// Takes in what the gauges said of a block to the primary.
+    /// Takes the innovations of the gauges in a block, by the primary hypothesis.
     ///
     /// True when a gauge has just fallen silent.
     pub fn update(
@@ -88,7 +88,7 @@ impl GaugeHealth {
         fell_silent
     }
 
-    /// What is wrong with a gauge.
+    /// The fault of a gauge: `Stuck` or none.
     pub fn fault(&self, g: usize) -> Fault {
         self.fault[g % GAUGES]
     }
@@ -99,7 +99,8 @@ mod tests {
     use super::*;
     use crate::io::measurement::AdcScaling;
 
-    /// Blocks until a gauge that reads and is expected at these multiples of its noise is named; 200 at most.
+    /// Blocks until a gauge that reads and is expected at these multiples of its noise is named;
+    /// 200 at most.
     fn named_after(read: f32, expected: f32) -> Option<usize> {
         let gauge = GaugeModel {
             converter: AdcScaling {

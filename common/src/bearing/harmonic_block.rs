@@ -1,10 +1,11 @@
-//! Least-squares sums of a block of samples over the harmonics of the ball-pass phase, factored
-//! (Cholesky) into independent readings of equal variance.
+//! Reduces the samples of a block (10 ms) to seven independent readings of equal variance for each
+//! gauge, the measurement of the bearing's filter: sums over a constant and three harmonics of the
+//! ball-pass phase (`HarmonicSums`), factored by Cholesky (`HarmonicBlock`).
 //!
 //! Within a block of 10 ms nothing that is looked for changes but the phase,
 //! so that `y(t) = sum_k c_k e_k(t) + v`, `e = (1, cos Phi, sin Phi, cos 2 Phi, ..)`,
 //! where `Phi` is the phase of ball passing by the wheel's angle alone. The
-//! sums `E'E` and `E'y` then hold all that the samples say.
+//! sums `E'E` and `E'y` then hold all information of the samples.
 
 use serde::{Deserialize, Serialize};
 
@@ -35,7 +36,7 @@ pub struct HarmonicSums {
 /// A block as independent readings of equal variance: `y = U c + v`.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct HarmonicBlock {
-    /// `U`, upper triangular, `U'U = E'E`; a row of zeros says nothing.
+    /// `U`, upper triangular, `U'U = E'E`; a row of zeros is no reading.
     pub root: [[f32; BASIS]; BASIS],
     /// `y` of each gauge.
     pub reading: [[f32; BASIS]; GAUGES],
@@ -50,7 +51,8 @@ pub struct HarmonicBlock {
 }
 
 impl HarmonicSums {
-    /// Adds a sample; `phase`: that of ball passing since the sample before (rad); `lost`: samples between the two.
+    /// Adds a sample; `phase`: that of ball passing since the sample before (rad); `lost`: samples
+    /// between the two.
     pub fn add(&mut self, phase: f32, lost: u16, readings: &[Option<f32>; GAUGES]) {
         self.phase += phase;
         let (sin, cos) = sin_cos(self.phase);

@@ -1,18 +1,19 @@
-//! Likelihood-ratio test of the primary against an alternative hypothesis, and the choice of the
-//! next alternative: rows exchanged (mirror image), loads reset or phases shifted.
+//! Compares the primary with an alternative hypothesis of a bearing after each block by their
+//! likelihood ratio, exchanges the two where the alternative explains the readings better, and
+//! starts the next alternative: rows exchanged (mirror image), loads reset or phases shifted.
 //!
 //! The mirror image of a posterior explains the local strain as well as the posterior itself; only
-//! bulk strain and what is expected of the loads tell the two apart, and at a start, with offsets
+//! bulk strain and the expected loads distinguish the two, and at a start, with offsets
 //! unknown, not before the loads have moved. So the first test against the mirror image lasts until
 //! it is decided, and a moment that has passed near zero calls the next one.
 //!
-//! Wrong rows take up offsets that make them right. So each alternative starts with those that were
-//! learnt before, by rows that were distinguished from their mirror image, and so does a search
-//! that starts anew. So does each of two images once it has found its phases: on the way there it
-//! has taken offsets for what phases were.
+//! With exchanged rows the filter estimates offsets that fit the readings. So each alternative, and
+//! each search that starts anew, begins with the offsets that were estimated before, while the rows
+//! were distinguished from their mirror image. So do both images once they have found their phases:
+//! until then they estimate offsets by wrong phases.
 //!
-//! The limits were tuned on simulated bearings 1 to 4, 101 to 120 and 201 to 216; 121 to 130 took no
-//! part (docs/lab/results.md).
+//! The limits were tuned on simulated bearings 1 to 4, 101 to 120 and 201 to 216; 121 to 130 took
+//! no part (docs/lab/results.md).
 
 use serde::{Deserialize, Serialize};
 
@@ -65,14 +66,14 @@ const FOUND: u16 = 50;
 /// Standard deviations by which a moment is off zero when its sign is known.
 const SIGN_KNOWN: f32 = 4.0;
 
-/// The standing of a test.
+/// State of the test under way.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct HypothesisTest {
     candidate: u8,
     blocks: u16,
     /// Alternative's cost less the primary's.
     log_likelihood_ratio: f32,
-    /// Tests that the primary has met since it became one.
+    /// Tests that the primary has passed since it became one.
     pub tests_passed: u8,
     /// Whether the mirror image has been distinguished from the primary hypothesis since the start.
     pub mirror_resolved: bool,
@@ -103,7 +104,8 @@ fn is_one(primary: &JointEkf, image: &JointEkf) -> bool {
 }
 
 impl BearingEstimator {
-    /// Ends the block: who explains the readings better?
+    /// Adds the costs of a block to the test; where it is over, keeps the better hypothesis as the
+    /// primary and starts the next alternative. A primary that has lost its lock ends the estimate.
     pub(crate) fn decide(&self, state: &mut BearingState) {
         let (primary, alternative) = state.cost;
         state.cost = (0.0, 0.0);
@@ -189,7 +191,7 @@ impl BearingEstimator {
         self.propose_alternative(state);
     }
 
-    /// Sends the next alternative out.
+    /// Makes the next alternative from the primary, and starts its test.
     pub(crate) fn propose_alternative(&self, state: &mut BearingState) {
         let tuning = &self.model.tuning;
         let test = &mut state.test;

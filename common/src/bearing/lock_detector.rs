@@ -1,8 +1,9 @@
-//! Lock detection for the primary hypothesis from unexplained local strain, NIS and prior cost:
-//! confirmed, suspect or lost.
+//! Classifies the lock of a bearing's primary hypothesis after each block as confirmed, suspect or
+//! lost, from the part of the local strain that it leaves unexplained, the NIS and the prior cost.
+//! A lost lock starts the search for the phases anew.
 //!
-//! The limits were tuned on simulated bearings 1 to 4, 101 to 120 and 201 to 216; 121 to 130 took no
-//! part (docs/lab/results.md).
+//! The limits were tuned on simulated bearings 1 to 4, 101 to 120 and 201 to 216; 121 to 130 took
+//! no part (docs/lab/results.md).
 
 use serde::{Deserialize, Serialize};
 
@@ -34,7 +35,7 @@ const PATIENCE: u16 = 40;
 /// six readings of a block of 20 samples leave 0.3 on average.
 const NOISE_SHARE: f32 = 2.7;
 
-/// What speaks for and against a posterior.
+/// Smoothed statistics of the primary hypothesis.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct LockDetector {
     /// Mean square of the local strain, unexplained and read [(um/m)^2].
@@ -46,7 +47,7 @@ pub struct LockDetector {
 }
 
 impl LockDetector {
-    /// Takes in what the gauges said of a block; `used`: those that count;
+    /// Takes the innovations of the gauges in a block; `used`: those that count;
     /// `prior`: of the posterior, see [`crate::bearing::ekf::JointEkf::prior_cost`].
     pub fn update(
         &mut self,
@@ -78,17 +79,17 @@ impl LockDetector {
         };
     }
 
-    /// Whether readings and expectations are met.
+    /// Whether it explains the local strain and is not suspect.
     pub fn is_confirmed(&self) -> bool {
         self.suspect_blocks == 0 && self.left < UNEXPLAINED * self.read
     }
 
-    /// Whether suspicion has just arisen.
+    /// Whether it has become suspect with the last block.
     pub fn is_suspect(&self) -> bool {
         self.suspect_blocks == 1
     }
 
-    /// Whether it has been doubted for so long that nothing of it is worth keeping.
+    /// Whether it has been suspect for more than 40 blocks (0.4 s), so that the search starts anew.
     pub fn has_lost_lock(&self) -> bool {
         self.suspect_blocks > PATIENCE
     }

@@ -1,5 +1,6 @@
-//! Load estimator of a wheel bearing: forces and moments from strain gauges on the outer ring,
-//! by an extended Kalman filter for each hypothesis.
+//! Estimates forces and moments on a wheel bearing from four strain gauges on its outer ring and
+//! the wheel's encoder, one raw sample at a time (`BearingEstimator::step`), by an extended Kalman
+//! filter for each of two hypotheses of the ball phases.
 //!
 //! Every sample is gathered into a [`harmonic_block`]; 100 times a second two hypotheses
 //! ([`ekf`]) take in the block: the primary, whose loads are the estimate, and
@@ -53,7 +54,7 @@ pub const LOADS: usize = 5;
 pub const HARMONICS: usize = 3;
 /// Features of a contact that a gauge answers to.
 pub const FEATURES: usize = 4;
-/// Functions of the phase that a block is gathered over.
+/// Functions of the phase that the samples of a block are projected on.
 pub const BASIS: usize = 1 + 2 * HARMONICS;
 
 /// Blocks a second.
@@ -99,7 +100,7 @@ pub struct BearingState {
     cost: (f32, f32),
     lock: LockDetector,
     test: HypothesisTest,
-    /// What was learnt of preload and biases by rows that were distinguished from their mirror image.
+    /// Preload and biases, as estimated while the rows were distinguished from their mirror image.
     offsets: BiasPrior,
     consistency: Consistency,
     running: bool,
@@ -301,7 +302,7 @@ impl BearingEstimator {
             let dt_s = self.dt_s * f32::from(state.block.elapsed);
             (state.consistency).update(&state.primary.offsets(), locked, &self.model.tuning, dt_s);
         }
-        // What was learnt from a dead gauge before it was detected is discarded.
+        // What was estimated from a dead gauge before it was detected is discarded.
         state.running &= !fell_silent;
     }
 }
@@ -315,7 +316,7 @@ impl BearingState {
         self.consistency = Consistency::default();
     }
 
-    /// Tells the filter the loads (kN), on a rig; moments over the radius.
+    /// Sets loads that are known, on a rig: forces (kN), moments over the radius (kN).
     pub fn set_known_loads(&mut self, loads: [f32; LOADS]) {
         self.known = Some(loads);
     }
@@ -326,8 +327,9 @@ impl BearingState {
         (self.running && self.updated).then_some((&self.block, &self.primary))
     }
 
-    /// Whether the primary hypothesis is accepted: it has passed a test, is distinguished from its mirror image, explains the
-    /// readings and is plausible; with known loads, that it has met every test.
+    /// Whether the primary hypothesis is accepted: it has passed a test, is distinguished from its
+    /// mirror image, explains the readings and is plausible; with known loads, that it has met
+    /// every test.
     pub fn is_locked(&self) -> bool {
         let met = if self.known.is_some() {
             self.test.tests_passed >= CANDIDATES

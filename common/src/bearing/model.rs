@@ -1,5 +1,5 @@
-//! Parameters of a bearing in a model image: gauge responses, geometry, tuning of the filter; the
-//! checks of their ranges.
+//! Defines the parameters of a bearing in a model image (`BearingModel`: loads, gauge responses,
+//! encoder, geometry, tuning of the filter) and checks their ranges before the estimator is built.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -29,7 +29,7 @@ pub struct BearingModel {
     pub tuning: Tuning,
 }
 
-/// How one gauge answers.
+/// Parameters of one gauge's response: bulk strain and local strain.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GaugeModel {
     /// Word to strain [um/m].
@@ -38,9 +38,9 @@ pub struct GaugeModel {
     pub passing: f32,
     /// Standard deviation of a reading [um/m], > 0.
     pub noise_std: f32,
-    /// Error of the local strain's model where there is none [um/m].
+    /// Error of the local strain's model where there is no strain (um/m), >= 0.
     pub resting_error: f32,
-    /// Error of the local strain's model, as part of the strain.
+    /// Error of the local strain's model, as part of the strain, >= 0.
     pub model_error: f32,
     /// Bulk strain at no load when calibrated [um/m].
     pub offset: f32,
@@ -55,36 +55,39 @@ pub struct GaugeModel {
 /// Tuning of the joint filter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tuning {
-    /// Time in which slip forgets (s), > 0.
+    /// Time constant of the slip (s), > 0.
     pub slip_time_s: f32,
     /// Standard deviation of slip, relative, > 0.
     pub slip_std: f32,
-    /// Slip beyond which an estimate is not trusted, > 0.
+    /// Slip of a cage, relative, beyond which the loads are reported as `Slipped`, > 0.
     pub slip_limit: f32,
-    /// Scatter of the phase [rad/sqrt(rad)].
+    /// Random walk of the phase (rad/sqrt(rad)), >= 0.
     pub phase_walk: f32,
     /// Mean of the loads that are expected (kN).
     pub load_mean: [f32; LOADS],
     /// Lower factor of their covariance (kN): those on the rig.
     pub load_factor: [[f32; LOADS]; LOADS],
-    /// Time in which loads return to them (s), > 0.
+    /// Time constant with which the loads return to their mean (s), > 0.
     pub load_time_s: f32,
-    /// Standard deviation of the preload (um) and its random walk [um/sqrt(s)].
+    /// Standard deviation of the preload (um), > 0.
     pub preload_std: f32,
-    /// See `preload_std`.
+    /// Random walk of the preload (um/sqrt(s)), >= 0.
     pub preload_walk: f32,
-    /// Standard deviation of the biases [um/m] and the time in which they forget (s).
+    /// Standard deviation of the biases (um/m), > 0.
     pub bias_std: f32,
-    /// See `bias_std`.
+    /// Time constant of the biases (s), > 0.
     pub bias_time_s: f32,
-    /// Error of the bulk strain's model from block to block [um/m].
+    /// Error of the bulk strain's model from block to block (um/m), > 0.
     pub bulk_std: f32,
     /// Frequency of ball passing below which bulk and local strain cannot be separated (Hz), > 0.
     pub lowest_hz: f32,
 }
 
 impl BearingModel {
-    /// The name of the first number that is out of its range.
+    /// Checks all numbers but those of the geometry, which [`Contacts`] checks; the error has the
+    /// name of the first that is out of its range.
+    ///
+    /// [`Contacts`]: crate::bearing::contact::Contacts
     pub(crate) fn check(&self) -> Result<(), Error> {
         if self.loads.len() != LOADS {
             return Err(Error::OutOfRange("number of loads"));

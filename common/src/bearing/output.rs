@@ -1,5 +1,6 @@
-//! Output of the bearing estimator: loads of the primary hypothesis with their faults, and the
-//! `Estimate` of each sample with the innovations of the gauges.
+//! Reports the loads of the primary hypothesis in N and N m with standard deviations, or why they
+//! are not valid, after each block, and builds the `Estimate` of each sample from them and the
+//! innovations of the gauges.
 
 use crate::bearing::ekf::{BlockInnovation, LOAD_INDEX};
 use crate::bearing::{BearingEstimator, BearingState, LOADS, ROWS};
@@ -8,7 +9,7 @@ use crate::io::fault::Fault;
 use crate::io::measurement::Measurement;
 use crate::signal::phase::{Phase, wrap_rad};
 
-/// A load of which nothing is known.
+/// A load that is not valid.
 pub(crate) const NO_ESTIMATE: LoadEstimate = LoadEstimate {
     value: 0.0,
     std: f32::MAX,
@@ -55,7 +56,7 @@ impl BearingEstimator {
     }
 }
 
-/// What is said after a sample.
+/// Builds the estimate of a sample.
 pub(crate) fn estimate(state: &BearingState, m: &Measurement) -> Estimate {
     let mut estimate = Estimate {
         tick: m.tick,

@@ -1,5 +1,6 @@
-//! Detection of gauge faults from the slow states: a chi-squared test whether preload and biases
-//! have moved faster than their random walk allows.
+//! Detects gauge faults that the innovations of one block hide: tests by chi-squared whether
+//! preload and gauge biases (the slow states) have moved from their low-pass of 5 s by more than
+//! their random walk allows. Then the loads are reported as contradicted.
 //!
 //! A gauge that loses a part of its response is explained by other loads, another preload and other
 //! biases: in a block of 10 ms the innovations hardly show it, as errors of the model are allowed
@@ -15,13 +16,14 @@ use serde::{Deserialize, Serialize};
 use crate::bearing::Tuning;
 use crate::bearing::bias_prior::BiasPrior;
 
-/// Time over which the slow states are compared [s]: loads pass their range within seconds, a bearing warms within tens.
+/// Time over which the slow states are compared [s]: loads pass their range within seconds, a
+/// bearing warms within tens.
 const HORIZON_S: f32 = 5.0;
 
 /// Chi-squared of five degrees of freedom that chance exceeds once in 70 000.
 const CONTRADICTED: f32 = 30.0;
 
-/// Where the slow states were, and whether they have left it faster than they can.
+/// Low-pass of the slow states, and whether they have moved from it faster than they can.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Consistency {
     reference: Option<BiasPrior>,
@@ -29,7 +31,8 @@ pub struct Consistency {
 }
 
 impl Consistency {
-    /// Takes in the slow states of a block of `dt_s`; `valid`: whether the hypothesis that has them stands otherwise.
+    /// Takes in the slow states of a block of `dt_s`; `valid`: whether the hypothesis that has them
+    /// stands otherwise.
     ///
     /// The reference stays while it is contradicted: slow states come back when the cause has gone.
     pub fn update(&mut self, slow: &BiasPrior, valid: bool, tuning: &Tuning, dt_s: f32) {
@@ -76,7 +79,8 @@ mod tests {
         }
     }
 
-    /// Seconds after which a preload [um] and a bias [um/m] that move at these rates are contradicted; 60 at most.
+    /// Seconds after which a preload [um] and a bias [um/m] that move at these rates are
+    /// contradicted; 60 at most.
     fn contradicted_after(preload: f32, bias: f32) -> Option<f32> {
         let tuning = tuning();
         let start = BiasPrior::known(&[0.0, 1.0, 2.0, 3.0, 4.0], &[0.5, 4.0, 4.0, 4.0, 4.0]);

@@ -1,6 +1,6 @@
-//! Second-order phase-locked loop for the angle and speed of the wheel, fed with the encoder angle
-//! at each sample. The gains of the first readings are those of a least-squares line. A large angle
-//! error restarts the loop.
+//! Estimates angle and speed of the wheel from its encoder angle at each sample by a second-order
+//! phase-locked loop. The gains of the first readings are those of a least-squares line; an angle
+//! error above 1 rad restarts the loop.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,14 +12,16 @@ use crate::signal::phase::Phase;
 /// braked at 90 rad/s^2.
 const BANDWIDTH: f32 = 30.0;
 
-/// Error of the angle beyond which the loop has lost the wheel [rad]: a locked loop lags by the acceleration over
-/// the square of the bandwidth, which is 1 rad at 900 rad/s^2, ten times what a wheel's brake does.
+/// Error of the angle beyond which the loop has lost the wheel [rad]: a locked loop lags by the
+/// acceleration over the square of the bandwidth, which is 1 rad at 900 rad/s^2, ten times what a
+/// wheel's brake does.
 const LOST_LOCK: f32 = 1.0;
 
 /// A wheel as a loop of second order follows it.
 ///
-/// The gains start as those of a least-squares line through the readings since the start, and fall until
-/// they reach those of the loop: the speed is found within some readings, whatever it was before.
+/// The gains start as those of a least-squares line through the readings since the start, and fall
+/// until they reach those of the loop: the speed is found within some readings, whatever it was
+/// before.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct WheelPll {
     /// Angle, once there was one.
@@ -40,7 +42,8 @@ impl WheelPll {
         self.settled
     }
 
-    /// Angle turned since the last sample [rad]; `dt_s`: between samples; `lost`: samples before this one.
+    /// Angle turned since the last sample [rad]; `dt_s`: between samples; `lost`: samples before
+    /// this one.
     pub fn update(&mut self, m: &Measurement, dt_s: f32, lost: u16) -> f32 {
         self.lost = false;
         let elapsed = dt_s * (f32::from(lost) + 1.0);
@@ -75,7 +78,8 @@ impl WheelPll {
         }
         let (by_angle, by_speed) = self.gains(elapsed);
         if is_second {
-            // Two readings are the whole line: the speed before, which may be off by turns a sample, has no part in it.
+            // Two readings are the whole line: the speed before, which may be off by turns a
+            // sample, has no part in it.
             let moved = read.wrapping_sub(angle).to_rad();
             self.speed = moved / elapsed;
             self.angle = Some(read);
@@ -89,8 +93,9 @@ impl WheelPll {
 
     /// Gains of the next reading: of the angle, and of the speed times `elapsed` [s].
     ///
-    /// Of a line through n readings `2 (2 n - 1) / (n (n + 1))` and `6 / (n (n + 1))`; of the loop `sqrt(2) w t` and
-    /// `(w t)^2`. Over a gap longer than the loop remembers the speed is held and the angle is read anew.
+    /// Of a line through n readings `2 (2 n - 1) / (n (n + 1))` and `6 / (n (n + 1))`; of the loop
+    /// `sqrt(2) w t` and `(w t)^2`. Over a gap longer than the loop remembers the speed is held and
+    /// the angle is read anew.
     ///
     /// Source: Bar-Shalom, Li and Kirubarajan 2001, section 6.5; Brookner 1998, section 1.2.
     fn gains(&mut self, elapsed: f32) -> (f32, f32) {

@@ -1,5 +1,6 @@
-//! Rainflow matrix: closed cycles by the bins of their lower and upper level, also read by range
-//! and mean; 32-bit counters with a short list of carries.
+//! Counts closed rainflow cycles by the bins of their lower and upper level, 64 of each
+//! (`CycleMatrix`); the counts can be read by range and mean as well. A cell has 32 bits; a list of
+//! 40 carries keeps the counts exact for 3.4e11 samples.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -139,7 +140,7 @@ impl CycleMatrix {
         self.lost = self.lost.saturating_add(other.lost);
     }
 
-    /// Whether the carries are of cells, each once, after they came from bytes.
+    /// Whether the carries belong to cells, each at most once; for a matrix read from bytes.
     pub(super) fn is_valid(&self) -> bool {
         let cells = self.carries.iter().map(|carry| carry.cell);
         self.carries.iter().enumerate().all(|(i, carry)| {

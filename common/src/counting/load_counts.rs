@@ -1,6 +1,6 @@
-//! Counter of one load, sample by sample: rainflow cycles, time at level, shaft revolutions by
-//! load, extremes, valid and missing samples, gaps and restarts; level crossings derived from the
-//! cycles; appending of later counts.
+//! Counts one load, sample by sample (`LoadCounts`): rainflow cycles, time at level, shaft
+//! revolutions by load, extremes, valid and missing samples, gaps and restarts. Derives level
+//! crossings from the cycles, and appends the counts of a later sequence.
 
 use heapless::Deque;
 use serde::{Deserialize, Serialize};
@@ -332,7 +332,7 @@ impl LoadCounts {
         &self.turns
     }
 
-    /// What part of time was seen.
+    /// Numbers of samples and interruptions behind the counts.
     pub fn observation(&self) -> &Observation {
         &self.observation
     }

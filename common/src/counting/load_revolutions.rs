@@ -1,5 +1,6 @@
-//! Load-revolution distribution: revolutions of a shaft by the load at which they were made, and
-//! revolutions without a valid load.
+//! Counts the revolutions of a shaft by the load at which they were made (load-revolution
+//! distribution, `Turns`), in parts of 1/32 revolution; those without a valid load are counted
+//! apart.
 
 use serde::{Deserialize, Serialize};
 

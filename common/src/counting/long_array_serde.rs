@@ -1,4 +1,5 @@
-//! Serde functions for arrays of more than 32 values, written as tuples.
+//! Serialises arrays of any length as tuples, and reads them back, for `#[serde(with)]`: serde
+//! itself does so only up to 32 values.
 
 use core::fmt;
 use core::marker::PhantomData;

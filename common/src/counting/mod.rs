@@ -1,6 +1,6 @@
-//! Counting of load cycles (rainflow), time at level and revolutions at load, sample by sample, in
-//! bounded memory for years of operation. Here: numbers of levels and bins, and the list of
-//! modules.
+//! Counts load cycles (rainflow), time at level and revolutions at load, sample by sample, in
+//! bounded memory for years of operation; `LoadCounts` is the counter of one load. This file has
+//! the numbers of levels and bins, and the list of modules.
 //!
 //! ```text
 //! load [N m, N] -> level 0..128 -> turning points (hysteresis gate) -> four-point rainflow -> counts

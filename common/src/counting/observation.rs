@@ -1,5 +1,6 @@
-//! Coverage of the counts: numbers of valid, invalid, missing and out-of-scale samples, of gaps and
-//! restarts; the share of the time with a valid load.
+//! Holds the coverage of the counts of a load (`Observation`): numbers of valid, invalid, missing
+//! and out-of-scale samples, of gaps and of restarts; computes the share of the time with a valid
+//! load.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,6 @@
-//! Four-point rainflow counting, turning point by turning point: closed cycles, the residue that is
-//! not yet closed, and the ranges between its points.
+//! Closes rainflow cycles by the four-point method, turning point by turning point, and keeps the
+//! residue: the turning points that are part of no closed cycle yet, 255 at most (`Residue`). Also
+//! gives the ranges between them.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -59,8 +60,8 @@ impl Residue {
         &self.points
     }
 
-    /// Takes the next turning point, which is on the other side of the last
-    /// one than the one before; gives each cycle that it closes.
+    /// Takes the next turning point and gives each cycle that it closes; maxima and minima have to
+    /// alternate.
     pub fn push(&mut self, point: u8, mut closed: impl FnMut(Cycle)) {
         while let Some(cycle) = self.step(point) {
             closed(cycle);

@@ -1,8 +1,9 @@
-//! Counts as bytes with version and checksum, to save them and to continue them after a restart.
+//! Writes the counts of a load to bytes with version and checksum, and continues counting from such
+//! bytes after a restart (`LoadCounts::save`, `LoadCounts::continued`).
 
 use super::load_counts::LoadCounts;
 use crate::Error;
-use crate::sealed_bytes::Seal;
+use crate::saved_bytes::Seal;
 
 /// Version of the layout of saved counts; another one is refused.
 pub const VERSION: u16 = 1;

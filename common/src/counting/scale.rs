@@ -1,4 +1,5 @@
-//! Quantisation of a load into levels of equal width, limited to the ends of the scale.
+//! Quantises a load into one of 128 levels of equal width (`LevelScale`); a load beyond the scale
+//! gets the nearest level and is marked.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,7 +15,7 @@ pub struct LevelScale {
     width: f32,
 }
 
-/// A level, and whether the load lies on the scale.
+/// A level, and whether the load lies beyond the scale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Placed {
     /// The level, the nearest one for a load beyond the scale.

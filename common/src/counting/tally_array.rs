@@ -1,4 +1,5 @@
-//! Arrays of saturating 40-bit counters: 32 low bits and a carry of 8.
+//! Counts events by index in an array of 40-bit counters that stay at their largest count
+//! (`Tally`): 32 low bits and a carry of 8 bits each, which saves memory against 64 bits.
 
 use serde::{Deserialize, Serialize};
 

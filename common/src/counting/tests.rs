@@ -1,5 +1,5 @@
-//! Property tests of load counting on random sequences: splitting, saving, merging, level
-//! crossings, gate, bound of the residue.
+//! Property tests of load counting on random sequences: splitting, saving, appending, level
+//! crossings, missing samples, gate, damaged bytes, bound of the residue.
 
 extern crate std;
 

@@ -1,4 +1,5 @@
-//! Detection of turning points in a sequence of levels, with a hysteresis gate.
+//! Finds the turning points of a load in the sequence of its levels (`TurningPoints`): a reversal
+//! counts once the load has moved back by the hysteresis gate, at least one level.
 
 use serde::{Deserialize, Serialize};
 

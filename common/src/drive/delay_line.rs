@@ -1,5 +1,5 @@
-//! Delay line of one signal: its reading a whole or fractional number of samples earlier,
-//! interpolated between the two nearest.
+//! Keeps the last 32 readings of one signal and gives that of less than 31 samples earlier, a whole
+//! or fractional number, interpolated between the two nearest (`DelayLine`).
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,6 @@
-//! Load estimator of a drive without strain gauges: the load on one axis, from its driving torque
-//! or force and its motion; or that torque or force itself, where it is not measured.
+//! Estimates the unknown load on one axis of a drive from its driving torque or force and its
+//! motion, one raw sample at a time, without strain gauges (`DriveEstimator::step`). Where the
+//! driving torque or force is not measured, that is estimated instead.
 //!
 //! ```text
 //! states    x, v, a, d    position, speed, acceleration, unknown load
@@ -8,10 +9,11 @@
 //!           drive = offset + J a + b v + sum L_j + sum term_k(x, v, a, L, z) + d
 //! ```
 //!
-//! The motion is kinematic and measured, and the balance of forces is an observation of it: friction
-//! is evaluated at the motion that was estimated, so that nothing has to be integrated through
-//! sticking and no inertia is too small. Directions `z` of friction follow the position ([`term`]).
-//! Where the drive is not measured, it is what is estimated: the right side without `d`.
+//! The motion is kinematic and measured, and the balance of forces is an observation of it:
+//! friction is evaluated at the motion that was estimated, so that nothing has to be integrated
+//! through sticking and no inertia is too small. Directions `z` of friction follow the position
+//! ([`term`]). Where the drive is not measured, it is what is estimated: the right side without
+//! `d`.
 //!
 //! Source: Bosmans et al. 2023 for the augmented filter; Singer 1970 for the motion.
 
@@ -79,16 +81,16 @@ pub struct DriveState {
     origin: i64,
     posterior: Gaussian<STATES>,
     directions: [DirectionState; MAX_DIRECTIONS],
-    /// The position that directions have followed, in the state's frame.
+    /// The position up to which directions have followed, from the state's origin [rad, m].
     followed: f32,
-    /// The way that they came there, -1 or 1; 0 before any.
+    /// The sign of the last motion that they followed, -1 or 1; 0 before any.
     heading: f32,
     /// The last reading of each known load.
     known: [f32; MAX_KNOWN],
     /// Samples since every reading that the estimate needs was there.
     age: u16,
     started: bool,
-    /// Before that the position of the last sample (counts).
+    /// Before the start, the position of the last sample (counts).
     before: Option<i64>,
 }
 
@@ -245,7 +247,7 @@ impl<'a> DriveEstimator<'a> {
         let terms = self.terms(state, estimate.homed);
         let row = RowSVector::from([0.0, model.drag, model.inertia, 1.0]);
         let drive = model.drive.map(|signal| {
-            // Of a load that is not measured in this sample, the drive says nothing either.
+            // Where a known load is not measured in this sample, the drive is not used either.
             let all = readings.known.iter().take(model.known.len());
             let reading = all.fold(readings.drive, |drive, load| load.and(drive));
             update_sensor(state, &row, terms, reading, signal.noise_std)

@@ -1,5 +1,5 @@
-//! Parameters of a drive in a model image: sensors, inertia, drag, noise, friction terms; the
-//! checks of their ranges.
+//! Defines the parameters of a drive in a model image (`DriveModel`: sensors, inertia, drag, noise,
+//! friction and other terms) and checks their ranges before the estimator is built.
 
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};

@@ -1,5 +1,5 @@
-//! Signals of a drive: counts unwrapped and homed, early signals delayed to the latest, and the
-//! readings of one instant (`Readings`).
+//! Unwraps and homes the position counts of a drive, delays each signal to the time of the latest
+//! one, and gives the readings of one instant to the filter (`SignalHistory`, `Readings`).
 
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +12,7 @@ use crate::io::raw::{MAX_CHANNELS, RawSample};
 /// Lost samples that a prediction bridges; after more the estimator starts anew.
 pub(super) const LONGEST_GAP: u32 = 100;
 
-/// What is kept of earlier samples.
+/// Earlier readings of each signal, and the unwrapped position.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct SignalHistory {
     lines: [DelayLine<f32>; MAX_CHANNELS],
@@ -46,7 +46,7 @@ impl SignalHistory {
         }
     }
 
-    /// Forgets readings, not where the counter is.
+    /// Drops all readings; the position of the counter stays.
     pub(super) fn forget_readings(&mut self) {
         *self = Self {
             counter: self.counter,

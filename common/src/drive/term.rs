@@ -1,6 +1,6 @@
-//! Terms of a drive's balance of forces beside inertia, drag and loads, such as friction, cogging
-//! and gravity: a coefficient times a factor and a direction, their checks, and the state of
-//! friction directions.
+//! Evaluates the known terms of a drive's balance of forces beside inertia, drag and loads, such as
+//! friction, cogging and gravity, at a given motion: a coefficient times a factor and a direction
+//! (`Term`). Also follows the friction directions over the motion, and checks the ranges.
 
 use serde::{Deserialize, Serialize};
 
@@ -101,7 +101,8 @@ pub enum Direction {
         /// `v_r` [rad/s, m/s], > 0.
         speed: f32,
     },
-    /// Of what follows behind a gap: turns once the motion has come back by the gap.
+    /// Of a part that is driven through a gap: changes its sign once the motion has come back by
+    /// the gap.
     Gap {
         /// Half the gap [rad, m], >= 0.
         half: f32,
@@ -222,7 +223,7 @@ impl Term<'_> {
     }
 }
 
-/// What a direction remembers.
+/// State of a direction.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct DirectionState {
     /// The direction.

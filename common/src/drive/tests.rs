@@ -114,7 +114,8 @@ fn rms(errors: &[f32]) -> f32 {
     libm::sqrtf(errors.iter().map(|e| e * e).sum::<f32>() / errors.len() as f32)
 }
 
-/// A load that steps while the axis moves on through reversals, over a counter of 16 bits that wraps.
+/// A load that steps while the axis moves on through reversals, over a counter of 16 bits that
+/// wraps.
 #[test]
 fn the_unknown_load_is_found_through_friction_and_reversals() {
     let load = |t: f32| if t > 3.3 { 20.0 } else { 0.0 };
@@ -147,8 +148,8 @@ fn a_drive_that_is_not_measured_is_estimated_from_motion_and_known_load() {
     assert!(rms(&errors) < 0.8, "{}", rms(&errors));
 }
 
-/// At standstill after a motion, a counter that flickers by a count leaves the state of friction: the load
-/// that balances it stays.
+/// At standstill after a motion, a counter that flickers by a count leaves the state of friction:
+/// the load that balances it stays.
 #[test]
 fn a_flickering_count_is_no_reversal() {
     let mut model = model();
@@ -173,7 +174,8 @@ fn a_flickering_count_is_no_reversal() {
     assert!(rms(&errors) < 0.3, "{}", rms(&errors));
 }
 
-/// A drive that is recorded 12.4 samples late: as good as on time where the model delays the motion.
+/// A drive that is recorded 12.4 samples late: as good as on time where the model delays the
+/// motion.
 #[test]
 fn a_late_drive_is_met_by_a_delay_of_the_motion() {
     let run = |delay: f32| {
@@ -200,7 +202,8 @@ fn a_late_drive_is_met_by_a_delay_of_the_motion() {
     assert!(met < 0.1 && ignored > 3.0 * met, "{ignored} {met}");
 }
 
-/// What depends on the position is left out before the index pulse, and is in the estimate after it.
+/// What depends on the position is left out before the index pulse, and is in the estimate after
+/// it.
 #[test]
 fn a_term_over_the_travel_waits_for_homing() {
     let mut model = model();
@@ -242,7 +245,8 @@ fn a_term_over_the_travel_waits_for_homing() {
     }
 }
 
-/// A position that comes late, far from count 0: the load is not valid before it and right after it.
+/// A position that comes late, far from count 0: the load is not valid before it and right after
+/// it.
 #[test]
 fn it_begins_with_the_first_position() {
     let estimator = DriveEstimator::try_build(model()).unwrap();

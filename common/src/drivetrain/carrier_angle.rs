@@ -1,5 +1,6 @@
-//! Carrier angle in the drivetrain filter: encoder updates, detection of stuck encoders and of
-//! shifted counts, correction by the index pulse where there is no encoder.
+//! Updates the carrier angle of the drivetrain filter with the angle of each encoder, detects stuck
+//! encoders and shifted counts, and absorbs a shift in the encoder's offset. Without an encoder the
+//! index pulse sets the angle.
 
 use nalgebra::RowSVector;
 use serde::{Deserialize, Serialize};
@@ -23,7 +24,7 @@ const WITHIN: f32 = 5.0;
 /// and a half counts, where the noise is that of the rounding.
 const HELD: f32 = 12.0;
 
-/// How an encoder's readings went on.
+/// Recent readings of an encoder, to detect stuck and shifted counts.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Track {
     angle: f32,
@@ -74,7 +75,7 @@ impl Track {
 }
 
 impl<const NX: usize> DrivetrainEstimator<'_, NX> {
-    /// How far the carrier is ahead of the index's encoder by the estimate.
+    /// Angle by which the carrier is ahead of the index's encoder, by the estimated twists.
     pub(crate) fn index_encoder_offset(&self, state: &DrivetrainState<NX>) -> Phase {
         let encoder = self
             .model

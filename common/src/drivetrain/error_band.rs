@@ -1,6 +1,6 @@
-//! Stated variance of a load, from the variance of the filter and the errors measured against
-//! references in a calibration: larger where the load moves faster than there (`Movement`) or a
-//! sensor is missing.
+//! Computes the variance that is stated with a load from the filter's variance and the errors
+//! measured against references in a calibration (`ErrorBand`): larger where the load moves faster
+//! than there (`Movement`) or a sensor is missing.
 
 use serde::{Deserialize, Serialize};
 
@@ -77,7 +77,8 @@ pub(crate) struct Movement {
 }
 
 impl Movement {
-    /// Takes the next estimate in, of a load with the step variance `q`; 0 where nothing was measured.
+    /// Takes the next estimate in, of a load with the step variance `q`; 0 where nothing was
+    /// measured.
     pub(crate) fn follow(&mut self, load: f32, q: f32, band: &ErrorBand) -> f32 {
         if band.variance > 0.0 {
             let part = (q / (4.0 * band.variance)).min(1.0);

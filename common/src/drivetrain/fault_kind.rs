@@ -1,5 +1,5 @@
-//! Classification of a gauge fault (dead, reversed, gain, offset, drift, erratic) from the moments
-//! of the reading and of its predicted response.
+//! Classifies the fault of an excluded gauge (dead, reversed, gain, offset, drift, erratic) from
+//! running moments of its reading and of the predicted response (`Moments`).
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,6 @@
-//! Dry friction of an inertia, implicit in its speed at the end of the sample: Coulomb,
-//! load-dependent, Stribeck and presliding torque; its parameters in the image and their checks.
+//! Computes the dry friction of one inertia in a sample (`Friction`): size from speed and carried
+//! torque (Coulomb, load-dependent, Stribeck), direction from the speed at the end of the sample by
+//! an implicit step (presliding). Also defines its parameters in the image and checks them.
 
 use serde::{Deserialize, Serialize};
 
@@ -32,19 +33,19 @@ const STEPS: usize = 12;
 pub struct Friction {
     /// State that is the speed `w` of the inertia.
     pub speed_state: u8,
-    /// `b`: what a unit of friction does to each state in one sample.
+    /// `b`: change of each state in one sample by a unit of friction.
     pub column: StateVec<f32>,
     /// State that is the torque `tau` which the inertia takes over, in parts of nominal.
     pub twist_state: u8,
-    /// `c`, what brakes at every speed, >= 0.
+    /// `c`, Coulomb torque, at every speed (parts of nominal), >= 0.
     pub sliding: f32,
-    /// `l`, the part of that torque that is lost, >= 0.
+    /// `l`, lost part of the torque `tau`, >= 0.
     pub losing: f32,
-    /// `s`, what sticking adds near standstill, >= 0.
+    /// `s`, Stribeck torque, added near standstill (parts of nominal), >= 0.
     pub sticking: f32,
-    /// `1 / w_s`, >= 0.
+    /// `1 / w_s` (1 / nominal speed), >= 0.
     pub fading: f32,
-    /// `w_0`, at least 1e-6.
+    /// `w_0` (nominal speed), at least 1e-6.
     pub creeping: f32,
     /// `dt / angle`, 0 where friction is there at once, >= 0.
     pub building: f32,
@@ -67,8 +68,8 @@ impl Friction {
     }
 
     /// The direction `z` over a sample: the root of `w+ = free - taken z(w+)`, where `free` is the
-    /// speed at its end without this friction, `taken` the speed that one of `size` takes; `before`,
-    /// the direction up to now.
+    /// speed at its end without this friction, `taken` the speed that one of `size` takes;
+    /// `before`, the direction up to now.
     #[inline(never)]
     pub(crate) fn direction(&self, size: f32, free: f32, before: f32) -> f32 {
         let taken = -self.of_unit() * size;
@@ -232,8 +233,8 @@ mod tests {
     }
 
     /// A light body pushed by half the friction rests; one and a half times it slides against all
-    /// of it; let go, it stops within a sample and does not turn back. The same where friction builds
-    /// up over an angle that it passes in a hundredth of a sample.
+    /// of it; let go, it stops within a sample and does not turn back. The same where friction
+    /// builds up over an angle that it passes in a hundredth of a sample.
     #[test]
     fn a_light_body_sticks_slides_and_stops() {
         for building in [0.0, 100.0] {

@@ -1,32 +1,34 @@
-//! Gauge response beyond a sensitivity: quadratic term, creep, hysteresis, temperature, delay.
+//! Computes the response of a gauge to what it senses beyond a constant sensitivity
+//! (`GaugeResponse`): quadratic term, creep, hysteresis and temperature. Its delay in samples is a
+//! parameter here and is applied where the strain map is read.
 
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
 
-/// Response of a gauge that is not in proportion to what it senses, `s`:
+/// Response of a gauge that is not in proportion to what it senses, `s` (parts of nominal):
 ///
 /// `y = o + (1 + g w) m (s + n s^2) + c z + k q + h w`, `z+ = z + a (s - z)`,
 /// `q+ = q + ds / l - |ds / l| q`.
 ///
-/// `n` bends the response; the zero creeps towards `c s`; `k q` is what the way remembers on which `s` came
-/// (Bouc-Wen); `w` is how much warmer the machine is than when the zero was taken (K). A reading that
-/// comes late has `m` where the carrier was then.
+/// `n` bends the response; the zero creeps towards `c s`; `k q` is hysteresis (Bouc-Wen); `w` is
+/// how much warmer the machine is than when the zero was taken (K). A reading that comes late has
+/// `m` where the carrier was then.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct GaugeResponse {
-    /// `n`.
+    /// `n` (1 / nominal).
     pub bend: f32,
-    /// `c`.
+    /// `c` (the channel's unit).
     pub creep: f32,
-    /// `a`, 0 to 1.
+    /// `a`, of one sample, 0 to 1.
     pub creep_rate: f32,
-    /// `k`.
+    /// `k` (the channel's unit).
     pub hysteresis: f32,
-    /// `1 / l`, >= 0.
+    /// `1 / l` (1 / nominal), >= 0.
     pub turning: f32,
-    /// `h` [1/K].
+    /// `h` (the channel's unit per K).
     pub zero_per_k: f32,
-    /// `g` [1/K].
+    /// `g` (1/K).
     pub gain_per_k: f32,
     /// Samples by which the reading is old, >= 0.
     pub late: f32,
@@ -35,10 +37,11 @@ pub struct GaugeResponse {
 /// Part of `l` by which what is sensed has to be ahead before it counts as moved.
 const MOTION_THRESHOLD: f32 = 0.02;
 
-/// The same in standard deviations of its estimate, whose noise would forget the way on which the load came.
+/// The same in standard deviations of its estimate, whose noise would otherwise erase the
+/// hysteresis.
 const MOTION_SIGMA: f32 = 6.0;
 
-/// What a zero remembers of the load.
+/// State of creep and hysteresis of one gauge.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct HysteresisState {
     /// `z`.
@@ -52,7 +55,7 @@ pub(crate) struct HysteresisState {
 }
 
 impl GaugeResponse {
-    /// Whether there is anything to remember.
+    /// Whether it has a state: creep or hysteresis.
     pub(crate) fn has_state(&self) -> bool {
         self.creep_rate > 0.0 || self.turning > 0.0
     }

@@ -1,5 +1,6 @@
-//! Gauge measurements of the drivetrain filter: innovation and variance of each gauge, fault
-//! isolation among redundant gauges, and a scalar update by each gauge that is used.
+//! Updates the drivetrain filter with its gauges, one scalar update each: predicts each reading by
+//! the strain map at the carrier angle, lets the consistency tests of redundant gauges exclude
+//! faulty ones, and reports innovation and fault of each gauge.
 
 use nalgebra::{RowSVector, SVector};
 
@@ -17,8 +18,8 @@ use crate::kalman::innovation::Gate;
 use crate::signal::phase::Phase;
 
 impl<const NX: usize> DrivetrainEstimator<'_, NX> {
-    /// The sensor of each channel as far as it is known without a filter: known inputs are taken,
-    /// readings that do not exist say why.
+    /// Adds one sensor for each channel to `estimate`, with its reading or the fault that replaces
+    /// it, and keeps the readings of known inputs.
     pub(crate) fn open_sensors(
         &self,
         state: &mut DrivetrainState<NX>,
@@ -41,7 +42,8 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
         }
     }
 
-    /// What gauge `i` reads beside the prediction, where `sensed` is what its direction senses.
+    /// Innovation, response and variance of gauge `i`, whose reading is `value`; `prior`: of the
+    /// quantity that its direction senses.
     pub(crate) fn gauge(
         &self,
         state: &DrivetrainState<NX>,
@@ -82,7 +84,7 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
             (*map_mean, 0.0)
         };
         // `E[(m - mean)^2 s^2]` where the angle is not known: what is sensed has a spread, too. The
-        // filter keeps to its estimate; that gauges differ by the spread accuses none of them.
+        // filter keeps to its estimate; that gauges differ by the spread is no sign of a fault.
         let unknown = if homed {
             0.0
         } else {
@@ -112,8 +114,8 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
         }
     }
 
-    /// The full recursion: a vote among the gauges of each direction, then one scalar update by
-    /// each. One that is left out is compared with the prediction all the same.
+    /// The full recursion: consistency tests of the gauges of each direction, then one scalar
+    /// update by each. The innovation of an excluded gauge is computed all the same.
     pub(crate) fn update_gauges(
         &self,
         state: &mut DrivetrainState<NX>,

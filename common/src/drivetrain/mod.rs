@@ -1,5 +1,6 @@
-//! Load estimator of a gearbox: augmented Kalman filter of a torsional drivetrain whose gauges
-//! answer to the torque through a periodic map over the carrier angle.
+//! Estimates the loads of a gearbox from strain gauges and encoders, one raw sample at a time
+//! (`DrivetrainEstimator::step`), by an augmented Kalman filter of its torsional drivetrain. A
+//! gauge reads torque times a strain map, periodic in the carrier angle.
 //!
 //! States: carrier angle `theta` (rad), twists of the shafts, speeds of the
 //! inertias, biases, and last the two loads; all but `theta` in the image's scale.
@@ -439,7 +440,7 @@ fn observed_variance<const NX: usize>(row: &RowSVector<f32, NX>, posterior: &Gau
     sum
 }
 
-/// What an update says of a sensor, in the sensor's SI unit.
+/// Result of an update as a sensor's estimate, in the sensor's SI unit.
 fn to_sensor_estimate(
     measured: f32,
     update: &Innovation,

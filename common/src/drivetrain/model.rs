@@ -1,5 +1,6 @@
-//! Parameters of a gearbox in a model image: transition, noise, channels, encoders; the checks of
-//! their ranges, and the grouping of the channels that sense the same.
+//! Defines the parameters of a gearbox in a model image (`GearboxModel`: transition, noise, loads,
+//! channels, encoders), checks their lengths and ranges, and groups the channels that sense the
+//! same quantity.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -47,7 +48,7 @@ pub struct GearboxModel<'a> {
     pub gate_nis: f32,
     /// The loads, 1 or 2.
     pub loads: Vec<LoadSignal, LOADS>,
-    /// Measured error of each load.
+    /// Errors of each load in a calibration.
     pub bands: [ErrorBand; LOADS],
     /// Analogue channels in the order of the raw words.
     #[serde(borrow)]
@@ -97,7 +98,7 @@ pub enum Role<'a> {
         variance: PeriodicLookup<'a>,
         /// States that are added to the reading.
         biases: Vec<Bias, MAX_BIASES>,
-        /// What it answers beside that.
+        /// Creep, hysteresis, temperature and delay.
         response: GaugeResponse,
         /// Standard deviation of the model's error at any load, and in parts of what is sensed
         /// at nominal load.

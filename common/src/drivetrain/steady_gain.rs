@@ -1,6 +1,7 @@
-//! Steady gains of the drivetrain filter as a table in the model image, binned over the carrier
-//! angle; the measurement update with them, and the change from the full filter to them once
-//! its covariance has settled.
+//! Corrects the state of the drivetrain filter by steady gains in place of the full recursion, from
+//! a table over the carrier angle in the model image (`SteadyGains`). Decides after each sample
+//! whether the next one is updated by them: once the covariance has settled, and while the speed is
+//! in their range and every sensor is used.
 
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};

@@ -1,5 +1,6 @@
-//! Consistency tests of redundant gauges: windowed residual cost of each fault hypothesis (parity
-//! space), and inflation of the variances where the gauges disagree.
+//! Tests redundant gauges of a drivetrain, which sense the same quantity, against each other in
+//! each sample: computes the windowed residual cost of each fault hypothesis (parity space).
+//! Inflates the variances of gauges and loads where the gauges disagree.
 //!
 //! The gauges of a direction read `y_i = p_i + m_i e + f_i + v_i`: `p_i` as predicted, `e` the
 //! error of the prediction of what they sense, which they share, `f_i` a fault. With the weights
@@ -34,8 +35,8 @@ const RETURN: f32 = 0.5;
 /// and after it the window is below [`RETURN`] within four time constants.
 const MOST_OF_LIMIT: f32 = 0.5;
 
-/// Angle by which a map is turned against the gauge, one standard deviation [rad]: a gauge, or the index
-/// pulse, a centimetre off on a radius of a metre.
+/// Angle by which a map is turned against the gauge, one standard deviation [rad]: a gauge, or the
+/// index pulse, a centimetre off on a radius of a metre.
 pub(super) const MISPLACED: f32 = 0.01;
 
 /// Windows for which gauges agree before the prediction made with them counts against them.
@@ -76,7 +77,7 @@ pub(crate) struct Gauge {
     pub value: Option<f32>,
     /// Reading minus prediction.
     pub innovation: f32,
-    /// What of the reading is the response to what is sensed, as predicted.
+    /// Predicted part of the reading that is the response to what is sensed.
     pub response: f32,
     /// Slope of the reading over what is sensed.
     pub sensitivity: f32,
@@ -95,7 +96,7 @@ pub(crate) struct Prior {
     pub variance: f32,
 }
 
-/// Windowed costs of the hypotheses and what was decided.
+/// Windowed costs of the hypotheses, and the gauges that were excluded.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(crate) struct Vote {
     none: [f32; MAX_CHANNELS],
@@ -113,11 +114,12 @@ pub(crate) struct Vote {
     left_out: u8,
     kinds: [Fault; MAX_CHANNELS],
     moments: [Moments; MAX_CHANNELS],
-    /// Directions whose gauges contradict each other without a culprit.
+    /// Directions whose gauges contradict each other and none is isolated.
     contradicted: u8,
-    /// Gauges that nothing but two others accused when they were left out.
+    /// Gauges that only two others, and not the prediction, contradicted when they were left out.
     outvoted: u8,
-    /// Directions where two gauges with the same gain explain the readings as simply as the one that is left out.
+    /// Directions where two gauges with the same gain explain the readings as simply as the one
+    /// that is left out.
     ambiguous: u8,
     /// Directions whose gauges agreed in the sample before.
     calm: u8,
@@ -160,7 +162,7 @@ impl Vote {
         out.then(|| self.kinds.get(i).copied().unwrap_or(Fault::Erratic))
     }
 
-    /// Whether the gauges of direction `d` contradict each other without a culprit.
+    /// Whether the gauges of direction `d` contradict each other and none is isolated.
     pub(crate) fn contradicts(&self, d: usize) -> bool {
         self.contradicted & (1 << (d % MAX_CHANNELS)) != 0
     }
@@ -397,7 +399,7 @@ impl Voting {
         *mean += forgetting * (cost - *mean);
     }
 
-    /// What the disagreement of the gauges that are used makes of the variances.
+    /// Follows the factors by which the disagreement of the gauges in use inflates the variances.
     fn grow(
         &self,
         vote: &mut Vote,

@@ -1,5 +1,6 @@
-//! Output of the estimator for one sample: loads with standard deviations, innovations of the
-//! sensors, angle, faults. Values that are not finite are replaced and marked as not valid.
+//! Defines the estimate of one sample (`Estimate`): loads with standard deviations and faults,
+//! innovations of the sensors, shaft angle. Before it leaves the estimator, values that are not
+//! finite are replaced and marked as not valid.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -27,15 +28,15 @@ pub struct Estimate {
     pub angle_rad: f32,
     /// Whether the angle is homed on an index pulse.
     pub homed: bool,
-    /// Whether it was made by gains computed beforehand.
+    /// Whether the state was corrected by steady gains.
     pub steady: bool,
     /// Samples lost just before this one.
     pub lost: u32,
 }
 
 impl Estimate {
-    /// Makes what is no number not valid: whatever the image, a receiver gets finite numbers, an
-    /// angle in [-pi, pi) and no negative variance.
+    /// Replaces values that are not finite and marks them as not valid: whatever the image, a
+    /// receiver gets finite numbers, an angle in [-pi, pi) and no negative variance.
     pub(crate) fn contain(&mut self) {
         if !self.angle_rad.is_finite() {
             self.angle_rad = 0.0;
@@ -66,7 +67,7 @@ impl Estimate {
     }
 }
 
-/// One load and how far to trust it.
+/// One load with its standard deviation and fault.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LoadEstimate {
     /// Estimate [N m, N].

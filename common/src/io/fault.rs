@@ -1,5 +1,5 @@
-//! Fault codes of sensors and loads, by the failure modes of SAE J1939-73 where one fits, with
-//! their names and likely causes.
+//! Lists the faults of sensors and loads (`Fault`) with their codes on the bus, their names and
+//! their likely causes. The codes are the failure mode identifiers of SAE J1939-73 where one fits.
 
 use serde::{Deserialize, Serialize};
 
@@ -21,8 +21,9 @@ pub enum Fault {
     SaturatedHigh = 3,
     /// The word is at the lower end of the converter (FMI 4, voltage below normal).
     SaturatedLow = 4,
-    /// The word has not changed for as long as the image allows (FMI 7, not
-    /// responding properly).
+    /// The word has not changed for as long as the image allows, the count stands still while the
+    /// model turns, or a bearing's gauge shows no ball-passing strain (FMI 7, not responding
+    /// properly).
     Stuck = 7,
     /// The sample carried no valid word (FMI 9, abnormal update rate).
     Missing = 9,
@@ -31,14 +32,15 @@ pub enum Fault {
     NotValid = 11,
     /// The carrier angle is not homed yet (FMI 13, out of calibration).
     NotHomed = 13,
-    /// The encoder jumped or the index pulse came at a wrong angle (FMI 10,
-    /// abnormal rate of change).
+    /// The encoder jumped, the index pulse came at a wrong angle or not at all, or the cage of a
+    /// bearing slips by more than its limit (FMI 10, abnormal rate of change).
     Slipped = 10,
     /// The reading does not respond to the load: its mean square is that of noise around
     /// a constant (FMI 5, current below normal or open circuit).
     Dead = 5,
-    /// A speed or its change that the loads and inertias of the machine cannot make, such as
-    /// an encoder aliased by whole turns a sample (FMI 8, abnormal frequency).
+    /// A load beyond its full scale, or a speed or its change that the loads and inertias of the
+    /// machine cannot make, such as an encoder aliased by whole turns a sample (FMI 8, abnormal
+    /// frequency).
     Implausible = 8,
     /// The reading is the expected one times a constant (FMI 12, bad device).
     Gain = 12,

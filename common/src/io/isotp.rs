@@ -1,5 +1,6 @@
-//! ISO-TP (ISO 15765-2): state machines of a receiver and of a sender for messages of up to 4095
-//! bytes over classic CAN frames, with flow control and time-outs.
+//! Sends and receives messages of up to 4095 bytes over classic CAN frames by ISO-TP (ISO 15765-2):
+//! state machines of a receiver and of a sender, with flow control and time-outs. The caller hands
+//! in received frames and the time, and sends the frames that they give.
 //!
 //! Normal addressing; the caller filters by CAN identifier and hands in the data
 //! bytes. Time is a wrapping count of microseconds. Sent frames are padded to

@@ -1,6 +1,7 @@
-//! Conversion of raw samples to readings: zero and gain of words, saturated and stuck words;
-//! encoder angles, unwrapped, homed by the index pulse and corrected for an eccentric disc; lost
-//! and repeated samples.
+//! Converts a raw sample to readings in the model's units, each a value or a fault
+//! (`SignalConditioner`): words by zero and gain, saturated and stuck words; encoder counts to
+//! angles, unwrapped, homed by the index pulse, corrected for an eccentric disc. Counts lost
+//! samples and marks repeated ones.
 
 use crate::error::{Error, finite, positive};
 use crate::io::fault::Fault;
@@ -42,7 +43,7 @@ pub struct IndexPulse {
     pub angle: Phase,
     /// Largest deviation from the expected angle that is not a fault (rad), > 0.
     pub tolerance_rad: f32,
-    /// How that encoder errs once per turn, where its disc is not centred.
+    /// Error of that encoder once per turn, where its disc is not centred.
     pub eccentricity: Option<Eccentricity>,
 }
 
@@ -102,7 +103,7 @@ pub struct Measurement {
     pub slipped: bool,
 }
 
-/// What is remembered from sample to sample to convert the next one.
+/// Converter of raw samples, with the state that it keeps from sample to sample.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct SignalConditioner {
     last_tick: Option<u32>,
@@ -162,8 +163,8 @@ impl SignalConditioner {
     /// Converts one sample.
     ///
     /// `lead`: how far the carrier is ahead of the index's encoder, by the
-    /// twist of the shafts between them. An encoder that was not delivered keeps its last angle inside; the
-    /// next count is unwrapped against the last one that was.
+    /// twist of the shafts between them. An encoder that was not delivered keeps its last angle
+    /// inside; the next count is unwrapped against the last one that was.
     pub fn convert(
         &mut self,
         raw: &RawSample,

@@ -1,5 +1,5 @@
 //! Unit tests of the conversion of raw samples: saturation, stuck words, unwrapping of counts,
-//! homing by the index pulse, lost samples.
+//! eccentric disc, homing by the index pulse, missing and false pulses, lost and late samples.
 
 use crate::io::measurement::*;
 

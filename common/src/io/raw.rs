@@ -1,5 +1,5 @@
-//! Raw sample of one tick of the sample clock: converter words, encoder counts and the count at the
-//! index pulse, with a validity bit for each word and encoder.
+//! Defines the raw sample of one tick of the sample clock (`RawSample`): converter words, encoder
+//! counts and the count at the index pulse, with a validity bit for each word and encoder.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,6 @@
-//! Sealed image, the signed container of a model image for upload and flash: header, checks and
-//! refusal codes; the key and the machine of a board.
+//! Writes and checks the header of a sealed image, the signed container of a model image for upload
+//! and flash: machine, issue, digest, Ed25519 signature, CRC. Opens whole images, gives the reason
+//! and code of a refusal, and encodes a board's key page (`Identity`).
 //!
 //! All integers little endian.
 //!
@@ -387,7 +388,7 @@ impl PayloadHash {
         self.crc.clone().finalize()
     }
 
-    /// Judges the payload by the CRC behind it and the digest in the header.
+    /// Checks the payload by the CRC behind it and the digest in the header.
     ///
     /// # Errors
     /// `BadLength` when bytes are missing, `BadCrc`, `BadDigest`.

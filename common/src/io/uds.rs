@@ -23,7 +23,7 @@ pub const ANSWER_ID: u16 = 0x7E8;
 pub const REQUEST_DOWNLOAD: u8 = 0x34;
 /// Service: carries a block of it.
 pub const TRANSFER_DATA: u8 = 0x36;
-/// Service: ends the transfer and asks for the verdict.
+/// Service: ends the transfer; the answer accepts or refuses the image.
 pub const TRANSFER_EXIT: u8 = 0x37;
 
 /// A positive answer starts with the service plus this.

@@ -1,6 +1,6 @@
-//! Gaussian state estimate: the mean and the upper triangle of the covariance `P`, variances, the
-//! loads as the last states. The product `P h`, the factors `P = U D U'`, and the checks for
-//! symmetry and positive definiteness.
+//! Holds a Gaussian estimate of a state (`Gaussian`): the mean and the upper triangle of the
+//! covariance `P`, with the loads as the last states. Computes `P h` and the factors `P = U D U'`
+//! for the filters, and checks that a covariance is symmetric and positive definite.
 
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};

@@ -1,5 +1,6 @@
-//! Innovation of a scalar measurement with variance, NIS and outcome, and the gate that rejects
-//! innovations by their NIS.
+//! Defines the innovation of a scalar measurement (value, variance, NIS, and whether it was used)
+//! and the gate that rejects an innovation by its NIS (`Gate`). After a given number of rejections
+//! in a row a gate can open again.
 
 use serde::{Deserialize, Serialize};
 
@@ -100,7 +101,7 @@ impl Gate {
         }
     }
 
-    /// Judges one finite NIS and counts the refusals in a row.
+    /// Whether one finite NIS passes; counts the refusals in a row.
     #[inline]
     pub fn accepts(&mut self, nis: f32) -> bool {
         let within = nis <= self.limit;

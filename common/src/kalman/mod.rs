@@ -1,5 +1,6 @@
-//! Augmented Kalman filter, linear and extended: prediction, scalar measurement update with a gate,
-//! and the traits of nonlinear transitions and observations.
+//! Predicts and updates an augmented Kalman filter in `f32`, linear or extended: `predict` by the
+//! transition, then `update` by one scalar channel after the other, with a gate. Nonlinear
+//! transitions and observations are given as traits.
 //!
 //! A step is `predict`, then one scalar [`update`] for each channel, or
 //! [`update_all`].
@@ -94,7 +95,8 @@ pub trait NonlinearTransition<const NX: usize, const ND: usize> {
 /// `x- = f(x)`, `P- = F P F' + Q` with `F = df/dx` at `x`
 ///
 /// # Errors
-/// `NotFinite("state")` when `f(x)` is not finite; the posterior is untouched.
+/// `NotFinite("state")` when `f(x)` is not finite, `NotFinite("transition")` when `F` is not; the
+/// posterior is untouched.
 ///
 /// Source: Bosmans et al. 2023, eq. (8), (9), (11).
 #[inline]

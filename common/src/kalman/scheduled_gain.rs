@@ -1,5 +1,6 @@
-//! Kalman filter with gains computed beforehand, constant or interpolated over a periodic angle:
-//! gain table, its place at an angle, and the correction of the state.
+//! Corrects the state of a Kalman filter by gains computed beforehand, constant or interpolated
+//! over a periodic angle (`GainSchedule`), in place of the covariance recursion. Used by tests and
+//! benchmarks; the gearbox has its own table of steady gains.
 
 use nalgebra::{SMatrix, SVector};
 

@@ -1,5 +1,6 @@
-//! Augmented state transition and process noise of the prediction; load models: random walk,
-//! Gauss-Markov process, rotating phasors.
+//! Advances state and covariance of an augmented Kalman filter by one sample (`Transition`,
+//! `ProcessNoise`): `x+ = [A B; 0 F_d] x`, `P+ = F P F' + Q`. The load model `F_d` is a random
+//! walk, a Gauss-Markov process or rotating phasors.
 #![expect(
     clippy::range_plus_one,
     reason = "an inclusive range carries a flag that keeps its loop from being unrolled"

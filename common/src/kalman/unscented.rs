@@ -1,5 +1,6 @@
-//! Unscented Kalman filter for strongly nonlinear models: sigma points, prediction and measurement
-//! update.
+//! Predicts and updates an unscented Kalman filter for strongly nonlinear models (`Unscented`):
+//! transition and observation are functions, evaluated at sigma points. Used by the baseline filter
+//! of a bearing and by benchmarks.
 #![expect(
     clippy::range_plus_one,
     reason = "an inclusive range carries a flag that keeps its loop from being unrolled"
@@ -149,7 +150,8 @@ impl<const NX: usize> Unscented<NX> {
     /// the diagonal of `R`, [measurement units]^2.
     ///
     /// # Errors
-    /// `NotPositive("covariance")` when `P` has no factor; the posterior is untouched.
+    /// `NotPositive("covariance")` when `P` has no factor, `NotFinite("state")` when a number of
+    /// the result is not finite; the posterior is untouched.
     ///
     /// Source: Kerst et al. 2019, section IV.
     pub fn update<const NY: usize>(
@@ -251,7 +253,7 @@ impl<const NX: usize> Unscented<NX> {
     }
 }
 
-/// What a function makes of the sigma points: `o_ij / gamma` and
+/// Values of a function at the sigma points: `o_ij / gamma` and
 /// `e_ij / gamma`, channel by channel.
 struct Transformed<const NX: usize, const NY: usize> {
     middle: [f32; NY],

@@ -1,6 +1,6 @@
-//! Augmented Kalman filter of a reduced rotor in `f32` or `f64` (`Real`): state and covariance,
-//! transition of the loads, rows of sensors; prediction, and measurement update by one scalar
-//! channel.
+//! Predicts and updates the augmented Kalman filter of a reduced rotor in `f32` or `f64` (`Real`):
+//! mean and covariance of modal displacements, their changes, forces and sensor biases by one
+//! sample, then an update by one displacement sensor after the other.
 //!
 //! States: modal displacements `z` (NZ), their change to the next sample `e`
 //! (NZ), forces `f` in pairs (x, y) that drive them ([`FORCES`]), and what is left, the
@@ -36,7 +36,7 @@ pub const BIASES: usize = 4;
 /// Rows of `D` that are multiplied at once: as many as share a loaded column.
 const ROWS: usize = 4;
 
-/// A floating-point number: `f32` on the line, `f64` where accuracy is evaluated.
+/// A floating-point number: `f32` in the estimator, `f64` where its accuracy is evaluated.
 pub trait Real:
     Copy
     + PartialOrd
@@ -77,7 +77,7 @@ impl Real for f64 {
     const MAX: Self = f64::MAX;
 }
 
-/// What the filter believes: mean and covariance, both triangles alike.
+/// Mean and covariance of the states, both triangles alike.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "[T; NX]: Flat, [[T; NX]; NX]: Flat")]
 pub struct StateEstimate<T, const NX: usize> {
@@ -109,7 +109,7 @@ impl<T, const NZ: usize> ObservationRow<T, NZ> {
     }
 }
 
-/// How forces and biases move in one sample.
+/// Transition of forces and biases in one sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoadTransition<T> {
     /// Bit k: pair k turns with the shaft and grows with its speed squared.
@@ -142,7 +142,7 @@ impl<T: Real> LoadTransition<T> {
     }
 }
 
-/// What an update said of one channel.
+/// Innovation of one channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Innovation<T> {
     /// `nu`.
@@ -289,7 +289,7 @@ pub fn predict_measurement<T: Real, const NZ: usize, const NX: usize>(
 ///
 /// `s = h P h' + r`, `k = P h' / s`, `x+ = x + k nu`, `P+ = P - k s k'`
 ///
-/// `admits` judges the NIS; where it refuses, or a number is not finite, the
+/// `admits` decides by the NIS; where it refuses, or a number is not finite, the
 /// posterior is untouched and the second value false.
 ///
 /// Source: Rezende et al. 2023, figure 1, one row at a time.

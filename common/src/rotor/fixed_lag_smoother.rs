@@ -1,7 +1,9 @@
-//! Fixed-lag smoother of the rotor filter: the states of the samples before the last, corrected by
-//! later innovations with steady gains.
+//! Corrects the states of up to four samples before the last one by the innovations of later
+//! samples, with steady gains (`FixedLagSmoother`), so that the rotor's estimate may lag by some
+//! samples and is more accurate.
 //!
-//! A force moves a sensor only samples later, so that those samples say most of what is said of it.
+//! A force moves a sensor only samples later, so that those samples have most of the information on
+//! it.
 //! By the steady gains `G_j` for the `j`-th sample before,
 //!
 //! `x(k-j | k) = x(k-j | k-1) + G_j nu_k`, `G_j = P (F (I - K H))^j' H' S^-1`, `G_0 = K`
@@ -32,7 +34,7 @@ pub struct LaggedState<const NX: usize> {
 }
 
 impl<const NX: usize> LaggedState<NX> {
-    /// Becomes that of the sample that `posterior` is of.
+    /// Copies the state of the sample that `posterior` is of; `speed` (rad/s).
     #[inline]
     pub fn capture<const NZ: usize>(&mut self, posterior: &StateEstimate<f32, NX>, speed: f32) {
         const { assert!(2 * NZ + FORCES <= NX, "states of a rotor") };

@@ -1,5 +1,5 @@
-//! Interpolation of the rotor's tables at the present speed: increment matrix, steady gains,
-//! innovation variances, standard deviations and model errors of the loads.
+//! Interpolates the tables of a rotor's image at the present speed (`ScheduledModel`): increment
+//! matrix, steady gains, innovation variances, standard deviations and model errors of the loads.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,17 +12,17 @@ use crate::rotor::model::{NoiseModel, PackedF32, RotorModel};
 /// Steps of the table by which the speed may move before the matrices follow.
 const UPDATE_THRESHOLD: f32 = 1.0 / 128.0;
 
-/// What a speed has of the tables, between those that they hold.
+/// Entries of the tables, interpolated at one speed.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct ScheduledModel<const NZ: usize, const NX: usize> {
     place: f32,
     /// `D`.
     #[serde(with = "crate::matrix_serde")]
     pub increment_matrix: [[f32; NX]; NZ],
-    /// Of the last sample, and of those before it.
+    /// Steady gains of the last sample, and of those before it.
     #[serde(with = "crate::matrix_serde")]
     pub gains: [Gain<NX>; 1 + MAX_LAG],
-    /// Of each channel's innovation.
+    /// Variance of each channel's innovation.
     pub variance: [f32; MAX_CHANNELS],
     /// Steady standard deviation of each load.
     pub load_std: [f32; MAX_LOADS],

@@ -1,5 +1,6 @@
-//! Detection of model error by the whiteness of a rotor's innovations: choice of the noise level,
-//! the model error that is allowed for, and whether the loads are contradicted.
+//! Detects model error of a rotor by the whiteness of its innovations in windows of 64 samples
+//! (`Mismatch`), and chooses the noise level of the filter from those in the image. Also decides
+//! which model error the standard deviations allow for, and whether the loads are contradicted.
 //!
 //! Where the model holds, an innovation says nothing of the next one, however noisy the sensors
 //! are; where the model errs, neighbouring innovations share its error. The image has a bank of
@@ -47,8 +48,9 @@ const SHORTEST: u32 = 8;
 /// Most doublings of [`SHORTEST`]: 2048 windows.
 const DOUBLINGS: u32 = 8;
 
-/// Windows without a change from which a level is established, most windows for which the deviations of the level above
-/// are reported after a level was lowered, and windows at another speed that confirm a start that was rejected.
+/// Windows without a change from which a level is established, most windows for which the
+/// deviations of the level above are reported after a level was lowered, and windows at another
+/// speed that confirm a start that was rejected.
 const PROBATION: u32 = 16;
 
 /// Sums over a window of one sensor's innovations.
@@ -114,8 +116,8 @@ pub struct Mismatch {
     times: u32,
     lowered: bool,
     unexplained: bool,
-    /// Where the speed was when no level explained the readings, before any was established, and the
-    /// windows that a level explained at another speed since.
+    /// Where the speed was when no level explained the readings, before any was established, and
+    /// the windows that a level explained at another speed since.
     rejected: Option<f32>,
     confirmed: u32,
     /// Where the speed was last, in steps of the tables, and the windows since it moved by one.
@@ -149,8 +151,9 @@ impl Mismatch {
         self.unexplained || self.reference.is_some()
     }
 
-    /// Whether no level explained the readings before any was established: forces take up what sensors or model err by at
-    /// this speed, and a level that fits afterwards confirms nothing until the speed is another one.
+    /// Whether no level explained the readings before any was established: forces take up what
+    /// sensors or model err by at this speed, and a level that fits afterwards confirms nothing
+    /// until the speed is another one.
     pub fn is_rejected(&self) -> bool {
         self.rejected.is_some()
     }
@@ -183,8 +186,8 @@ impl Mismatch {
         self.last_used = 0;
     }
 
-    /// Takes in the innovations of a sample, of `levels` that there are, at a `place` of the speed in steps of the
-    /// tables; what became of the level.
+    /// Takes in the innovations of a sample, of `levels` that there are, at a `place` of the speed
+    /// in steps of the tables; what became of the level.
     pub fn push(&mut self, sensors: &[SensorEstimate], levels: u8, place: f32) -> Option<Change> {
         let mut used = 0;
         for (k, (sums, sensor)) in self.sums.iter_mut().zip(sensors).enumerate() {
@@ -284,7 +287,8 @@ impl Mismatch {
         None
     }
 
-    /// Rejects the loads of a start that no level explains, until [`PROBATION`] windows at another speed agree.
+    /// Rejects the loads of a start that no level explains, until [`PROBATION`] windows at another
+    /// speed agree.
     fn confirm_start(&mut self, correlated: bool, highest: u8) {
         if self.unexplained && self.reference.is_none() {
             (self.rejected, self.confirmed) = (Some(self.place), 0);

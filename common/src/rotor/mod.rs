@@ -1,10 +1,11 @@
-//! Load estimator of a rotor: forces at the discs and modal displacements, from displacement
-//! sensors at a few nodes.
+//! Estimates the forces at the discs of a rotor and its modal displacements from displacement
+//! sensors at a few nodes, one raw sample at a time (`RotorEstimator::step`), by an augmented
+//! Kalman filter of a reduced finite-element model.
 //!
 //! A reduced finite-element model with the forces as states ([`filter`]), its matrices over the
 //! speed. The full recursion runs until its gain has converged; then the steady gain of the speed
-//! takes its place, until a reading is missing or refused. An estimate may lag by some samples, of
-//! which it knows more then ([`fixed_lag_smoother`]). Where the innovations contradict the model,
+//! takes its place, until a reading is missing or refused. An estimate may lag by some samples, and
+//! is more accurate then ([`fixed_lag_smoother`]). Where the innovations contradict the model,
 //! the noise of the model is larger ([`mismatch`]); where one sensor contradicts the others, it is
 //! held out ([`votes`]).
 //!
@@ -267,8 +268,8 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
         state.scheduled.reset(&self.model, noise, state.shaft.speed);
     }
 
-    /// Whether every load turns with the shaft: a jump of one reaches all sensors within a turn, and a fault of half of
-    /// them is none.
+    /// Whether every load turns with the shaft: a jump of one reaches all sensors within a turn,
+    /// and a fault of half of them is none.
     fn has_turning_loads_only(&self) -> bool {
         let pairs = self.constant.pairs as u32;
         u32::from(self.model.synchronous_mask).trailing_ones() >= pairs
@@ -433,7 +434,7 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
         if !m.stale {
             state.smoothed_samples = 0;
         }
-        // Of samples that were lost, no steady gain knows.
+        // The steady gain is not that of a gap.
         let mut all = m.lost == 0;
         for (i, (row, channel)) in self.rows.iter().zip(&self.model.channels).enumerate() {
             let value = match m.values.get(i) {

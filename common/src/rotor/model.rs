@@ -1,5 +1,6 @@
-//! Parameters of a rotor in a model image: tables over the speed, read in place (`PackedF32`),
-//! noise levels with their steady gains, sensors; the checks of their ranges.
+//! Defines the parameters of a rotor in a model image (`RotorModel`): tables over the speed, read
+//! in place (`PackedF32`), noise levels with their steady gains, sensors, encoder. Checks their
+//! lengths and ranges before the estimator is built.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -12,10 +13,10 @@ use crate::load_signal::LoadSignal;
 use crate::rotor::filter::{BIASES, FORCES};
 use crate::rotor::fixed_lag_smoother::MAX_LAG;
 
-/// Most modal displacements that a model can have.
+/// Most modal displacements that the model of a rotor can have.
 pub const MAX_MODES: usize = 8;
 
-/// Most states that a model can have.
+/// Most states that the model of a rotor can have.
 pub const MAX_STATES: usize = 24;
 
 /// Most levels of noise that a model can have.
@@ -121,8 +122,8 @@ pub struct NoiseModel<'a> {
     pub process: PackedF32<'a>,
     /// For each speed: the steady gain `K` by rows, the steady gains of the samples before the
     /// last by rows, the variance of each channel's innovation, the steady standard deviation of
-    /// each load after the lag, with the model error that the level allows for, and the error of each load under the nominal loads where the model
-    /// errs by its usual tolerances.
+    /// each load after the lag, with the model error that the level allows for, and the error of
+    /// each load under the nominal loads where the model errs by its usual tolerances.
     #[serde(borrow)]
     pub steady: PackedF32<'a>,
     /// Lower triangle of the steady covariance at the machine's speed.

@@ -1,5 +1,6 @@
-//! Output of the rotor estimator: loads with standard deviations and faults, noise level, allowed
-//! model error, covariance, and the state and speed of the sample that the estimate is of.
+//! Reports the loads of the rotor estimator with standard deviations and faults, for the sample
+//! that the estimate is of, which may lag. Also gives its noise level, allowed model error,
+//! covariance, state and speed.
 
 use crate::io::estimate::{Estimate, LoadEstimate, MAX_LOADS};
 use crate::io::fault::Fault;

@@ -1,5 +1,6 @@
-//! Angle, speed and acceleration of the shaft, tracked from its encoder; change of a rotating force
-//! from one sample to the next.
+//! Tracks angle, speed and acceleration of a rotor's shaft from its encoder angle at each sample by
+//! a filter with fixed gains (`ShaftTracker`); without an encoder the speed is constant. Also
+//! computes the change of a rotating force from one sample to the next.
 
 use serde::{Deserialize, Serialize};
 
@@ -19,13 +20,13 @@ pub struct ShaftTracker {
     angle: Phase,
     /// Speed [rad/s].
     pub speed: f32,
-    /// [rad/s^2]
+    /// Acceleration (rad/s^2).
     acceleration: f32,
-    /// How many there were, or [`SETTLED`].
+    /// Readings since the start, or [`SETTLED`].
     readings: u16,
 }
 
-/// What the shaft did in one sample.
+/// Motion of the shaft in one sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShaftIncrement {
     /// Angle that it turned by [rad].
@@ -52,7 +53,7 @@ impl ShaftTracker {
         self.angle
     }
 
-    /// The angle was turned by the index pulse.
+    /// Turns the angle, as homing by the index pulse does.
     pub fn rotate(&mut self, by: Phase) {
         self.angle = self.angle.wrapping_add(by);
     }
@@ -135,8 +136,9 @@ impl ShaftTracker {
     }
 }
 
-/// What a force that turns by `angle` [rad] and grows `speed_squared_ratio` times gains along itself and across:
-/// `(g cos(a) - 1, g sin(a))`, by half the angle, so that nothing is lost beside the 1.
+/// What a force that turns by `angle` [rad] and grows `speed_squared_ratio` times gains along
+/// itself and across: `(g cos(a) - 1, g sin(a))`, by half the angle, so that nothing is lost beside
+/// the 1.
 pub fn rotation_increment(angle: f32, speed_squared_ratio: f32) -> (f32, f32) {
     let half = 0.5 * angle;
     let (sine, cosine) = (libm::sinf(half), libm::cosf(half));
@@ -170,7 +172,8 @@ mod tests {
         }
     }
 
-    /// The shaft after each of `samples` of a run-up from 50 rad/s at 40 rad/s^2, and the true speed.
+    /// The shaft after each of `samples` of a run-up from 50 rad/s at 40 rad/s^2, and the true
+    /// speed.
     fn run_up(shaft: &mut ShaftTracker, samples: u32) -> f32 {
         let mut speed = 50.0;
         for k in 0..samples {

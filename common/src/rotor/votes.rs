@@ -1,12 +1,13 @@
-//! Fault isolation among the displacement sensors of a rotor: a sensor whose readings are
-//! repeatedly outside of the gate is excluded while such sensors are a minority.
+//! Excludes displacement sensors of a rotor whose readings are repeatedly outside of the gate,
+//! while they are a minority (`Votes`). Where more contradict the prediction, the model is taken to
+//! err and all readings are used.
 //!
 //! A reading outside of its gate is refused. A sensor whose readings are refused again and again is
 //! held out, until its readings have stayed inside for a while: passing through the right value
 //! once a turn is no agreement. Sensors are held out only while they are a minority; where half of
 //! them contradict at once, the model errs and not they, and all readings are used. A prediction
-//! that has long been consistent has a vote of its own: half of the sensors are held out where it
-//! agrees with the others.
+//! that has long been consistent counts as one more sensor: half of the sensors are held out where
+//! it agrees with the others.
 
 use serde::{Deserialize, Serialize};
 
@@ -23,7 +24,7 @@ const MOST: u8 = 128;
 /// one in 2 million readings at a gate of 25.
 const HELD: u8 = 3 * REFUSED - 2;
 
-/// The votes on each sensor.
+/// Score of each sensor: how often its readings were outside of the gate lately.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Votes {
     scores: [u8; MAX_CHANNELS],
@@ -37,7 +38,8 @@ pub struct Votes {
 }
 
 impl Votes {
-    /// A sample of `sensors` sensors begins; `established`: whether the prediction has been consistent for long.
+    /// A sample of `sensors` sensors begins; `established`: whether the prediction has been
+    /// consistent for long.
     pub fn begin(&mut self, sensors: usize, established: bool) {
         self.most = (sensors + usize::from(established)).saturating_sub(1) / 2;
         self.before = self.contradicting;
@@ -60,7 +62,7 @@ impl Votes {
         self.admitted
     }
 
-    /// Takes the vote on a reading, `within` its gate or not; whether it may be used.
+    /// Scores a reading, `within` its gate or not, and gives whether it may be used.
     pub fn accepts(&mut self, sensor: usize, within: bool) -> bool {
         let open = self.open();
         let Some(score) = self.scores.get_mut(sensor) else {

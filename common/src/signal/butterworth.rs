@@ -1,4 +1,5 @@
-//! Second-order Butterworth filter: low- and high-pass of a signal at one cut-off, which may move.
+//! Splits a signal into a low-pass and a high-pass part by a second-order Butterworth filter
+//! (`Butterworth`), sample by sample; the cut-off frequency may move.
 
 use crate::error::Error;
 

@@ -1,4 +1,5 @@
-//! Periodic functions of an angle as tables, read in place from a model image.
+//! Evaluates a periodic function of an angle from a table that is read in place from a model image
+//! (`PeriodicLookup`): value and slope, linear between the entries, or the value of a bin.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,6 @@
-//! Angles as fractions of a turn in 64 bits: exact, wrapping, without drift; their steps,
-//! conversion from and to radians, and wrapping of an angle in radians.
+//! Represents an angle as a fraction of a turn in 64 bits (`Phase`), exact and without drift over
+//! any number of turns; converts it from and to radians and to a place in a table. Also wraps an
+//! angle in radians.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +14,7 @@ pub struct Phase(pub u64);
 /// 2 pi / 2^32: radians in one unit of the upper word.
 const RAD_PER_UPPER: f32 = core::f32::consts::TAU / 4_294_967_296.0;
 
-/// The reciprocal.
+/// Units of the upper word in one radian.
 pub(crate) const UPPER_PER_RAD: f32 = 4_294_967_296.0 / core::f32::consts::TAU;
 
 impl Phase {

@@ -1,4 +1,5 @@
-//! Fast sine, cosine, square root and inverse square root in `f32`, for the steps of the filters.
+//! Computes sine, cosine, square root and inverse square root in `f32` in few instructions, for the
+//! steps of the filters; errors are below 3e-7.
 //!
 //! Those of libm go through f64 or are computed bit by bit, because they are the last bit
 //! right; on a Cortex-M4F that takes some hundred to thousands of instructions. Here

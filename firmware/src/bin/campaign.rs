@@ -1,5 +1,5 @@
-//! Fault-injection campaign on the emulated Cortex-M4F: the model and the recording are read from
-//! memory, the report is printed as hex digits of postcard through semihosting.
+//! Runs the fault-injection campaign on the emulated Cortex-M4F: reads model image, machine and
+//! recording from memory, and prints the report as hex digits of postcard through semihosting.
 //!
 //! `MODEL` holds, each after its length in 32 bits: the model image, the postcard of
 //! the machine, and the postcards of the samples, one after the other.
@@ -21,7 +21,7 @@ use static_cell::StaticCell;
 
 /// Samples that the recording has at most.
 const SAMPLES: usize = 12_000;
-/// Samples until the line has settled, the index included.
+/// Samples until the estimator has settled, the index included.
 const SETTLE: usize = 1000;
 
 /// The next part of `MODEL` and what is behind it.

@@ -1,5 +1,6 @@
-//! Driver of the ADS131M04, four simultaneously sampling 24-bit delta-sigma converters on SPI:
-//! configuration, reading with CRC, registers, stand-by.
+//! Drives the ADS131M04, four simultaneously sampling 24-bit delta-sigma converters on SPI:
+//! configures it, reads its conversions with CRC into a raw sample, reads registers, and puts it
+//! into stand-by.
 //!
 //! Every transfer is one frame of six 24-bit words, most significant byte
 //! first, SPI mode 1. Out: a command, its data, zeros. In: the status (or the

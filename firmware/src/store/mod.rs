@@ -1,5 +1,6 @@
-//! Store of two slots for sealed images in NOR flash, safe against loss of power: choice at start,
-//! checks, installation page by page, commit.
+//! Keeps sealed images in two slots of NOR flash, safe against loss of power (`Store`): chooses the
+//! image at start, checks a new one, installs it page by page in the other slot, and puts it in
+//! force.
 //!
 //! A slot is a number of pages for the image and a last page for its commit
 //! records. An image is checked as a whole before anything is erased for it,
@@ -411,7 +412,7 @@ impl<F: NorFlash> Store<F> {
         self.judge_content(slot, header, accept)
     }
 
-    /// Judges what stands in a slot by a header that is trusted.
+    /// Checks the content of a slot by a header whose signature was verified.
     fn judge_content(
         &mut self,
         slot: Slot,

@@ -1,5 +1,5 @@
-//! Commit records in flash, which name the slot of the image in force: appended at a commit,
-//! read at start.
+//! Writes and reads the commit records of a slot in flash, each a counter with a CRC over it and
+//! the signature of the slot's image: the slot with the highest valid counter is in force.
 
 use embedded_storage::nor_flash::NorFlash;
 use loadtwin_common::io::signed_image::{CRC, Header, ImageError};
@@ -12,7 +12,7 @@ pub(super) const RECORD_LEN: usize = 8;
 /// A record's place after an erase.
 const BLANK: [u8; RECORD_LEN] = [0xFF; RECORD_LEN];
 
-/// What the record page of a slot says.
+/// Content of the record page of a slot.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Records {
     pub counter: Option<u32>,
@@ -64,7 +64,7 @@ impl<F: NorFlash> Store<F> {
         [first, first + RECORD_LEN as u32]
     }
 
-    /// Word by word: one unreadable word says nothing about the next.
+    /// Reads word by word: after an unreadable word the next may be readable.
     fn read_record(&mut self, at: u32) -> Option<[u8; RECORD_LEN]> {
         let mut word = [0; RECORD_LEN];
         self.flash.read(at, &mut word).ok().map(|()| word)

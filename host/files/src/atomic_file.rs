@@ -1,5 +1,5 @@
-//! Output files that get their names only when they are complete, several of them together under a
-//! lock on their folders. Pipes and devices are written directly.
+//! Writes output files that get their names only when they are complete (`AtomicFile`), several of
+//! them together under a lock on their folders (`publish`). Pipes and devices are written directly.
 
 use std::collections::BTreeMap;
 use std::fs::File;

@@ -1,4 +1,4 @@
-//! Reading of files up to a size limit; a longer file, or a device that never ends, is an error.
+//! Reads files up to a size limit; a longer file, or a device that never ends, is an error.
 
 use std::fs::File;
 use std::io::{self, Read};

@@ -1,5 +1,6 @@
-//! Kinds of output files: their suffixes, and whether an existing file is of the same kind and may
-//! be replaced. Also names the kind of any file by its first bytes.
+//! Describes a kind of output file (`Content`): its name, its suffixes, and whether an existing
+//! file is of the same kind and may be replaced. Also names the kind of any file by its first
+//! bytes.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -49,6 +50,8 @@ pub struct Existing {
 }
 
 impl Existing {
+    /// Opens a file and reads its first 64 KiB.
+    ///
     /// # Errors
     /// When it cannot be read.
     pub fn open(path: &Path) -> io::Result<Self> {

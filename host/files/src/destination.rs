@@ -1,5 +1,6 @@
-//! Destination of an output path (standard output, pipe or device, or the plain file at the end of
-//! all links), and identity of files under different names.
+//! Finds where an output path leads: to standard output, a pipe or a device, or to the plain file
+//! at the end of all links (`Destination`). Also identifies a file under different names
+//! (`Identity`).
 
 use std::ffi::OsString;
 use std::fs::{File, Metadata};

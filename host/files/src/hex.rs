@@ -1,4 +1,4 @@
-//! Digits of bytes, as of a hash.
+//! Writes bytes, as of a hash, as hexadecimal digits.
 
 /// Two hexadecimal digits for each byte, in lower case.
 pub fn hex(bytes: impl AsRef<[u8]>) -> String {

@@ -1,6 +1,6 @@
-//! File input and output of the commands: inputs are limited in size; outputs are complete or absent,
-//! and none replaces an input or, unless forced, a file of another kind. Also kinds of files, the mark
-//! by which edits of a generated file are seen, and the temporary folder of a run.
+//! Reads and writes the files of the commands: inputs are limited in size; outputs are complete or
+//! absent, and none replaces an input or, unless forced, a file of another kind. Also marks
+//! generated files to detect edits, and makes the temporary folder of a run.
 //!
 //! A command declares what it reads and writes in an [`outputs::Outputs`] before
 //! it works; each output is an [`atomic_file::AtomicFile`] that gets its name

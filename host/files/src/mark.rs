@@ -1,5 +1,5 @@
-//! First line of a generated TOML file, with its kind and a CRC-32 by which later edits are
-//! detected.
+//! Writes the first line of a generated TOML file, with its kind and a CRC-32 of the text below,
+//! and checks it to detect later edits.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 
@@ -12,8 +12,8 @@ const BEGINNING: &str = "# Written by loadtwin as ";
 /// Second part of the mark, before the CRC as eight hex digits.
 const BEFORE_SUM: &str = "; CRC-32 of what follows: ";
 
-/// The TOML `text` with a first line that says what it is and holds the sum of
-/// the others; a line of that kind that it had is left out.
+/// The TOML `text` with a first line that names its kind and holds the CRC-32 of the others; a line
+/// of that sort that it had is left out.
 pub fn marked(what: &str, text: &str) -> String {
     let text = match text.split_once('\n') {
         Some((first, rest)) if first.starts_with(BEGINNING) => rest,

@@ -1,6 +1,6 @@
-//! Check of a command's outputs before it runs: each needs a writable place of its own (standard
-//! output included) and a fitting suffix; none may replace an input or, unless forced, a file of
-//! other content; keys never replace anything.
+//! Checks a command's outputs before it runs (`Outputs`): each needs a writable place of its own
+//! (standard output included) and a fitting suffix; none may replace an input or, unless forced, a
+//! file of other content; keys never replace anything.
 
 use std::fs::File;
 use std::io;
@@ -93,7 +93,7 @@ pub enum OutputError {
         /// The other option.
         other: &'static str,
     },
-    /// The name says that it is something else.
+    /// Its name has the suffix of another kind of file.
     #[error("{option} {}: {noun} cannot have this suffix; allowed: {allowed}", path.display())]
     Suffix {
         /// The option.

@@ -1,5 +1,5 @@
-//! Temporary folder of a running command, removed at its end; folders of killed runs are removed by
-//! the next run.
+//! Makes the temporary folder of a running command and removes it at the end (`Scratch`); folders
+//! of killed runs are removed by the next run.
 
 use std::fs::File;
 use std::io;

@@ -1,7 +1,8 @@
-//! Unwrapping of the counts of a counter that wraps, such as an encoder's.
+//! Unwraps the counts of a counter that wraps, such as an encoder's: gives the motion since the
+//! first known count.
 
-/// Motion since the first known of `counts` of a counter that wraps at `modulus`, `f64::INFINITY` for
-/// one that does not; a missing count (NaN) repeats the last.
+/// Motion since the first known of `counts` of a counter that wraps at `modulus`, `f64::INFINITY`
+/// for one that does not; a missing count (NaN) repeats the last.
 ///
 /// A step of more than half of the modulus is one the other way round.
 pub fn unwrapped(counts: &[f64], modulus: f64) -> Vec<f64> {

@@ -1,4 +1,5 @@
-//! Matrix exponential of a square matrix by scaling and squaring with a Padé approximant.
+//! Computes the matrix exponential of a square matrix by scaling and squaring with a Padé
+//! approximant.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale};

@@ -1,5 +1,6 @@
-//! Steady-state Kalman filter: covariance by the discrete algebraic Riccati equation, gain,
-//! innovation covariance, and gains of fixed-lag smoothing.
+//! Computes the steady-state Kalman filter of a linear system: covariance of the prediction by the
+//! discrete algebraic Riccati equation, gain, innovation covariance, and gains of fixed-lag
+//! smoothing.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale};

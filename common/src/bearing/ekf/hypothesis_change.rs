@@ -1,24 +1,26 @@
-//! Changes of one hypothesis into another (phase turned, rows exchanged, loads reset), and the
-//! comparison of two: distance of their phases, and cost of the prior of each.
+//! Changes one hypothesis of a bearing into another that is to be tested: turns the phase of a row,
+//! exchanges the rows (mirror image) or resets the loads. Also compares the phases of two
+//! hypotheses, and computes the prior cost of one: minus twice the logarithm of the prior of its
+//! slow states, slips and loads.
 
 use crate::bearing::bias_prior::decorrelate_state;
 use crate::bearing::ekf::{BIAS_INDEX, JointEkf, KNOWN_PHASE, LOAD_INDEX, NX, PRELOAD_INDEX};
 use crate::bearing::{LOADS, ROWS, Tuning};
 use crate::signal::phase::wrap_rad;
 
-/// Phases further apart than this are not the same [rad]: twice the standard deviation at which a
-/// phase is known ([`KNOWN_PHASE`]).
+/// Phases further apart than this are not the same [rad]: about twice the standard deviation at
+/// which a phase is known ([`KNOWN_PHASE`]).
 const APART: f32 = 0.6;
 
 impl JointEkf {
-    /// Turns the phase of a row.
+    /// Turns the phase of a row by `by` (rad).
     pub fn shift_phase(&mut self, row: usize, by: f32) {
         let theta = &mut self.gaussian.state[row % ROWS];
         *theta = wrap_rad(*theta + by);
     }
 
     /// The mirror image: rows change places, and with them the signs of axial
-    /// force and moments. Local strain of gauges in the middle cannot tell the two apart.
+    /// force and moments. Local strain of gauges in the middle does not distinguish the two.
     pub fn swap_rows(&mut self) {
         let x = &mut self.gaussian.state;
         x.swap_rows(0, 1);
@@ -32,7 +34,7 @@ impl JointEkf {
         }
     }
 
-    /// Starts with the loads anew, in the phases as they are.
+    /// Resets the loads to their expected mean and covariance; the phases stay.
     pub fn reset_loads(&mut self, tuning: &Tuning) {
         let p = &mut self.gaussian.upper;
         for i in 0..LOADS {
@@ -44,7 +46,8 @@ impl JointEkf {
         self.inflate_loads(tuning, 1.0);
     }
 
-    /// Whether the phases of two posteriors, where the first knows its own, are not the same.
+    /// Whether the phases of two posteriors are not the same, in the rows where the first has a
+    /// variance below `KNOWN_PHASE`.
     pub fn phases_differ(&self, other: &Self) -> bool {
         (0..ROWS)
             .filter(|row| self.gaussian.upper[*row][*row] < KNOWN_PHASE)
@@ -54,7 +57,8 @@ impl JointEkf {
     /// Minus twice the logarithm of the prior of what a posterior holds: biases,
     /// slips, preload and loads in units of their standard deviations, squared.
     ///
-    /// Two posteriors that explain the readings equally well may differ in what they had to assume for it.
+    /// Two posteriors that explain the readings equally well may differ in what they had to assume
+    /// for it.
     pub fn prior_cost(&self, tuning: &Tuning) -> f32 {
         let x = &self.gaussian.state;
         let mut sum = 0.0;

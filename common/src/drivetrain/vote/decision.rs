@@ -1,5 +1,5 @@
-//! Fault isolation among redundant gauges: the gauges to exclude, by the residual cost of each
-//! hypothesis, and the kinds of their faults. The prediction of the filter is further evidence
+//! Decides by the residual cost of each fault hypothesis which redundant gauges of a drivetrain are
+//! excluded, and names the kinds of their faults. The prediction of the filter is further evidence
 //! after the gauges have agreed for five windows.
 
 use crate::drivetrain::fault_kind::Moments;
@@ -10,7 +10,7 @@ use crate::io::raw::MAX_CHANNELS;
 /// Part of the limit below which gauges agree: half of [`RETURN`].
 const CALM: f32 = 0.5 * RETURN;
 
-/// Gauges of a direction by what a hypothesis says of them, one bit each.
+/// Gauges of a direction that a hypothesis leaves out, one bit each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Hypothesis {
     left_out: u8,
@@ -37,7 +37,8 @@ impl Voting {
     /// Takes the first hypothesis of direction `d` that explains the readings: all gauges sound;
     /// those at fault that contradict a sound prediction, where the others agree; one at fault; two
     /// exchanged; two at fault; all but one that the prediction confirms. Where none does, or the
-    /// prediction cannot separate one turned gauge from two exchanged, the direction is contradicted.
+    /// prediction cannot separate one turned gauge from two exchanged, the direction is
+    /// contradicted.
     pub(crate) fn decide(
         &self,
         vote: &mut Vote,
@@ -78,9 +79,9 @@ impl Voting {
         test_alternative(vote, d, members, chosen, before);
     }
 
-    /// Latches which gauges departed from a sound prediction in the sample in which a direction began to disagree: later,
-    /// two that err alike have drawn the prediction along, and it accuses the third. A disagreement that grows slowly
-    /// accuses none.
+    /// Latches which gauges departed from a sound prediction in the sample in which a direction
+    /// began to disagree: later, two that err alike have drawn the prediction along, and it
+    /// contradicts the third. A disagreement that grows slowly latches none.
     #[inline]
     pub(super) fn follow_jump(
         &self,
@@ -138,7 +139,7 @@ impl Voting {
         if against != 0 && rest > 1 && self.remain(vote, members, against) {
             return leave(against);
         }
-        // The prediction says nothing where all, or none, are off it.
+        // The prediction is no evidence where all, or none, are off it.
         let accused = |i: usize| against == 0 || rest == 0 || against & bit(i) != 0;
         if n > 2 {
             let lowest = |a: &usize, b: &usize| vote.single[*a].total_cmp(&vote.single[*b]);
@@ -193,7 +194,7 @@ impl Voting {
                 }
             }
         }
-        // One alone: nothing but the prediction speaks for it.
+        // One alone: only the prediction confirms it.
         if rest == 1 {
             return leave(against);
         }
@@ -271,7 +272,7 @@ fn at(i: u8) -> usize {
     usize::from(i) % MAX_CHANNELS
 }
 
-/// Whether the gauges without `single` show no further culprit.
+/// Whether no further gauge is at fault among those without `single`.
 fn agrees(vote: &Vote, members: &[u8], single: usize) -> bool {
     members.len() <= 3
         || (members.iter().map(|i| at(*i)))

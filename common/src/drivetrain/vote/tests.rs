@@ -25,7 +25,8 @@ struct Rig {
     rng: ChaCha8Rng,
     errors: [f32; 4],
     sample: u32,
-    /// Part of the way to the first gauges' mean that the prediction goes in a sample, and how far it is off.
+    /// Part of the way to the first gauges' mean that the prediction goes in a sample, and how far
+    /// it is off.
     follows: f32,
     off: f32,
 }

@@ -1,5 +1,6 @@
-//! End-to-end protection of a payload by AUTOSAR E2E profile 5 (CRC, data ID and counter), and
-//! classification of received counters: in order, repeated or lost.
+//! Protects the payload of a CAN frame by AUTOSAR E2E profile 5 (CRC, data ID and counter), checks
+//! a received payload, and classifies its counter: in order, repeated, or how many frames were
+//! lost.
 //!
 //! Byte 0 and 1: CRC, low byte first; byte 2: counter; then the data. The CRC
 //! is CRC-16-CCITT-FALSE (polynomial 0x1021, start 0xFFFF) over everything
@@ -21,7 +22,7 @@ pub const fn data_id(id: u16) -> u16 {
     WIRE_VERSION << 11 | id
 }
 
-/// A CRC in the making.
+/// CRC over several pieces of bytes, then the data ID.
 pub(crate) struct Check(Digest<'static, u16, Table<1>>);
 
 impl Check {
@@ -56,7 +57,7 @@ pub fn check<const N: usize>(data_id: u16, payload: &[u8; N]) -> Option<u8> {
     (u16::from_le_bytes([payload[0], payload[1]]) == crc).then_some(payload[2])
 }
 
-/// What a counter says about the frames before it.
+/// Order of a frame after the one before it, by their counters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sequence {
     /// The first frame seen.
@@ -69,7 +70,7 @@ pub enum Sequence {
     Lost(u8),
 }
 
-/// The receiver's memory of one identifier's counter.
+/// The last counter received with one identifier.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counter {
     last: Option<u8>,

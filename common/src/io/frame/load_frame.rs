@@ -1,5 +1,5 @@
-//! CAN frame of one load: value and standard deviation as parts of full scale (`Scale`), fault, and
-//! age of the estimate; encoding and decoding.
+//! Encodes the estimate of one load as a CAN frame and decodes it (`LoadFrame`): value and standard
+//! deviation as integer parts of full scale, fault, and age of the estimate.
 
 use crate::Error;
 use crate::io::estimate::LoadEstimate;
@@ -15,7 +15,7 @@ pub struct LoadFrame {
     /// `ceil(std / full_scale 2^13)`, limited to [`LoadFrame::FULL_STD`];
     /// [`LoadFrame::NO_STD`] where there is none.
     pub std: u16,
-    /// Why the load is not to be trusted.
+    /// Why the load is not valid; `Fault::None` when it is.
     pub fault: Fault,
     /// Age code: samples up to 15, then `12 + floor(log2(samples))`.
     pub age: u8,

@@ -1,13 +1,14 @@
-//! CAN frames of estimates, sensor health, status and raw samples: identifiers, bit fields, frame
-//! types, the encoder of a machine (`FrameEncoder`), and the decoder of any frame (`decode`).
+//! Encodes estimates, sensor health, status and raw samples of a machine as CAN frames
+//! (`FrameEncoder`), and checks and decodes any received frame but those of raw samples (`decode`).
+//! Defines identifiers, frame rates and bit fields.
 //!
 //! `docs/wire-format.md` is the specification, `docs/loadtwin.dbc` the source
 //! of the layout. A load or sensor frame is a pure function of the estimate
-//! and of its tick: who knows the raw samples can recompute every bit.
+//! and of its tick: every bit can be recomputed from the raw samples.
 
-#[cfg(test)]
-mod bytes;
 pub mod e2e;
+#[cfg(test)]
+mod example_frame_tests;
 mod load_frame;
 mod raw_frame;
 mod sensor_frame;
@@ -30,7 +31,7 @@ use crate::io::raw::RawSample;
 /// version fail their end-to-end check.
 pub const WIRE_VERSION: u16 = 1;
 
-/// Identifier of the first frame where no image says another one.
+/// Identifier of the first frame where there is no image.
 pub const DEFAULT_BASE: u16 = 0x500;
 
 /// Identifiers that one machine takes; the base is a multiple of it.
@@ -101,7 +102,7 @@ impl Field {
         (raw as u64 & self.mask()) << self.start
     }
 
-    /// What stands at this place of an 8-byte payload, sign-extended where signed.
+    /// The bits at this place of an 8-byte payload, sign-extended where signed.
     pub const fn get(self, payload: u64) -> u32 {
         let raw = (payload >> self.start & self.mask()) as u32;
         let unused = 32 - self.bits;
@@ -171,7 +172,7 @@ pub fn decode(base: u16, id: u16, data: &[u8]) -> Result<(Message, Option<u8>), 
     Ok((message.ok_or(Rejected::Content)?, Some(counter)))
 }
 
-/// How an 8-byte payload leaves: the check in its first bytes.
+/// The frame of an 8-byte payload, with CRC and counter in its first three bytes.
 fn protected(id: u16, counter: u8, payload: u64) -> Frame {
     let mut data = payload.to_le_bytes();
     e2e::protect(e2e::data_id(id), counter, &mut data);
@@ -274,7 +275,7 @@ impl FrameEncoder {
         })
     }
 
-    /// The encoder of a board without a usable image: it has only a status to tell.
+    /// The encoder of a board without a usable image: it sends status frames only.
     pub const fn without_image() -> Self {
         Self {
             base: DEFAULT_BASE,

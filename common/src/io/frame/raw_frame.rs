@@ -1,5 +1,5 @@
-//! Raw samples on the bus, bit for bit: encoding as classic or FD frames, and assembly of whole
-//! samples from received frames, with counts of lost and damaged ones.
+//! Encodes a raw sample as classic or FD frames, bit for bit, and assembles whole samples from
+//! received frames (`RawAssembler`), with counts of lost and damaged ones.
 //!
 //! Classic: a head with tick and validity, then, in the order of their
 //! identifiers, the frames in which something was delivered. One CRC over the
@@ -178,7 +178,7 @@ fn from_fd(id: u16, data: &[u8; 64]) -> Option<RawSample> {
     ))
 }
 
-/// What the assembler met.
+/// Counts of samples and frames by what became of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RawCounts {
     /// Whole samples.
@@ -221,7 +221,7 @@ impl RawAssembler {
         }
     }
 
-    /// What was met so far.
+    /// The counts so far.
     pub fn counts(&self) -> RawCounts {
         self.counts
     }

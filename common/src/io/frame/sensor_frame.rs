@@ -1,5 +1,5 @@
-//! CAN frame of the health of one sensor: fault, normalised innovation, NIS and homing flag;
-//! encoding and decoding.
+//! Encodes the health of one sensor as a CAN frame and decodes it (`SensorFrame`): fault,
+//! innovation in standard deviations, NIS, and whether the angle is homed.
 
 use crate::io::estimate::{MAX_SENSORS, SensorEstimate};
 use crate::io::fault::Fault;

@@ -1,6 +1,6 @@
-//! CAN frames of the status (heartbeat): state of the estimator and, page by page, hash of the
-//! model, counters of the board, frame format, tick and sample rate; encoding, decoding, and
-//! merging of pages.
+//! Encodes the status of a board as CAN frames (heartbeat), decodes a frame, and merges received
+//! pages (`Status`). Each frame has the state of the estimator and one of six pages: hash of the
+//! image, sample counters, bus counters, frame format, tick, sample rate.
 
 use crate::io::frame::WIRE_VERSION;
 use crate::io::frame::signal_layout::status as field;
@@ -35,8 +35,7 @@ impl State {
     }
 }
 
-/// What the board has to say about itself. The counts wrap in the board and
-/// saturate at 65535 on the bus.
+/// Status of a board. The counts wrap in the board and saturate at 65535 on the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Status {
     /// What the estimator is doing.
@@ -59,7 +58,7 @@ pub struct Status {
 }
 
 impl Status {
-    /// What a board says before its first sample; the default, as a constant.
+    /// Status of a board before its first sample; the default, as a constant.
     pub const fn new() -> Self {
         Self {
             state: State::NoImage,
@@ -100,7 +99,7 @@ pub enum StatusPage {
     Rate(u32),
 }
 
-/// Pages, one after the other.
+/// The fixed numbers of the pages, and the page that is sent next.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pages {
     pub(crate) counter: u8,

@@ -1,5 +1,5 @@
-//! Stack guard of every board: an MPU region without access below the stack, so that a stack
-//! overflow faults.
+//! Sets up an MPU region without access below the stack, so that a stack overflow faults instead of
+//! overwriting what lies there. Called first by the program of every board.
 //!
 //! The stack is the lowest part of the memory, but what is below is not empty on
 //! every board: on the STM32G4 it is option bytes, on the emulator a device that
@@ -19,7 +19,8 @@ unsafe extern "C" {
 /// Length of the forbidden region, 2^15 bytes: longer than any frame.
 const LOG2_LEN: u32 = 15;
 
-/// Blocks access to it from here on, but for `HardFault` and NMI, which start a stack of their own.
+/// Blocks access to the region below the stack from here on, but for `HardFault` and NMI, during
+/// which the MPU is off.
 pub fn forbid_below_stack() {
     let end = ptr::addr_of!(_stack_end) as u32;
     // SAFETY: nothing of this program is in the region, and everywhere else the

@@ -1,4 +1,5 @@
-//! Peripherals of the mps2-an386: Arm's CMSDK UART, timer and watchdog.
+//! Drives the peripherals of the emulated board (mps2-an386) through their registers: Arm's CMSDK
+//! UART, timer and watchdog.
 //!
 //! Source: Arm, Cortex-M System Design Kit, Technical Reference Manual (DDI 0479).
 #![allow(unsafe_code)]

@@ -1,5 +1,5 @@
-//! Exit status of the emulator: success only where the test asked for the end, failure after a
-//! panic, a hard fault or an expiry of the watchdog.
+//! Ends the emulator with an exit status: success only where the test asked for the end, failure
+//! after a panic, a hard fault or an expiry of the watchdog, whose handlers are here.
 #![allow(unsafe_code)]
 
 use core::arch::naked_asm;

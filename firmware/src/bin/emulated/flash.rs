@@ -1,6 +1,7 @@
-//! Model flash of the emulated board, in RAM that keeps its contents over a reset. At power-on it
-//! is copied from the memory region `MODEL` (linker script; filled by the test before start). It
-//! also holds the public key that images are checked with, and the identity of the machine.
+//! Gives the model flash of the emulated board, in RAM that keeps its contents over a reset. At
+//! power-on it is copied from the memory region `MODEL` (linker script; filled by the test before
+//! start). Reads from it the public key that images are checked with, and the identity of the
+//! machine.
 #![allow(unsafe_code)]
 
 use core::{ptr, slice};

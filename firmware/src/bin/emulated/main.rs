@@ -1,7 +1,7 @@
 //! The application on an emulated Cortex-M4F (`qemu-system-arm -M mps2-an386`): board, interrupts
 //! and main loop, with samples and frames over two serial lines.
 //!
-//! UART0 carries what the sensors see ([`stimulus`](loadtwin_firmware::stimulus)),
+//! UART0 carries the samples of the sensors ([`stimulus`](loadtwin_firmware::stimulus)),
 //! UART1 is the CAN bus as slcan text, a timer is the sample clock, the log
 //! goes to standard output through semihosting. Models come from the two slots of
 //! [`flash`], and from the bus.

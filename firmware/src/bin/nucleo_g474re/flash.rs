@@ -1,5 +1,6 @@
-//! Flash bank 2 of the STM32G474 with the model slots and the key page: reads with detection of ECC
-//! errors (NMI), programming and erasing.
+//! Reads, programs and erases flash bank 2 of the STM32G474, which holds the model slots and the
+//! key page (`Checked`). A word in them that ECC cannot correct is an error of the read (NMI);
+//! elsewhere it resets the board.
 //!
 //! Written through the registers, for the crate's own driver turns interrupts
 //! off while it erases: the program runs from bank 1, and the estimator goes on.

@@ -1,5 +1,5 @@
-//! Benchmark of load counting: instructions for a sample (mean for a slow load and for white noise,
-//! worst case), digest of the counts, bytes of memory.
+//! Measures the instructions that load counting takes for a sample (mean for a slow load and for
+//! white noise, worst case); also prints a digest of the counts and their bytes of memory.
 
 use core::hint::black_box;
 
@@ -30,7 +30,7 @@ fn worst() -> Vec<f32> {
 
 /// Mean for a load that moves slowly with noise, mean for white noise, and the most that one
 /// sample takes; the digest of counts.
-// Inlined, its counts would be on the stack below that of the line.
+// Inlined, its counts would be on the stack below that of the estimator.
 #[inline(never)]
 pub fn counting() {
     let mut load = Load::new(1);

@@ -1,5 +1,6 @@
-//! Benchmark on the emulated Cortex-M4F: instructions for a step of each filter, a Butterworth
-//! low-pass, the whole estimator, load counting, and other Kalman filters.
+//! Measures on the emulated Cortex-M4F how many instructions a step takes: each filter, a
+//! Butterworth low-pass, the whole estimator of each kind of machine, load counting, and other
+//! Kalman filters.
 //!
 //! Prints `name instructions`, one line each: the mean over 1000 steps with
 //! the harness subtracted. Exact and repeatable under
@@ -197,7 +198,7 @@ fn unscented() {
 }
 
 /// Six states, four channels, 64 gains over the angle.
-// Inlined, its table would be on the stack below that of the line.
+// Inlined, its table would be on the stack below that of the estimator.
 #[inline(never)]
 fn scheduled_gain() {
     let transition = Transition::<6, 2>::try_new(&system::<6>(), RandomWalk).unwrap();
@@ -232,7 +233,7 @@ fn butterworth() {
 /// Samples of a turn: 29 turns a minute at 500 samples a second and 16384 counts a turn.
 const TURN: usize = 1024;
 
-/// What the four gauges of the line read over a turn at half the nominal load,
+/// What the four gauges of the gearbox read over a turn at half the nominal load,
 /// with noise of half a micrometre a metre.
 fn words(model: &GearboxModel<'_>) -> Vec<[i32; 4]> {
     let pulse = model.index.as_ref().unwrap().angle;
@@ -251,7 +252,7 @@ fn words(model: &GearboxModel<'_>) -> Vec<[i32; 4]> {
     words.collect()
 }
 
-/// The whole gearbox line, raw words to payload bytes, on a sealed image.
+/// The whole estimator of a gearbox, raw words to payload bytes, on a sealed image.
 // Inlined, two of them would be on the stack at once.
 #[inline(never)]
 fn line(name: &str, sealed: &[u8]) {
@@ -352,8 +353,8 @@ fn rotor_filter<const NX: usize>([full, scheduled, lagging]: [&str; 3]) {
     black_box(posterior);
 }
 
-/// The rotor line, raw words to estimate: 4 sensors at rest but for noise; by the full
-/// recursion throughout, or after it has converged.
+/// The whole estimator of a rotor, raw words to estimate: 4 sensors at rest but for noise; by the
+/// full recursion throughout, or after it has converged.
 #[inline(never)]
 fn rotor_line(name: &str, sealed: &[u8], full: bool) {
     let (_, payload) = signed_image::open(sealed).unwrap();
@@ -384,8 +385,8 @@ fn rotor_line(name: &str, sealed: &[u8], full: bool) {
     hprintln!("{}_by_steady_gains {}", name, steady);
 }
 
-/// The bearing line, raw words to estimate: the mean, and the most that one sample takes,
-/// for the work on a block is spread over the samples of the next one.
+/// The whole estimator of a bearing, raw words to estimate: the mean, and the most that one sample
+/// takes, for the work on a block is spread over the samples of the next one.
 #[inline(never)]
 fn bearing_line(sealed: &[u8], mut recorded: &[u8]) {
     let mut samples: Vec<RawSample> = Vec::new();
@@ -416,7 +417,8 @@ fn bearing_line(sealed: &[u8], mut recorded: &[u8]) {
     hprintln!("bearing_line_valid {}", valid);
 }
 
-/// The line of a drive that swings: its position and all of its channels in every sample.
+/// The whole estimator of a drive that swings: its position and all of its channels in every
+/// sample.
 #[inline(never)]
 fn drive_line(sealed: &[u8]) {
     let (_, payload) = signed_image::open(sealed).unwrap();

@@ -1,4 +1,4 @@
-//! Unnamed files on Linux (`O_TMPFILE`), and the link that gives such a file its name.
+//! Makes unnamed files on Linux (`O_TMPFILE`), and gives such a file its name by a link.
 
 use std::fs::File;
 use std::io;

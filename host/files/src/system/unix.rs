@@ -1,4 +1,5 @@
-//! Identity of files by device and inode, owner, permissions and standard streams on Unix.
+//! Identifies files on Unix by device and inode, sets owner and permissions of new files, checks
+//! write access, and gives the standard streams as files.
 
 use std::fs::{File, Metadata, Permissions};
 use std::io;

@@ -1,5 +1,5 @@
-//! Unnamed files on systems other than Linux, which cannot name them later: `link` fails, so that
-//! the caller copies the file.
+//! Makes unnamed files on systems other than Linux, which cannot name them later: `link` fails, so
+//! that the caller copies the file.
 
 use std::fs::File;
 use std::io;

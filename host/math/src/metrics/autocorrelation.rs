@@ -1,5 +1,5 @@
-//! Autocorrelation of an innovation sequence at its first lags, sample by sample, with the 99 %
-//! bound of whiteness.
+//! Computes the autocorrelation of an innovation sequence at lags 1 to 25, sample by sample, with
+//! the bound that 99 % of the coefficients of a white sequence keep.
 
 /// Lags that are looked at, as in the usual whiteness plot.
 pub const LAGS: usize = 25;

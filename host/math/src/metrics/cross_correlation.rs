@@ -1,5 +1,5 @@
-//! Cross-correlation of an innovation sequence with an input at earlier samples, sample by sample, with the 95 % bound
-//! of independence.
+//! Computes the correlation of an innovation sequence with an input 1 to 25 samples earlier, sample
+//! by sample, with the bound that 95 % of the coefficients of independent signals keep.
 
 use super::LAGS;
 
@@ -74,8 +74,8 @@ impl CrossCorrelation {
         })
     }
 
-    /// Bound `1.96 / sqrt(n)` that 95 % of the coefficients of a white output stay within, whatever the input is, where
-    /// the two have nothing in common.
+    /// Bound `1.96 / sqrt(n)` that 95 % of the coefficients of a white output stay within, whatever
+    /// the input is, where the two have nothing in common.
     pub fn bound(&self) -> f64 {
         Z_95 / self.sums[0].pairs.sqrt()
     }
@@ -85,7 +85,8 @@ impl CrossCorrelation {
 mod tests {
     use super::*;
 
-    /// `y_t = u_{t-3} + e_t` with parts of equal variance: 1/sqrt(2) at lag 3, nothing elsewhere; a gap shifts nothing.
+    /// `y_t = u_{t-3} + e_t` with parts of equal variance: 1/sqrt(2) at lag 3, nothing elsewhere; a
+    /// gap shifts nothing.
     #[test]
     fn a_delayed_input_is_found_at_its_lag() {
         let mut state = 7_u32;

@@ -1,4 +1,5 @@
-//! Histogram of normalised innovations over a fixed range, sample by sample.
+//! Counts values, such as normalised innovations, in bins of equal width over a fixed range, sample
+//! by sample, and gives their probability density.
 
 /// Counts in bins of equal width over `low <= x < high`, and how many lie outside.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,5 +1,5 @@
-//! Error of an estimated load against a reference: NMAE, RMSE and bias, over the whole recording
-//! and by segment.
+//! Computes the error of an estimated load against a reference, sample by sample: NMAE, RMSE and
+//! bias, over the whole recording and by segment.
 
 /// A named stretch of time, `from_s <= t < to_s`.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,5 +1,5 @@
-//! Consistency of the filter: mean normalised innovation squared (NIS) of a recording and its
-//! chi-squared bounds; quantiles of the chi-squared distribution.
+//! Computes the mean normalised innovation squared (NIS) of a recording and the chi-squared bounds
+//! that it has in a consistent filter; also quantiles of the chi-squared distribution.
 
 use special::Gamma;
 

@@ -1,5 +1,5 @@
-//! Mean difference of two estimators on the same samples, with a 95 % interval that accounts for
-//! correlation in time.
+//! Computes the mean difference of two estimators on the same samples, with a 95 % interval that
+//! accounts for correlation in time.
 
 use super::prediction_interval::{APART, student};
 
@@ -19,9 +19,9 @@ impl PairedDifference {
     /// Of `blocks` that follow each other, each the sum of its differences and their number.
     ///
     /// `m +- t sqrt(v)`, `v = n / (n - 1) sum_i (e_i^2 + 2 sum_k w_k e_i e_(i+k))`, `k = 1..3`,
-    /// `w_k = 1 - k / 4`, `e_i = (sum_i - m size_i) / sum size` over at most 16 stretches; v is not less
-    /// than without the products, t is Student's for `n / (1 + 2 sum_k w_k^2) - 1` degrees of freedom,
-    /// at least one. None without a sample.
+    /// `w_k = 1 - k / 4`, `e_i = (sum_i - m size_i) / sum size` over at most 16 stretches; v is not
+    /// less than without the products, t is Student's for `n / (1 + 2 sum_k w_k^2) - 1` degrees of
+    /// freedom, at least one. None without a sample.
     ///
     /// Sources: Newey and West 1987 (weights); Priestley 1981, section 6.2.3 (degrees of freedom).
     pub fn of(blocks: &[(f64, f64)]) -> Option<Self> {

@@ -1,5 +1,5 @@
-//! 95 % prediction interval of an error on other recordings, from its variance over stretches of
-//! the measured ones.
+//! Computes the 95 % prediction interval of an error on other recordings, from the variance of the
+//! error over stretches of the measured ones.
 
 use special::Beta;
 

@@ -1,4 +1,5 @@
-//! Spectra of signals and their coherence with others by Welch's method, sample by sample.
+//! Computes the spectral densities of signals and their coherence with others by Welch's method,
+//! sample by sample, with the bounds of white noise and of independent signals.
 
 use std::sync::Arc;
 
@@ -23,10 +24,10 @@ const LINES: usize = SEGMENT / 2 + 1;
 
 /// Spectral densities of some outputs, and their coherence with some inputs.
 ///
-/// `S_xy(f) = 2 dt / sum(w^2) * mean over segments of conj(X(f)) Y(f)`, one-sided (at 0 and half the rate without the
-/// 2), `X` the Fourier transform of a segment of 1024 samples less its mean, times the periodic Hann window `w`;
-/// segments overlap by half. `coherence = |S_xy|^2 / (S_xx S_yy)`. A segment with a value that is not finite is left
-/// out.
+/// `S_xy(f) = 2 dt / sum(w^2) * mean over segments of conj(X(f)) Y(f)`, one-sided (at 0 and half
+/// the rate without the 2), `X` the Fourier transform of a segment of 1024 samples less its mean,
+/// times the periodic Hann window `w`; segments overlap by half. A segment with a value that is not
+/// finite is left out. `coherence = |S_xy|^2 / (S_xx S_yy)`
 ///
 /// Source: Welch 1967; Carter 1987 on the coherence.
 pub struct Spectra {
@@ -91,7 +92,8 @@ impl Spectra {
         }
     }
 
-    /// Takes the next sample: a value for each output, then for each input; NaN where there is none.
+    /// Takes the next sample: a value for each output, then for each input; NaN where there is
+    /// none.
     pub fn push(&mut self, values: impl IntoIterator<Item = f64>) {
         let mut values = values.into_iter();
         for signal in &mut self.signals {
@@ -166,8 +168,8 @@ impl Spectra {
         Some(Density { values, white })
     }
 
-    /// Coherence of an output with an input; `None` before the second segment in which both are complete, and of a
-    /// signal that does not vary.
+    /// Coherence of an output with an input; `None` before the second segment in which both are
+    /// complete, and of a signal that does not vary.
     pub fn coherence(&self, output: usize, input: usize) -> Option<Coherence> {
         let inputs = self.signals.len() - self.outputs.len();
         let cross = (self.pairs.get(output * inputs + input)).filter(|c| c.segments > 1)?;

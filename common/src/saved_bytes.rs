@@ -1,5 +1,5 @@
-//! Byte format of saved states and counts: version, value (postcard), CRC-32 (ISO-HDLC, little
-//! endian) of all before it.
+//! Writes saved states and saved counts to bytes and reads them back (`Seal`): version, value
+//! (postcard), CRC-32 (ISO-HDLC, little endian) of all before it.
 
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use serde::Serialize;
