@@ -50,7 +50,7 @@ impl CarriedState {
     /// [`ArchiveError`] when it cannot be written.
     pub(crate) fn write(&self, folder: &Path) -> Result<String, ArchiveError> {
         let bytes = self.to_bytes()?;
-        complete_file::write(&folder.join(NAME), &bytes)?;
+        complete_file::write_hashed(&folder.join(NAME), &bytes)?;
         Ok(hex(Sha256::digest(bytes)))
     }
 

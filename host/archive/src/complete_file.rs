@@ -60,6 +60,20 @@ pub(crate) fn write(path: &Path, content: &[u8]) -> Result<(), ArchiveError> {
     write().map_err(ArchiveError::io(path))
 }
 
+/// As [`write`], without waiting for the disk: a reader that holds its hash finds out
+/// whether a power cut has damaged it.
+///
+/// # Errors
+/// [`ArchiveError::Io`] when it cannot be written.
+pub(crate) fn write_hashed(path: &Path, content: &[u8]) -> Result<(), ArchiveError> {
+    let write = || {
+        let mut file = begin(path)?;
+        file.write_all(content)?;
+        file.persist(path).map_err(|error| error.error)
+    };
+    write().map(drop).map_err(ArchiveError::io(path))
+}
+
 /// Removes the temporary files that killed processes left in a folder and in the folders inside it.
 ///
 /// # Errors
