@@ -21,7 +21,7 @@ mod hypothesis_test;
 mod lock_detector;
 mod model;
 mod output;
-mod slow_state_test;
+mod slow_state_consistency;
 mod wheel_pll;
 
 use serde::{Deserialize, Serialize};
@@ -35,7 +35,7 @@ use crate::bearing::harmonic_block::{HarmonicBlock, HarmonicSums};
 use crate::bearing::hypothesis_test::{CANDIDATES, HypothesisTest};
 use crate::bearing::lock_detector::LockDetector;
 use crate::bearing::output::{NO_ESTIMATE, estimate};
-use crate::bearing::slow_state_test::Consistency;
+use crate::bearing::slow_state_consistency::Consistency;
 use crate::bearing::wheel_pll::WheelPll;
 use crate::io::estimate::{Estimate, LoadEstimate, MAX_LOADS};
 use crate::io::measurement::{AdcScaling, EncoderScaling, SignalConditioner};

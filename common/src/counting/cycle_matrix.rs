@@ -5,8 +5,8 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
+use super::four_point_rainflow::Cycle;
 use super::long_array_serde;
-use super::residue::Cycle;
 use super::{BINS, bin};
 
 /// Pairs of a lower and a higher bin.

@@ -5,10 +5,10 @@
 use heapless::Deque;
 use serde::{Deserialize, Serialize};
 
+use super::coverage::Observation;
 use super::cycle_matrix::CycleMatrix;
+use super::four_point_rainflow::{Cycle, MAX_POINTS, Residue};
 use super::load_revolutions::Turns;
-use super::observation::Observation;
-use super::residue::{Cycle, MAX_POINTS, Residue};
 use super::scale::LevelScale;
 use super::tally_array::Tally;
 use super::turning_points::TurningPoints;

@@ -10,18 +10,18 @@
 //! A load is first brought onto [`LEVELS`] levels of equal width. All that
 //! follows is integer arithmetic: the counts of a sequence are the same however
 //! it is cut, saved and continued, and the residue has at most
-//! [`residue::MAX_POINTS`] points for any input.
+//! [`four_point_rainflow::MAX_POINTS`] points for any input.
 //!
 //! Source: ASTM E1049-85 (2017), 5.4.4; Amzallag, Gerey, Robert, Bahuaud,
 //! Standardization of the rainflow counting method for fatigue analysis, 1994
 //! (four-point); DIN 45667 (level crossing, time at level).
 
+pub mod coverage;
 pub mod cycle_matrix;
+pub mod four_point_rainflow;
 pub mod load_counts;
 pub mod load_revolutions;
 mod long_array_serde;
-pub mod observation;
-pub mod residue;
 pub mod saved_counts;
 pub mod scale;
 pub mod tally_array;
@@ -30,11 +30,11 @@ pub mod turning_points;
 #[cfg(test)]
 mod tests;
 
+pub use coverage::Observation;
 pub use cycle_matrix::CycleMatrix;
+pub use four_point_rainflow::{Cycle, Residue};
 pub use load_counts::LoadCounts;
 pub use load_revolutions::Turns;
-pub use observation::Observation;
-pub use residue::{Cycle, Residue};
 pub use scale::LevelScale;
 pub use turning_points::TurningPoints;
 

@@ -7,7 +7,7 @@ use std::vec::Vec;
 
 use proptest::prelude::*;
 
-use super::residue::MAX_POINTS;
+use super::four_point_rainflow::MAX_POINTS;
 use super::saved_counts::MAX_BYTES;
 use super::{BINS, LEVELS, LevelScale, LoadCounts, bin};
 

@@ -13,10 +13,10 @@
 
 pub mod filter;
 pub mod fixed_lag_smoother;
-mod gain_schedule;
 pub mod mismatch;
 mod model;
 mod output;
+mod scheduled_model;
 mod shaft_tracker;
 pub mod votes;
 
@@ -33,8 +33,8 @@ use crate::rotor::filter::{
     predict_state, update,
 };
 use crate::rotor::fixed_lag_smoother::{FixedLagSmoother, LaggedState, MAX_LAG};
-use crate::rotor::gain_schedule::ScheduledModel;
 use crate::rotor::mismatch::{Change, Mismatch};
+use crate::rotor::scheduled_model::ScheduledModel;
 use crate::rotor::shaft_tracker::{ShaftTracker, rotation_increment};
 use crate::rotor::votes::Votes;
 use crate::signal::phase::Phase;

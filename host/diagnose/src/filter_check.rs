@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::candidate_effect::fitted::FittedEffect;
+use crate::diagnosable::Diagnosable;
 use crate::diagnosis::{DiagnoseError, Diagnosis};
-use crate::machine_kind::Diagnosable;
 use loadtwin_design::build::Sensors;
 use loadtwin_files::scratch::Scratch;
 use loadtwin_machine::{Machine, MachineError};

@@ -4,9 +4,9 @@
 use std::path::PathBuf;
 
 use crate::candidate_effect::fitted::FittedEffect;
+use crate::diagnosable::Diagnosable;
 use crate::diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput};
 use crate::filter_check::{Courses, Evaluated, courses, described};
-use crate::machine_kind::Diagnosable;
 use loadtwin_machine::Machine;
 use loadtwin_replay::{Comparison, Tendency};
 

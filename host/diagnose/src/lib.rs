@@ -25,14 +25,14 @@
 mod assessment;
 mod bearing;
 pub mod candidate_effect;
+mod diagnosable;
 mod diagnosis;
 mod diagnosis_report;
 mod drivetrain;
+mod error_interval;
 mod filter_check;
 mod filter_contradiction;
 mod filter_run;
-mod load_error;
-mod machine_kind;
 mod null_samples;
 mod regression;
 mod residual_model;
@@ -53,6 +53,7 @@ pub use assessment::residual_tests::{ResidualTests, Test, TestResult, residual_t
 pub use assessment::verdict::{Verdict, by_name, cannot_show};
 pub use bearing::BearingResiduals;
 pub use candidate_effect::fitted::FittedEffect;
+pub use diagnosable::Diagnosable;
 pub use diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput};
 pub use diagnosis_report::html_page::{headline, page};
 pub use diagnosis_report::json::report;
@@ -63,9 +64,8 @@ pub use drivetrain::residual_reader::read_residuals;
 pub use drivetrain::residual_signals::{
     DrivetrainResiduals, Kind, Regressor, ResidualSignal, TorqueSource,
 };
+pub use error_interval::{Interval, LoadErrors};
 pub use filter_check::{Evaluated, FilterCheck, check_filter};
-pub use load_error::{Interval, LoadErrors};
-pub use machine_kind::Diagnosable;
 pub use residual_model::{Covariate, ResidualModel, Shaft};
 pub use rotor::RotorResiduals;
 pub use selection::candidates::RankedCandidate;

@@ -13,7 +13,7 @@ use crate::diagnosis_result::{
 };
 use crate::least_squares::{Columns, fit};
 use crate::remaining_residual::Remainder;
-use crate::shape_std;
+use crate::shape_parameter_std;
 use crate::smoothed_motion::Motion;
 use crate::stepwise::{Selection, next_experiment};
 use loadtwin_machine::{Balance, BalanceEffect};
@@ -121,7 +121,7 @@ impl Outcome {
             linear,
             effects,
             model_std: (selection.fitted().left_out_squares() / table.len() as f64).sqrt(),
-            shape_stds: shape_std::shape_stds(selection, fitted, table),
+            shape_stds: shape_parameter_std::shape_stds(selection, fitted, table),
             error,
             validated: validated(validation, held_out, &before, &after),
             residuals: residuals(validation, held_out, before, after),

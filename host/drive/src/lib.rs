@@ -31,7 +31,7 @@ mod noise_levels;
 mod outliers;
 mod remaining_residual;
 mod report_page;
-mod shape_std;
+mod shape_parameter_std;
 mod significance;
 mod smoothed_motion;
 mod stepwise;

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::rule::{Checked, at_least, names, positive, range, unique, within};
+use super::field_checks::{Checked, at_least, names, positive, range, unique, within};
 
 /// Shapes of the outer ring: `1, cos 2, sin 2, cos 3, sin 3` of the azimuth.
 pub const SHAPES: usize = 5;

@@ -7,7 +7,9 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::rule::{Checked, at_least, at_most, names, nonzero, one_of, positive, unique, within};
+use super::field_checks::{
+    Checked, at_least, at_most, names, nonzero, one_of, positive, unique, within,
+};
 use super::{Drift, Friction, Gears, Senses};
 
 /// Most inertias of a chain.

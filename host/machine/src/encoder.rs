@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::rule::{Checked, finite, nonzero, positive, within};
+use super::field_checks::{Checked, finite, nonzero, positive, within};
 use loadtwin_recording::Role;
 
 /// Standard deviation of a count that is rounded, `1 / sqrt 12` (counts).

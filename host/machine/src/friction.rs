@@ -5,7 +5,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::rule::{Checked, at_least, positive, range, refuse};
+use super::field_checks::{Checked, at_least, positive, range, refuse};
 
 /// Dry friction between an inertia and the housing, at the inertia's own speed `w`:
 ///

@@ -5,7 +5,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::rule::{Checked, at_least, nonzero, positive, range, unique, within};
+use super::field_checks::{Checked, at_least, nonzero, positive, range, unique, within};
 
 /// A planetary stage with fixed ring gear, driven at its carrier, and helical
 /// stages behind its sun.

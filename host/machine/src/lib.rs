@@ -20,15 +20,16 @@
 
 mod adc;
 mod angle_map;
-mod balance;
 mod bearing;
 mod channel;
 mod channel_encoding;
-mod check;
+mod description_check;
+mod drive_balance;
 mod drive_sensors;
 mod drivetrain;
 mod encoder;
 mod error;
+mod field_checks;
 mod friction;
 mod gears;
 mod kind;
@@ -37,7 +38,6 @@ mod ross;
 mod rotor;
 mod rotor_bearing;
 mod rotor_sensors;
-mod rule;
 pub mod strain;
 
 use std::collections::BTreeMap;
@@ -51,7 +51,6 @@ pub use angle_map::{
     MAP_ENTRIES, MAPS, complete_columns, read_column, read_columns, resampled, six_digits,
     write_columns,
 };
-pub use balance::{Balance, BalanceEffect, Estimated, Regime, Signal};
 pub use bearing::{
     BEARING_LOADS, Bearing, BearingFilter, LoadRanges, OuterRingGauge, PreloadAlong, SHAPES,
 };
@@ -60,6 +59,7 @@ pub use channel::{
     SLOWEST_S, Senses, Thermal, earlier, followed, lag,
 };
 pub use channel_encoding::Encoding;
+pub use drive_balance::{Balance, BalanceEffect, Estimated, Regime, Signal};
 pub use drivetrain::{Direction, Drivetrain, ErrorBand, Inertia, Load, MOST_INERTIAS, Shaft};
 pub use encoder::{Counter, Eccentricity, Encoder, Index, IndexSignal, QUANTISATION};
 pub use error::{MachineError, Violation};

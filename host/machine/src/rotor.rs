@@ -8,7 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::RotorBearing;
-use super::rule::{Checked, at_least, one_of, positive, range, unique, within};
+use super::field_checks::{Checked, at_least, one_of, positive, range, unique, within};
 
 /// A shaft of beam elements with discs, bearings and forces.
 ///

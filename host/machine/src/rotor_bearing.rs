@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Rotor;
-use super::rule::{Checked, listed, refuse, within};
+use super::field_checks::{Checked, listed, refuse, within};
 
 /// A 2 x 2 matrix over x and y, row by row: `[[xx, xy], [yx, yy]]`.
 pub type Coefficients = [[f64; 2]; 2];

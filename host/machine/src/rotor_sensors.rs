@@ -3,7 +3,7 @@
 
 use loadtwin_common::rotor::WAVES;
 
-use super::rule::{Checked, at_most, finite, nonzero, one_of, positive, refuse, within};
+use super::field_checks::{Checked, at_most, finite, nonzero, one_of, positive, refuse, within};
 use super::{Channel, Machine, Rotor, Senses};
 use loadtwin_recording::Quantity;
 

@@ -14,14 +14,15 @@
     )
 )]
 
+mod additive_sums;
 mod band_coverage;
-mod baselines;
+mod bearing_baselines;
 mod consistency;
 mod description_comparison;
-mod displacements;
+mod displacement_errors;
 mod encoder_counts;
 mod error_figures;
-mod estimates;
+mod estimate_table;
 mod index_pulse;
 mod known_loads;
 mod lag_buffer;
@@ -33,7 +34,6 @@ mod rotor_columns;
 mod run;
 mod samples;
 mod speed_range;
-mod sums;
 mod wanted_columns;
 
 use std::path::Path;
@@ -42,15 +42,16 @@ use loadtwin_common::estimator::Estimator;
 use loadtwin_common::io::estimate::Estimate;
 use thiserror::Error;
 
+pub use additive_sums::{LoadSums, Sums, SumsReport};
 pub use band_coverage::{Band, BandFigures};
-pub use baselines::Baselines;
+pub use bearing_baselines::Baselines;
 pub use consistency::{
     BIASED, CONTRADICTING, Cause, Consistency, SETTLED, SensorConsistency, SensorSums,
 };
 pub use description_comparison::{Change, Comparison, Course, Tendency};
-pub use displacements::{Displacements, NodeFigures, displacement_columns};
+pub use displacement_errors::{Displacements, NodeFigures, displacement_columns};
 pub use error_figures::{Figures, LoadFigures, Whiteness};
-pub use estimates::{ESTIMATES, EstimateRows, EstimateWriter};
+pub use estimate_table::{ESTIMATES, EstimateRows, EstimateWriter};
 pub use index_pulse::IndexError;
 pub use known_loads::{RecordedError, recorded};
 pub use phasor_baseline::{Phasor, PhasorFigures};
@@ -59,7 +60,6 @@ pub use rotor_columns::{NodeChoice, NodeColumns};
 pub use run::{LARGEST_STATE, Run, STATE_MARK};
 pub use samples::{Sample, Samples, has_state};
 pub use speed_range::Speeds;
-pub use sums::{LoadSums, Sums, SumsReport};
 
 use loadtwin_design::build::{self, BuildError, Sensors};
 use loadtwin_machine::Machine;

@@ -9,7 +9,7 @@ use loadtwin_common::io::raw::RawSample;
 use serde::{Deserialize, Serialize};
 
 use super::ReplayError;
-use super::displacements::displacement_columns;
+use super::displacement_errors::displacement_columns;
 use super::encoder_counts::{Motion, motions};
 use super::index_pulse::{Pulse, Pulses};
 use super::reading_correction::Correction;

@@ -35,6 +35,7 @@
 )]
 
 mod angle_function;
+mod bench_torques;
 mod bending_load;
 mod chain_parameters;
 mod drivetrain_plant;
@@ -51,7 +52,6 @@ mod simulated_drivetrain;
 mod simulated_encoder;
 mod simulated_gauge;
 mod simulated_rotor;
-mod test_bench;
 
 pub use crate::drivetrain_scenario::{Course, Demand, Scenario};
 pub use crate::error::SimulateError;

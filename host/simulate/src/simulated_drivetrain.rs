@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 use crate::angle_function::AngleFunction;
+use crate::bench_torques::{Bench, place};
 use crate::bending_load::BendingLoad;
 use crate::chain_parameters::Chain;
 use crate::drivetrain_plant::{Drive, Plant};
@@ -18,7 +19,6 @@ use crate::recorder::{Recorder, Sampled, check_duration};
 use crate::rng::Draw;
 use crate::simulated_encoder::{Encoder, Index};
 use crate::simulated_gauge::{Delay, Gauge, Moment, Thermal};
-use crate::test_bench::{Bench, place};
 use loadtwin_machine::{Auxiliary, Channel, Drivetrain, Machine, Reference, Senses};
 use loadtwin_recording::{OutputColumn, Quantity, Unit};
 

@@ -26,7 +26,7 @@ mod simulate;
 mod spool;
 mod tables;
 mod tune;
-mod tune_report;
+mod tune_output;
 mod tune_rotor;
 mod zero;
 

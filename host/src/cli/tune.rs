@@ -14,7 +14,7 @@ use super::file_plan::{Plan, Replace};
 use super::layout_option::LayoutFile;
 use super::printing::{note, say, shown, shown_all};
 use super::progress::Progress;
-use super::tune_report::{
+use super::tune_output::{
     check_lines, check_report, complete_response, load_names, noise_report, print, process_noise,
     reached, report, shortfalls, warnings,
 };
@@ -40,7 +40,7 @@ const RESPONSE: Content = Content {
     is_same: |file| {
         Ok(file
             .header()
-            .starts_with(super::tune_report::FREQUENCY.as_bytes()))
+            .starts_with(super::tune_output::FREQUENCY.as_bytes()))
     },
 };
 

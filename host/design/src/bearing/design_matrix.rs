@@ -9,7 +9,7 @@ use loadtwin_common::bearing::{BASIS, FEATURES, GAUGES, HARMONICS, LOADS, ROWS};
 
 use crate::bearing::phase_tracking::CalibrationBlock;
 use crate::bearing::physical_parameters::{PhysicalParameters, geometry};
-use crate::bearing::rig_fit::Rig;
+use crate::bearing::rig_calibration::Rig;
 use crate::error::BuildError;
 
 /// Powers of the time that follow the warming of the bulk strain, constant to cubic.

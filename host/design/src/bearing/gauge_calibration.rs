@@ -13,7 +13,7 @@ use crate::bearing::design_matrix::{
     BULK_TERMS, COEFFICIENTS, DRIFT_TERMS, Normal, features, normal, rows,
 };
 use crate::bearing::phase_tracking::CalibrationBlock;
-use crate::bearing::rig_fit::{ERROR_CORRELATION_FACTOR, Rig};
+use crate::bearing::rig_calibration::{ERROR_CORRELATION_FACTOR, Rig};
 use crate::error::BuildError;
 
 /// Stretches of the recording between which errors count as independent.

@@ -7,7 +7,7 @@ use loadtwin_common::bearing::{BASIS, GAUGES, ROWS};
 use crate::bearing::calibration_file::{Calibration, GaugeResponse};
 use crate::bearing::design_matrix::{rows, settled};
 use crate::bearing::phase_tracking::CalibrationBlock;
-use crate::bearing::rig_fit::Rig;
+use crate::bearing::rig_calibration::Rig;
 use crate::error::BuildError;
 
 /// Prediction of a calibration for a block, given its loads and phases.

@@ -11,7 +11,7 @@ mod model_image;
 mod phase_tracking;
 mod physical_fit;
 mod physical_parameters;
-mod rig_fit;
+mod rig_calibration;
 
 pub use crate::bearing::calibration_file::{CALIBRATION, Calibration, GaugeResponse};
 pub use crate::bearing::design_matrix::DRIFT_TERMS;
@@ -19,4 +19,4 @@ pub use crate::bearing::gauge_prediction::{Prediction, predict_readings};
 pub use crate::bearing::model_image::{calibration, image, model};
 pub use crate::bearing::phase_tracking::{CalibrationBlock, block_samples, track_phases};
 pub use crate::bearing::physical_parameters::PhysicalParameters;
-pub use crate::bearing::rig_fit::{Rig, RigSample, calibrate, fit};
+pub use crate::bearing::rig_calibration::{Rig, RigSample, calibrate, fit};

@@ -7,7 +7,7 @@ use loadtwin_common::bearing::{BLOCK_HZ, BearingEstimator as Filter, BearingMode
 
 use crate::bearing::calibration_file::Calibration;
 use crate::bearing::model_image::model;
-use crate::bearing::rig_fit::{Rig, RigSample};
+use crate::bearing::rig_calibration::{Rig, RigSample};
 use crate::error::BuildError;
 
 /// Factor on the resting errors of the gauges while phases are tracked: with the loads given, a

@@ -12,7 +12,7 @@ use crate::bearing::calibration_file::Calibration;
 use crate::bearing::design_matrix::{COEFFICIENTS, features, normal, rows, weight};
 use crate::bearing::phase_tracking::CalibrationBlock;
 use crate::bearing::physical_parameters::{PARAMETERS, PhysicalParameters};
-use crate::bearing::rig_fit::{ERROR_CORRELATION_FACTOR, Rig};
+use crate::bearing::rig_calibration::{ERROR_CORRELATION_FACTOR, Rig};
 use crate::error::BuildError;
 
 /// One block in this many is used.

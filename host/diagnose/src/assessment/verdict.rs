@@ -9,7 +9,7 @@ use crate::assessment::residual_excess::ResidualExcess;
 use crate::assessment::residual_tests::{ResidualTests, Test, TestResult};
 use crate::candidate_effect::Effect;
 use crate::candidate_effect::fitted::FittedEffect;
-use crate::machine_kind::Diagnosable;
+use crate::diagnosable::Diagnosable;
 use crate::null_samples::NullSamples;
 use crate::regression::cross_validation::RegressionData;
 use crate::regression::design_matrix::base_columns;

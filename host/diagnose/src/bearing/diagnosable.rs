@@ -12,13 +12,13 @@ use crate::bearing::recorded_blocks::BearingRecording;
 use crate::bearing::residual_computation::BearingContext;
 use crate::bearing::{
     BearingResiduals, BearingSignal, BearingTarget, Kind, STREAMS, candidate_effect,
-    improved_description, null_distribution,
+    improved_description, null_simulation,
 };
 use crate::candidate_effect::Effect;
 use crate::candidate_effect::fitted::FittedEffect;
+use crate::diagnosable::Diagnosable;
 use crate::diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput, SEED};
-use crate::load_error::LoadErrors;
-use crate::machine_kind::Diagnosable;
+use crate::error_interval::LoadErrors;
 use crate::regression::joint_fit::residuals_after;
 use crate::residual_model::Columns;
 use crate::residual_model::SignalSet;
@@ -122,7 +122,7 @@ impl Diagnosable for BearingResiduals {
         }
         progress(0.2);
         let holdout = recordings.split_off(paths.len());
-        let null_samples = null_distribution::null_samples(&rig, &mut recordings, SEED)?;
+        let null_samples = null_simulation::null_samples(&rig, &mut recordings, SEED)?;
         for recording in &mut recordings {
             for (k, signal) in recording.residuals.iter_mut().enumerate() {
                 signal.noise_std = rms(null_samples

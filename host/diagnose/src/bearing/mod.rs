@@ -10,7 +10,7 @@
 mod candidate_effect;
 mod diagnosable;
 mod improved_description;
-mod null_distribution;
+mod null_simulation;
 mod recorded_blocks;
 mod residual_computation;
 

@@ -5,10 +5,10 @@ use crate::Verdict;
 use crate::assessment::parameter_std::parameter_stds;
 use crate::candidate_effect::Scope;
 use crate::candidate_effect::fitted::FittedEffect;
+use crate::diagnosable::Diagnosable;
 use crate::diagnosis::Diagnosis;
 use crate::diagnosis_report::nonlinear_parameter_std::shape_stds;
 use crate::filter_check::FilterCheck;
-use crate::machine_kind::Diagnosable;
 use loadtwin_report::{EffectSize, Finding, Table};
 
 /// Units of parameters that number a place, which the page names instead.

@@ -4,10 +4,10 @@
 
 use crate::assessment::verdict::cannot_show;
 use crate::candidate_effect::Scope;
+use crate::diagnosable::Diagnosable;
 use crate::diagnosis::Diagnosis;
 use crate::diagnosis_report::findings::findings;
 use crate::filter_check::FilterCheck;
-use crate::machine_kind::Diagnosable;
 use crate::{Innovations, Interval, Verdict};
 use loadtwin_machine::Machine;
 use loadtwin_replay::Comparison;

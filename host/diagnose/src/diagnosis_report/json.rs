@@ -11,10 +11,10 @@ use crate::assessment::residual_excess::ResidualExcess;
 use crate::assessment::verdict::{MIN_FAULT_LOG_ODDS, Verdict, cannot_show, fault_log_odds};
 use crate::candidate_effect::Scope;
 use crate::candidate_effect::fitted::FittedEffect;
+use crate::diagnosable::Diagnosable;
 use crate::diagnosis::Diagnosis;
 use crate::diagnosis_report::nonlinear_parameter_std::shape_stds;
 use crate::filter_check::FilterCheck;
-use crate::machine_kind::Diagnosable;
 use loadtwin_machine::Machine;
 use loadtwin_replay::ReplayError;
 

@@ -8,6 +8,7 @@ use serde_json::{Map, Value, json};
 
 use crate::candidate_effect::Effect;
 use crate::candidate_effect::fitted::FittedEffect;
+use crate::diagnosable::Diagnosable;
 use crate::diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput, SEED};
 use crate::drivetrain::candidate_effect::{GaugeModel, LIBRARY};
 use crate::drivetrain::gauge_median::MIN_GAUGES;
@@ -15,9 +16,8 @@ use crate::drivetrain::load_error::load_errors;
 use crate::drivetrain::residual_signals::{
     DrivetrainResiduals, Kind, Regressor, ResidualSignal, TorqueSource,
 };
-use crate::drivetrain::{improved_description, null_distribution, residual_reader};
-use crate::load_error::LoadErrors;
-use crate::machine_kind::Diagnosable;
+use crate::drivetrain::{improved_description, null_simulation, residual_reader};
+use crate::error_interval::LoadErrors;
 use crate::residual_model::Columns;
 use crate::residual_model::{Covariate, Nuisance, ResidualModel, Shaft};
 use crate::selection::relevance::RELEVANT_PART;
@@ -59,7 +59,7 @@ impl Diagnosable for DrivetrainResiduals {
             end = recording.signals.t.last().copied().unwrap_or(0.0) + recording.signals.dt_s;
         }
         progress(0.2);
-        let null_samples = null_distribution::null_samples(machine, &mut recordings, SEED);
+        let null_samples = null_simulation::null_samples(machine, &mut recordings, SEED);
         for recording in &mut recordings {
             residual_reader::remove_carrier_offset(
                 &mut recording.residuals,

@@ -4,8 +4,8 @@
 
 use crate::candidate_effect::fitted::FittedEffect;
 use crate::drivetrain::residual_signals::{DrivetrainResiduals, Kind, TorqueSource};
-use crate::load_error::means;
-use crate::load_error::{BeforeAfter, Interval, LoadErrors};
+use crate::error_interval::means;
+use crate::error_interval::{BeforeAfter, Interval, LoadErrors};
 use crate::regression::joint_fit::residuals_after;
 
 /// Length of the blocks over which errors are summed [s].

@@ -14,7 +14,7 @@ mod inserted_gear;
 pub mod inverse_dynamics;
 pub mod known_torques;
 pub mod load_error;
-pub mod null_distribution;
+pub mod null_simulation;
 pub mod plausibility;
 pub mod recorded_samples;
 pub mod residual_computation;

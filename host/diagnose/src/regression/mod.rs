@@ -5,5 +5,5 @@ pub mod cross_validation;
 pub mod design_matrix;
 pub mod joint_fit;
 pub mod normal_equations;
-pub mod pooled;
 pub mod projection;
+pub mod shared_parameters;

@@ -9,9 +9,9 @@ use serde_json::{Map, Value, json};
 use crate::assessment::verdict::cannot_show;
 use crate::candidate_effect::fitted::FittedEffect;
 use crate::candidate_effect::{Effect, Scope};
+use crate::diagnosable::Diagnosable;
 use crate::diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput, SEED};
-use crate::load_error::LoadErrors;
-use crate::machine_kind::Diagnosable;
+use crate::error_interval::LoadErrors;
 use crate::regression::joint_fit::residuals_after;
 use crate::residual_model::Columns;
 use crate::residual_model::SignalSet;
@@ -19,7 +19,7 @@ use crate::residual_model::{Covariate, Nuisance, ResidualModel, Shaft};
 use crate::rotor::recorded_samples::RotorRecording;
 use crate::rotor::{
     RotorResiduals, RotorSignal, RotorTarget, candidate_effect, improved_description,
-    null_distribution,
+    null_simulation,
 };
 use crate::selection::relevance::RELEVANT_PART;
 use crate::selection::stepwise::Selection;
@@ -55,10 +55,10 @@ impl Diagnosable for RotorResiduals {
             recordings.push(recording);
         }
         progress(0.3);
-        let fault_free = null_distribution::simulated(machine, &sensors, &mut recordings, SEED)?;
+        let fault_free = null_simulation::simulated(machine, &sensors, &mut recordings, SEED)?;
         progress(0.9);
         let holdout = recordings.split_off(paths.len());
-        let null_samples = null_distribution::null_samples(&recordings, &fault_free, SEED);
+        let null_samples = null_simulation::null_samples(&recordings, &fault_free, SEED);
         Ok(DiagnosisInput {
             recordings,
             holdout,

@@ -11,7 +11,7 @@
 mod candidate_effect;
 mod diagnosable;
 mod improved_description;
-mod null_distribution;
+mod null_simulation;
 mod recorded_samples;
 mod residual_computation;
 mod uncertain_parameters;

@@ -17,6 +17,6 @@ mod linux;
 pub(crate) use linux::{link, unnamed};
 
 #[cfg(not(target_os = "linux"))]
-mod unlinked;
+mod not_linux;
 #[cfg(not(target_os = "linux"))]
-pub(crate) use unlinked::{link, unnamed};
+pub(crate) use not_linux::{link, unnamed};

@@ -7,9 +7,9 @@ mod filter_trial;
 mod frequency_response;
 mod holdout_comparison;
 mod load_noise;
-mod parameter_noise;
 mod pattern_search;
 mod report_page;
+mod sampled_process_noise;
 mod training_recordings;
 
 use thiserror::Error;
@@ -20,9 +20,9 @@ pub use crate::tune::filter_trial::{Outcome, Trial};
 pub use crate::tune::frequency_response::{FrequencyResponse, Weighting};
 pub use crate::tune::holdout_comparison::{Check, Descriptions, HOLDOUT_PART, Holdout};
 pub use crate::tune::load_noise::{LoadNoise, Method, Tuned, common_walk, tune_loads};
-pub use crate::tune::parameter_noise::sampled_process_noise;
 pub use crate::tune::pattern_search::pattern_search;
 pub use crate::tune::report_page::{page, reached_hz};
+pub use crate::tune::sampled_process_noise::sampled_process_noise;
 pub use crate::tune::training_recordings::Training;
 pub(crate) use crate::tune::training_recordings::starts;
 

@@ -10,7 +10,7 @@ mod dialect;
 mod header;
 mod lines;
 mod number;
-mod outline;
+mod table_detection;
 
 use std::path::Path;
 
@@ -21,7 +21,7 @@ use super::{BLOCK_ROWS, shown};
 pub(super) use cell_kind::Kind;
 use cells::Cells;
 use lines::Lines;
-pub(super) use outline::outline;
+pub(super) use table_detection::outline;
 
 pub(super) struct Csv {
     lines: Lines,

@@ -2,7 +2,7 @@
 //! level, then gives the pulses row by row, each with its count where one is latched.
 
 mod index_column;
-mod latched;
+mod latched_counts;
 mod level;
 mod turn_check;
 
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use self::index_column::IndexColumn;
-use self::latched::Latched;
+use self::latched_counts::Latched;
 use self::level::Level;
 use super::ReplayError;
 use loadtwin_machine::{Index, IndexSignal, Machine};

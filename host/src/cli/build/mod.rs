@@ -2,7 +2,7 @@
 //! sensors, checks it for a board, signs it where a key is given, and packs it into an FMU on
 //! request.
 
-mod report;
+mod output;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use loadtwin_common::hardware::{EMULATED, Hardware, NUCLEO_G474RE};
 use loadtwin_common::image::{Image, Model};
 use loadtwin_common::io::signed_image;
 
-use self::report::Built;
+use self::output::Built;
 use super::file_plan::{Plan, Replace};
 use super::layout_option::load;
 use crate::atomic_file::{AtomicFile, Complete, publish};

@@ -16,7 +16,7 @@ pub use crate::bearing::baseline::regression::Regression;
 pub use crate::bearing::baseline::strain_model::StrainModel;
 
 use crate::bearing::phase_tracking::CalibrationBlock;
-use crate::bearing::rig_fit::{Rig, RigSample};
+use crate::bearing::rig_calibration::{Rig, RigSample};
 use crate::error::BuildError;
 
 /// Loads that the paper's algorithms estimate, as places among all five: the axial force is

@@ -9,7 +9,7 @@ use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 use crate::bearing::baseline::{ESTIMATED, Loads, OUT};
-use crate::bearing::rig_fit::{Rig, RigSample};
+use crate::bearing::rig_calibration::{Rig, RigSample};
 use crate::error::BuildError;
 
 /// Cut-off of the low-pass that extracts the bulk strain [Hz].

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::bearing::design_matrix::features;
 use crate::bearing::phase_tracking::CalibrationBlock;
 use crate::bearing::physical_parameters::PhysicalParameters;
-use crate::bearing::rig_fit::Rig;
+use crate::bearing::rig_calibration::Rig;
 use crate::error::BuildError;
 
 /// Coefficients of the sensitivity, `N_p + 1`.

@@ -6,7 +6,7 @@ use std::collections::HashSet;
 use loadtwin_recording::{Quantity, RATES_HZ, Unit};
 
 use super::error::Violation;
-use super::rule::{
+use super::field_checks::{
     Checked, at_least, at_most, finite, names, nonzero, one_of, positive, range, refuse, within,
 };
 use super::{

@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 
 use crate::candidate_effect::fitted::FittedEffect;
 use crate::diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput};
-use crate::load_error::LoadErrors;
+use crate::error_interval::LoadErrors;
 use crate::residual_model::ResidualModel;
 use crate::selection::stepwise::Selection;
 use loadtwin_machine::Machine;

@@ -7,7 +7,7 @@ use std::collections::HashSet;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::rule::{Checked, finite, nonzero, positive, range, within};
+use super::field_checks::{Checked, finite, nonzero, positive, range, within};
 use loadtwin_recording::{Quantity, Unit};
 
 /// A drive whose torque or force is recorded together with its motion.
