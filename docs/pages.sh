@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
-# Draws the pictures of report pages in the documentation: docs/replay-page.png and docs/diagnose-page.png.
+# Draws the pictures of report pages in the documentation: docs/*-page.png.
 # Needs loadtwin on the PATH, chromium and Pillow (target/venv has it, with matplotlib). Run it in the root of the clone.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 
-picture() { # PAGE HEIGHT PICTURE
+picture() { # PAGE HEIGHT PICTURE [WIDTH]
     chromium --headless --no-sandbox --disable-gpu --hide-scrollbars --user-data-dir="$folder/profile" \
-        --virtual-time-budget=5000 --window-size="900,$2" --screenshot=page.png "file://$1#theme=light" 2>"$folder/log"
+        --virtual-time-budget=5000 --window-size="${4:-900},$2" --screenshot=page.png "file://$1#theme=light" 2>"$folder/log"
     # Below 100 kB.
     python3 -c 'import sys; from PIL import Image; Image.open("page.png").convert("RGB").quantize(64).save(sys.argv[1], optimize=True)' \
         "$3"
@@ -24,3 +24,23 @@ loadtwin simulate bench.toml --scenario reversals --duration-s 20 --seed 1 --eff
 loadtwin simulate bench.toml --scenario start-stop --duration-s 30 --seed 2 --effect gauge-creep -o validate.parquet
 loadtwin diagnose bench.toml fit.parquet --validate validate.parquet --report diagnose.html >diagnose.txt
 picture "$folder/diagnose.html" 1180 "$docs/diagnose-page.png"
+
+# The pages of a calibration, a tuning, a rotor, a bearing, a drive, a life and a fleet.
+cd "$docs/.."
+simulate() { loadtwin simulate "$@" >>"$folder/log"; }
+simulate examples/gearbox/machine.toml --scenario constant --seed 2 --individual 1 --effect paper -o "$folder/constant.parquet"
+simulate examples/gearbox/machine.toml --scenario torque-ramps --seed 2 --individual 1 --effect paper -o "$folder/ramps.parquet"
+loadtwin calibrate examples/gearbox/machine.toml "$folder/constant.parquet" "$folder/ramps.parquet" \
+    -o "$folder/my-gearbox.toml" --report "$folder/calibrate.html" >>"$folder/log"
+loadtwin tune examples/gearbox/calibrated.toml "$folder/constant.parquet" "$folder/ramps.parquet" --sensors torque-arm-3 \
+    -o "$folder/tuned.toml" --compare --report "$folder/tune.html" >>"$folder/log"
+simulate examples/rotor/machine.toml --duration-s 4 --seed 1 -o "$folder/rotor.parquet"
+loadtwin replay examples/rotor/machine.toml "$folder/rotor.parquet" --report "$folder/rotor.html" >>"$folder/log"
+simulate examples/bearing/calibrated.toml --scenario lc1 --duration-s 15 --seed 2 --individual 101 -o "$folder/lc1.parquet"
+loadtwin replay examples/bearing/calibrated.toml "$folder/lc1.parquet" --report "$folder/bearing.html" >>"$folder/log"
+loadtwin replay examples/gearbox/machine.toml examples/gearbox/start-stop.parquet --estimates "$folder/estimates.parquet" \
+    >>"$folder/log"
+loadtwin life "$folder/estimates.parquet" --exponents 3,9 -o "$folder/counts.parquet" --report "$folder/life.html" >>"$folder/log"
+for page in calibrate tune rotor bearing life; do
+    picture "$folder/$page.html" 1240 "$docs/$page-page.png" 1100
+done

@@ -2,35 +2,12 @@
 //! that took no part is below a bound. The data does not ship with the project: `LOADTWIN_DATA`, or
 //! the folder `shared/data` beside the checkout.
 
+mod measured_data;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The folder, or none with a line that says so to a person and to `tests/run`.
-fn measured(folder: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("LOADTWIN_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
-        PathBuf::from,
-    );
-    let path = root.join(folder);
-    if path.is_dir() {
-        return Some(path);
-    }
-    let line = format!(
-        "no {}: set LOADTWIN_DATA as docs/reference/accuracy.md says",
-        path.display()
-    );
-    eprintln!("skipped: {line}");
-    if let Some(list) = std::env::var_os("LOADTWIN_SKIPPED") {
-        use std::io::Write;
-        let mut list = std::fs::File::options()
-            .append(true)
-            .create(true)
-            .open(list)
-            .unwrap();
-        writeln!(list, "{line}").unwrap();
-    }
-    None
-}
+use measured_data::measured;
 
 /// Each error of a measured drive in docs/reference/accuracy.md is that of the laboratory notes.
 #[test]

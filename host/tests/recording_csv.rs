@@ -1,9 +1,12 @@
 //! Reader of recordings in text: units, dialects, gaps, and the message for each wrong file.
+mod measured_data;
+
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use loadtwin::recording::{Block, CsvLayout, Problem, Reader, RecordingError, Unit, Wanted};
 use loadtwin::recording::{Row, WrittenNan};
+use measured_data::measured;
 
 fn unit(text: &str) -> Unit {
     text.parse().unwrap()
@@ -374,24 +377,6 @@ fn a_hundred_megabytes_of_anything_fail_at_once_and_need_no_memory() {
     assert!(Reader::open(&bench.path(), &named, &[]).is_err());
     assert!(start.elapsed().as_secs() < 20);
     assert!(peak_memory() - before < 32_000_000);
-}
-
-/// Measured data that does not ship with the project.
-fn measured(folder: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("LOADTWIN_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
-        PathBuf::from,
-    );
-    let path = root.join(folder);
-    if path.exists() {
-        Some(path)
-    } else {
-        println!(
-            "skipped: no {} (LOADTWIN_DATA names the folder)",
-            path.display()
-        );
-        None
-    }
 }
 
 fn read_measured(path: &Path, layout: &str, want: &[Wanted]) -> (f64, Vec<f64>, Vec<Vec<f64>>) {

@@ -182,6 +182,14 @@ pub fn prefix_of(value: f64) -> (&'static str, f64) {
     }
 }
 
+/// A number with four significant digits, six decimals at most.
+pub fn significant(value: f64) -> String {
+    // Of 9.9999 as well, which is written 10.00.
+    let size = value.abs().max(1e-3) * (1.0 + 5e-5);
+    let digits = 3 - size.log10().floor() as i32;
+    format!("{value:.*}", digits.max(0) as usize)
+}
+
 /// Plots under one heading.
 #[derive(Clone, Debug, Default)]
 pub struct Section {

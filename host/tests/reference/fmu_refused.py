@@ -34,7 +34,7 @@ refused(fmi.enterInitializationMode, None, float("nan"))
 said(instance, "startTime")
 instance.initialise()
 assert instance.get()[f"{load}_valid"] is False
-refused(fmi.enterInitializationMode)
+refused(fmi.enterInitializationMode, None, 5.0)
 
 # Steps of one sample, one after the other.
 for size in (2 * fmu.period, fmu.period / 2, 0.0, -fmu.period, float("nan"), float("inf")):

@@ -90,6 +90,7 @@ unsafe extern "C" fn fmi3EnterInitializationMode(
 ) -> Status {
     const NAME: &str = "fmi3EnterInitializationMode";
     let run = |instance: &mut Instance| {
+        instance.go(NAME, Phase::Instantiated, Phase::Instantiated)?;
         instance.start_at(start_s)?;
         instance.go(NAME, Phase::Instantiated, Phase::Initialisation)
     };

@@ -5,15 +5,8 @@ use crate::calibrate::{BINS, Candidate, Gauge, MapSource, Observations, fine, fr
 use loadtwin_machine::{Channel, Machine};
 use loadtwin_report::{
     Axis, Data, KeyFigure, Mark, Plot, PlotSize, Report, Role, Section, Series, Table, prefix_of,
+    significant,
 };
-
-/// Four significant digits.
-fn significant(value: f64) -> String {
-    // Of 9.9999 as well, which is written 10.00.
-    let size = value.abs().max(1e-3) * (1.0 + 5e-5);
-    let digits = 3 - size.log10().floor() as i32;
-    format!("{value:.*}", digits.max(0) as usize)
-}
 
 /// Points over the carrier angle: bins of the moments put together.
 const POINTS: usize = 256;

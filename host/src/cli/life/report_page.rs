@@ -10,7 +10,8 @@ use super::count::Counted;
 use super::figures::Figures;
 use crate::cli::printing::shown_all;
 use crate::report::{
-    Axis, Data, KeyFigure, Mark, Plot, PlotSize, Report, Role, Section, Series, Table,
+    Axis, Data, KeyFigure, Mark, Plot, PlotSize, Report, Role, Section, Series, Table, prefix_of,
+    significant,
 };
 
 const NOTE: &str = "Matrix: one mark a cell, by its minimum and maximum, with the number of its closed cycles. \
@@ -78,6 +79,8 @@ fn counts_table(counted: &[Counted], period_s: f64) -> Table {
             let (seen, scale) = (counts.observation(), counts.scale());
             let (closed, residue) = counts.ended();
             let [from, to] = scale.ends();
+            let (prefix, factor) = prefix_of(f64::from(from.abs().max(to.abs())));
+            let size = |load: f32| significant(f64::from(load) / factor);
             let name = if several {
                 format!("{}, machine {number}", counted.name)
             } else {
@@ -85,18 +88,18 @@ fn counts_table(counted: &[Counted], period_s: f64) -> Table {
             };
             let extremes = counts.extremes().map_or_else(
                 || ["–".to_owned(), "–".to_owned()],
-                |extremes| extremes.map(|e| format!("{:.4}", e.load)),
+                |extremes| extremes.map(|extreme| size(extreme.load)),
             );
             let [lowest, highest] = extremes;
             rows.push(vec![
                 name,
-                counted.unit.to_string(),
+                format!("{prefix}{}", counted.unit),
                 closed.cycles().to_string(),
                 residue.ranges().count().to_string(),
                 lowest,
                 highest,
-                format!("{from:.4} to {to:.4}"),
-                format!("{:.4}", f32::from(counts.gate()) * scale.width()),
+                format!("{} to {}", size(from), size(to)),
+                size(f32::from(counts.gate()) * scale.width()),
                 format!("{:.2}", 100.0 * seen.share().unwrap_or(0.0)),
                 format!("{:.1}", seen.elapsed() as f64 * period_s),
                 seen.not_valid.to_string(),
@@ -127,17 +130,28 @@ fn counts_table(counted: &[Counted], period_s: f64) -> Table {
 }
 
 fn equivalent_loads((counted, figures): (&Counted, &Figures)) -> Table {
-    let unit = counted.unit;
+    let largest = figures
+        .equivalent
+        .iter()
+        .map(|of| of.load)
+        .fold(0.0, f64::max);
+    let (prefix, factor) = prefix_of(largest);
+    let size = |load: f64| significant(load / factor);
+    let unit = format!("{prefix}{}", counted.unit);
     let mut head = vec!["Exponent".into(), format!("As estimated [{unit}]")];
     if counted.noise_removed.is_some() {
         head.push(format!("Noise removed [{unit}]"));
         head.push(format!("90 % interval [{unit}]"));
     }
     let rows = figures.equivalent.iter().map(|of| {
-        let mut row = vec![of.exponent.to_string(), format!("{:.2}", of.load)];
+        let mut row = vec![of.exponent.to_string(), size(of.load)];
         if let Some(removed) = of.noise_removed {
-            row.push(format!("{:.2}", removed.value));
-            row.push(format!("{:.2} to {:.2}", removed.lower, removed.upper));
+            row.push(size(removed.value));
+            row.push(format!(
+                "{} to {}",
+                size(removed.lower),
+                size(removed.upper)
+            ));
         }
         row
     });
