@@ -1,6 +1,8 @@
 //! The command `loadtwin calibrate`: fits gauges to recordings with reference loads, proposes sets
 //! of gauges, and writes the calibrated description. A bearing is fitted to one recording on a rig.
 
+mod bearing;
+
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -8,7 +10,6 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
-use super::calibrate_bearing;
 use super::file_plan::{Plan, Replace};
 use super::layout_option::LayoutFile;
 use super::printing::{say, shown, shown_all};
@@ -92,15 +93,15 @@ impl Calibrate {
             .reads_once(&self.recordings)
             .writes("--report", self.report.as_deref(), PAGE);
         let machine = self.layout.machine(&self.machine)?;
-        if let Some(Kind::Bearing(bearing)) = machine.kind() {
+        if let Some(Kind::Bearing(described)) = machine.kind() {
             plan.writes("--output", self.output.as_deref(), CALIBRATION)
                 .check(as_json)?;
             let rig = Rig {
                 machine: &machine,
-                bearing,
+                bearing: described,
                 sensors: &Sensors::choose(&machine, None)?,
             };
-            return calibrate_bearing::run(&rig, self, as_json);
+            return bearing::run(&rig, self, as_json);
         }
         plan.writes_description("--output", self.output.as_deref())
             .check(as_json)?;
@@ -305,7 +306,6 @@ fn report(machine: &Machine, gauge: &Gauge, source: MapSource) -> Value {
     })
 }
 
-/// A line for each channel, the most sensitive first.
 /// A line for each set of sensors with the error of each load.
 fn print_bands(machine: &Machine, bands: &BTreeMap<String, BTreeMap<String, ErrorBand>>) {
     for set in &machine.sensor_sets {
@@ -324,6 +324,7 @@ fn print_bands(machine: &Machine, bands: &BTreeMap<String, BTreeMap<String, Erro
     }
 }
 
+/// A line for each channel, the most sensitive first.
 fn print(machine: &Machine, gauges: &[Gauge], source: MapSource) {
     let response = |g: &Gauge| g.surface.as_ref().map_or(0.0, |s| s.sensitivity().abs());
     let mut ranked: Vec<&Gauge> = gauges.iter().collect();
