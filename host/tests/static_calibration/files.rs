@@ -254,6 +254,10 @@ fn bad_tables_are_refused_in_one_line() {
         "brake_flange [Nm],left_upper [µm/m]\n0,0\n100,61\n",
         &["motor_flange"],
     );
+    refused(
+        &format!("{header}0,5\n100,5.1\n200,4.9\n100,5.1\n0,5\n"),
+        &["left_upper", "output", "0 within"],
+    );
     let mut ramp = "t [s],motor_flange [Nm],left_upper [µm/m]\n".to_owned();
     for i in 0..2000 {
         let load = 250.0 * (f64::from(i) / 200.0).sin();

@@ -146,7 +146,10 @@ fn intervals_hold_the_truth() {
         holds(calibration.sensitivity.interval(), SENSITIVITY)
     };
     for (name, (k, n)) in [
-        ("hysteresis", count(10_000..10_400, of_term("hysteresis", 0.1))),
+        (
+            "hysteresis",
+            count(10_000..10_400, of_term("hysteresis", 0.1)),
+        ),
         ("cubic", count(10_000..10_400, of_term("cubic", 0.05))),
         ("sensitivity", count(10_000..10_400, sensitivity)),
     ] {

@@ -198,8 +198,15 @@ fn fit_channel(
     check_enough(&data)?;
     let found = Characteristic::select(&data);
     let [zero, output] = found.line(&data);
-    if output.value == 0.0 {
-        return Err("its reading does not follow the load".into());
+    let [low, high] = output.interval();
+    if (low..=high).contains(&0.0) {
+        return Err(format!(
+            "its output at the largest load is 0 within its 95 % interval ({:.3e} to {:.3e} {}); allowed: a reading \
+             that follows the load",
+            channel.unit.from_si(low),
+            channel.unit.from_si(high),
+            channel.unit.symbol()
+        ));
     }
     let per_output = 100.0 / output.value;
     let findings = findings(&data, &found, per_output);

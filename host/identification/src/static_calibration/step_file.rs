@@ -8,7 +8,7 @@ use super::candidate_term::SAME_LOAD;
 use super::plateaus::{FEWEST, plateaus};
 use crate::calibrate::CalibrateError;
 use loadtwin_machine::{Channel, Encoding, Machine};
-use loadtwin_recording::{RATES_HZ, Reader, Role, Timing, Unit, Wanted, columns};
+use loadtwin_recording::{RATES_HZ, Reader, RecordingError, Role, Timing, Unit, Wanted, columns};
 
 /// Time over which samples of a recording are averaged first (s): a load is held for longer.
 const BLOCK_S: f64 = 0.05;
@@ -136,15 +136,7 @@ impl StepFile {
         } else {
             1
         };
-        let mut means = Means::new(per_block, wanted.len());
-        for block in reader {
-            let block = block?;
-            for i in 0..block.t.len() {
-                let row = (block.columns.iter()).map(|c| c.as_ref().map(|c| c[i]));
-                means.push(block.t[i], row);
-            }
-        }
-        let Means { t, mut values, .. } = means;
+        let Means { t, mut values, .. } = Means::of(reader, per_block, wanted.len())?;
         let zero = applied.unit.to_si(applied.zero);
         if let Some(load) = &mut values[0] {
             for x in load {
@@ -371,15 +363,23 @@ struct Means {
 }
 
 impl Means {
-    fn new(per_block: usize, columns: usize) -> Self {
-        Self {
+    fn of(reader: Reader, per_block: usize, columns: usize) -> Result<Self, RecordingError> {
+        let mut means = Self {
             per_block,
             rows: 0,
             sum_t: 0.0,
             sums: vec![(0.0, 0.0); columns],
             t: Vec::new(),
             values: vec![None; columns],
+        };
+        for block in reader {
+            let block = block?;
+            for i in 0..block.t.len() {
+                let row = (block.columns.iter()).map(|c| c.as_ref().map(|c| c[i]));
+                means.push(block.t[i], row);
+            }
         }
+        Ok(means)
     }
 
     fn push(&mut self, t: f64, row: impl Iterator<Item = Option<f64>>) {
