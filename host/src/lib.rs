@@ -31,7 +31,7 @@ pub use loadtwin_drive as balance;
 pub use loadtwin_files as files;
 pub use loadtwin_files::atomic_file;
 pub use loadtwin_fmu as fmu;
-pub use loadtwin_identification::{calibrate, error_band, rotor_tune, tune};
+pub use loadtwin_identification::{calibrate, error_band, rotor_tune, static_calibration, tune};
 pub use loadtwin_life as life;
 pub use loadtwin_machine as machine;
 pub use loadtwin_machine::strain;

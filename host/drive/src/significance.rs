@@ -2,6 +2,7 @@
 //! cross-validated error, and by Student's t test over stretches of the recordings.
 
 use crate::least_squares::Fit;
+use loadtwin_math::metrics::student_both_tails;
 
 /// Part by which the error of what was left out has to fall for an effect to be added.
 pub const LEAST_GAIN: f64 = 0.02;
@@ -63,10 +64,7 @@ fn chance(x: &[f64]) -> f64 {
 
 /// `P(T > t)` of Student's distribution.
 fn student_tail(t: f64, freedom: f64) -> f64 {
-    use special::Beta;
-    let x = freedom / (freedom + t * t);
-    let (a, b) = (0.5 * freedom, 0.5);
-    let both = x.inc_beta(a, b, a.ln_beta(b));
+    let both = student_both_tails(t, freedom);
     if t > 0.0 {
         0.5 * both
     } else {

@@ -1,6 +1,7 @@
 //! Identification from recordings: gauge sensitivities and noise of a drivetrain ([`calibrate`]),
 //! noise of its filter ([`tune`]) and of a rotor's ([`rotor_tune`]), error of the loads
-//! ([`error_band`]).
+//! ([`error_band`]); characteristics of bridges and load cells from loads at rest
+//! ([`static_calibration`]).
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),
@@ -17,4 +18,5 @@
 pub mod calibrate;
 pub mod error_band;
 pub mod rotor_tune;
+pub mod static_calibration;
 pub mod tune;

@@ -30,7 +30,10 @@ const EXAMPLES: [(&str, &[&str]); 25] = [
     ),
     (
         "calibrate",
-        &["calibrate machine.toml ramps.parquet -o calibrated.toml --report calibration.html"],
+        &[
+            "calibrate machine.toml ramps.parquet -o calibrated.toml --report calibration.html",
+            "calibrate machine.toml loads.csv --static motor_flange -o calibrated.toml",
+        ],
     ),
     (
         "simulate",

@@ -3,7 +3,6 @@
 
 mod build;
 mod calibrate;
-mod calibrate_bearing;
 mod can;
 mod demo;
 mod diagnose;

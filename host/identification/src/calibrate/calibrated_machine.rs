@@ -167,17 +167,21 @@ impl Description {
         if is.late_s != was.late_s {
             self.set_number("channel", name, "late_s", is.late_s);
         }
-        if is.creep != was.creep
-            && let Some(Creep { at_nominal, time_s }) = is.creep
-        {
-            let numbers = [("at_nominal", at_nominal), ("time_s", time_s)];
-            self.set_numbers("channel", name, "creep", numbers.into_iter());
+        match is.creep {
+            same if same == was.creep => {}
+            Some(Creep { at_nominal, time_s }) => {
+                let numbers = [("at_nominal", at_nominal), ("time_s", time_s)];
+                self.set_numbers("channel", name, "creep", numbers.into_iter());
+            }
+            None => self.remove("channel", name, "creep"),
         }
-        if is.hysteresis != was.hysteresis
-            && let Some(Hysteresis { half_width, level }) = is.hysteresis
-        {
-            let numbers = [("half_width", half_width), ("level", level)];
-            self.set_numbers("channel", name, "hysteresis", numbers.into_iter());
+        match is.hysteresis {
+            same if same == was.hysteresis => {}
+            Some(Hysteresis { half_width, level }) => {
+                let numbers = [("half_width", half_width), ("level", level)];
+                self.set_numbers("channel", name, "hysteresis", numbers.into_iter());
+            }
+            None => self.remove("channel", name, "hysteresis"),
         }
         if is.thermal != was.thermal
             && let Some(Thermal {

@@ -1,7 +1,8 @@
 //! Computes the mean difference of two estimators on the same samples, with a 95 % interval that
 //! accounts for correlation in time.
 
-use super::prediction_interval::{APART, student};
+use super::prediction_interval::{APART, OUTSIDE};
+use super::student_quantile;
 
 /// Stretches into which a sequence of differences is divided.
 const STRETCHES: usize = 16;
@@ -45,7 +46,7 @@ impl PairedDifference {
                 weights += 2.0 * w * w * (n - k as f64) / n;
             }
             let deviation = (variance.max(squares) * n / (n - 1.0)).sqrt();
-            let half = student((n / weights - 1.0).max(1.0)) * deviation;
+            let half = student_quantile((n / weights - 1.0).max(1.0), OUTSIDE) * deviation;
             [mean - half, mean + half]
         });
         Some(Self { mean, interval })

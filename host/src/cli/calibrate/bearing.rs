@@ -6,11 +6,11 @@ use std::time::Instant;
 
 use serde_json::{Value, json};
 
-use super::calibrate::Calibrate;
-use super::printing::{say, shown, shown_all};
-use super::progress::Progress;
+use super::Calibrate;
 use crate::atomic_file::{AtomicFile, publish};
 use crate::bearing::{CALIBRATION, Calibration, Rig, RigSample};
+use crate::cli::printing::{say, shown, shown_all};
+use crate::cli::progress::Progress;
 use crate::machine::BEARING_LOADS;
 use crate::origin::with_origin;
 use crate::replay::recorded;

@@ -2,6 +2,9 @@
 //! recordings with reference loads, proposes sets of gauges, and writes the calibrated description
 //! and a page. A bearing goes to `calibrate_bearing.rs`.
 
+mod bearing;
+mod static_loads;
+
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -9,7 +12,6 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
-use super::calibrate_bearing;
 use super::file_plan::{Plan, Replace};
 use super::layout_option::LayoutFile;
 use super::printing::{say, shown, shown_all};
@@ -36,7 +38,8 @@ const NEAR: usize = 2;
 /// Fit offset, sensitivity, position and noise of gauges to recordings with reference loads.
 ///
 /// The recordings must turn the carrier at least once and vary the torque: a
-/// slow ramp, and a stretch at constant torque.
+/// slow ramp, and a stretch at constant torque. With --static the machine stands
+/// still, and loads are put on and taken off.
 #[derive(Debug, Args)]
 pub struct Calibrate {
     /// Machine description (TOML).
@@ -66,6 +69,15 @@ pub struct Calibrate {
     /// for channels other than strain there is no limit.
     #[arg(long, value_name = "UM_PER_M", default_value_t = 5.0)]
     largest_mae: f64,
+    /// Calibrate without motion: COLUMN has the applied load, a reference or a load of the machine.
+    /// Files are tables with one load a row, or recordings of loads that are held; each is a run, unless
+    /// it has a column `run`.
+    #[arg(
+        long = "static",
+        value_name = "COLUMN",
+        conflicts_with_all = ["report", "error_bands", "patch", "maps", "largest_mae"]
+    )]
+    applied: Option<String>,
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
@@ -94,15 +106,20 @@ impl Calibrate {
             .reads_once(&self.recordings)
             .writes("--report", self.report.as_deref(), PAGE);
         let machine = self.layout.machine(&self.machine)?;
-        if let Some(Kind::Bearing(bearing)) = machine.kind() {
+        if let Some(column) = &self.applied {
+            plan.writes_description("--output", self.output.as_deref())
+                .check(as_json)?;
+            return static_loads::run(&machine, column, self, as_json);
+        }
+        if let Some(Kind::Bearing(described)) = machine.kind() {
             plan.writes("--output", self.output.as_deref(), CALIBRATION)
                 .check(as_json)?;
             let rig = Rig {
                 machine: &machine,
-                bearing,
+                bearing: described,
                 sensors: &Sensors::choose(&machine, None)?,
             };
-            return calibrate_bearing::run(&rig, self, as_json);
+            return bearing::run(&rig, self, as_json);
         }
         plan.writes_description("--output", self.output.as_deref())
             .check(as_json)?;
