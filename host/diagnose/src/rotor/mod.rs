@@ -132,6 +132,11 @@ impl RotorResiduals {
     }
 
     /// The rotor as described.
+    fn described(&self) -> &Rotor {
+        &self.context.described
+    }
+
+    /// The rotor with the uncertain parameters that were found.
     fn rotor(&self) -> &Rotor {
         &self.context.rotor
     }

@@ -21,6 +21,8 @@ const MOST_OFF: f64 = 4.0;
 
 /// The part of a recording that no effect changes.
 pub(crate) struct RotorContext {
+    /// As described.
+    pub described: Rotor,
     /// As described, except for the uncertain parameters.
     pub rotor: Rotor,
     pub channels: Vec<Channel>,
@@ -74,11 +76,21 @@ impl RotorContext {
         recorded: &Arc<RotorRecording>,
         beside: impl Fn(&Arc<Self>) -> Vec<(SignalSet, f64)>,
     ) -> Result<Arc<Self>, DiagnoseError> {
+        Self::settled(described, channels, recorded, &forces(described), beside)
+    }
+
+    /// Linearised repeatedly about the uncertain parameters that were found.
+    fn settled(
+        described: &Rotor,
+        channels: &[Channel],
+        recorded: &Arc<RotorRecording>,
+        forces: &[SynchronousForce],
+        beside: impl Fn(&Arc<Self>) -> Vec<(SignalSet, f64)>,
+    ) -> Result<Arc<Self>, DiagnoseError> {
         let rough = nuisances(described, &recorded.turning);
-        let forces = forces(described);
         let mut off = vec![0.0; rough.len()];
         for _ in 1..ROUNDS {
-            let context = Self::about(described, channels, recorded, &forces, &rough, &off)?;
+            let context = Self::about(described, channels, recorded, forces, &rough, &off)?;
             let context = Arc::new(context);
             let further = beside(&context);
             let found = (context.projection.with(further)).parameters(&known(&recorded.readings));
@@ -87,7 +99,7 @@ impl RotorContext {
                 *off = (*off + step).clamp(-MOST_OFF, MOST_OFF);
             }
         }
-        let context = Self::about(described, channels, recorded, &forces, &rough, &off)?;
+        let context = Self::about(described, channels, recorded, forces, &rough, &off)?;
         Ok(Arc::new(context))
     }
 
@@ -127,6 +139,7 @@ impl RotorContext {
         sizes.extend(&found[unbalances..]);
         let mut context = Self {
             explained: driven.reading(turning, &sizes),
+            described: described.clone(),
             channels: channels.to_vec(),
             recorded: Arc::clone(recorded),
             forces: forces.to_vec(),
@@ -159,20 +172,13 @@ impl RotorContext {
         change
     }
 
-    /// Residuals of the readings less those with `rotor`, each after its own best fit;
-    /// nothing where it is not held.
+    /// Residuals of the readings less those with `rotor` in place of the described one, each after
+    /// its own best fit of unbalances and uncertain parameters; nothing where it is not held.
     pub fn explained_beyond(&self, rotor: &Rotor) -> SignalSet {
-        let rough = nuisances(rotor, self.turning());
         let unbalances = &self.forces[..rotor.loads.len()];
-        let none = vec![0.0; rough.len()];
-        let other = Self::about(
-            rotor,
-            &self.channels,
-            &self.recorded,
-            unbalances,
-            &rough,
-            &none,
-        );
+        let other = Self::settled(rotor, &self.channels, &self.recorded, unbalances, |_| {
+            Vec::new()
+        });
         let Ok(other) = other else {
             return vec![Vec::new(); self.channels.len()];
         };

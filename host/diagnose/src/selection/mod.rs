@@ -11,4 +11,5 @@ pub mod model_error;
 pub mod parameter_search;
 pub mod relevance;
 pub mod score;
+mod simplex_search;
 pub mod stepwise;

@@ -1,11 +1,13 @@
-//! Searches the nonlinear parameters of one effect, one after another, for the highest
-//! cross-validated evidence, by a pattern search from the best point of the grid.
+//! Searches the nonlinear parameters of one effect for the highest cross-validated evidence: one
+//! after another by a pattern search from the best point of the grid, then several together by a
+//! simplex search.
 
 use crate::candidate_effect::{Effect, NonlinearParameter};
 use crate::regression::cross_validation::{BaseModel, RegressionData};
 use crate::regression::design_matrix::columns;
 use crate::residual_model::ResidualModel;
 use crate::selection::score::CandidateScore;
+use crate::selection::simplex_search::{Point, maximise};
 
 /// Times that the step of the search is made smaller.
 const ROUNDS: usize = 5;
@@ -70,5 +72,48 @@ pub(crate) fn search_parameters<S: ResidualModel>(
             }
         }
     }
-    best.shape
+    let free: Vec<usize> = (0..best.shape.len())
+        .filter(|j| effect.nonlinear_parameters()[*j].step > 0.0)
+        .collect();
+    if free.len() < 2 {
+        return best.shape;
+    }
+    // Coordinates of the search: logarithms where the parameter is searched by factors.
+    let parameters = effect.nonlinear_parameters();
+    let coordinate = |j: usize, value: f64| {
+        if parameters[j].logarithmic {
+            value.ln()
+        } else {
+            value
+        }
+    };
+    let shape_at = |at: &[f64]| {
+        let mut shape = best.shape.clone();
+        for (&j, x) in free.iter().zip(at) {
+            let value = if parameters[j].logarithmic {
+                x.exp()
+            } else {
+                *x
+            };
+            shape[j] = value.clamp(parameters[j].bounds.0, parameters[j].bounds.1);
+        }
+        shape
+    };
+    let steps = |round: usize| -> Vec<f64> {
+        let smaller = SMALLER.powi(round as i32);
+        free.iter().map(|j| parameters[*j].step * smaller).collect()
+    };
+    let point = |trial: CandidateScore| Point {
+        at: free
+            .iter()
+            .map(|&j| coordinate(j, trial.shape[j]))
+            .collect(),
+        value: trial.log_evidence,
+        found: trial.shape,
+    };
+    let start = point(best.clone());
+    maximise(start, &steps(0), &steps(ROUNDS - 1), |at| {
+        point(evaluate(&shape_at(at)))
+    })
+    .found
 }

@@ -12,7 +12,8 @@ use loadtwin_machine::Rotor;
 const FACTORS: [f64; 6] = [0.4, 0.6, 0.8, 1.25, 1.7, 2.5];
 
 /// What a bearing of another stiffness along x and y explains beyond the described one, each with
-/// the unbalance that fits it best: by 1 where the stiffness is right.
+/// the unbalance and the uncertain parameters that fit it best: by 1 where the stiffness is right.
+/// Those that fit the described rotor would hold a part of what the stiffness does.
 pub struct BearingStiffness;
 
 const fn factor(name: &'static str) -> NonlinearParameter {
@@ -53,7 +54,7 @@ impl Effect<RotorResiduals> for BearingStiffness {
             .collect()
     }
     fn regressors(&self, recording: &RotorResiduals, shape: &[f64]) -> Vec<SignalSet> {
-        vec![recording.explained_beyond(&changed(recording.rotor(), shape))]
+        vec![recording.explained_beyond(&changed(recording.described(), shape))]
     }
     fn location(&self, recording: &RotorResiduals, shape: &[f64]) -> Option<String> {
         let bearing = &recording.rotor().bearings[shape[0] as usize];
