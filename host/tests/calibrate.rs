@@ -330,3 +330,47 @@ fn the_calibrated_description_estimates_better_and_keeps_its_comments() {
     let is = nmae(&to, "torque-arm-3", &start_stop);
     assert!(is < 1.5, "torque-arm-3: {is}");
 }
+
+/// A reversed encoder leaves offsets wrong by the drag and fits as well; only the balance shows it.
+#[test]
+fn an_encoder_that_counts_the_other_way_is_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let described = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../examples/bench/machine.toml"
+    );
+    let text = std::fs::read_to_string(described).unwrap();
+    let counts = "counts_per_turn = 4096";
+    let reversed = text.replace(counts, "counts_per_turn = -4096");
+    assert_ne!(text, reversed);
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    let right = write("right.toml", &text);
+    let reversed = write("reversed.toml", &reversed);
+    let bench = Machine::load(&right).unwrap();
+    for (name, effects) in [
+        ("torque-ramps", &["gain-error", "gauge-offset"][..]),
+        ("start-stop", &["coulomb-friction"][..]),
+    ] {
+        let recording = folder.path().join(format!("{name}.parquet"));
+        let mut scenario = Scenario::by_name(name).unwrap();
+        scenario.duration_s = 30.0;
+        let effects = Applied::list(effects).unwrap();
+        Simulation::new(&bench, &scenario, 3, Some(3), &effects)
+            .unwrap()
+            .write(&recording, |_| ())
+            .unwrap();
+        let note = |machine: &Path| {
+            let machine = Machine::load(machine).unwrap();
+            let recordings = std::slice::from_ref(&recording);
+            let observed = Observations::read(&machine, recordings, |_| ()).unwrap();
+            observed.balance.note(&machine)
+        };
+        assert_eq!(note(&right), None, "{name}");
+        let said = note(&reversed).unwrap_or_default();
+        assert!(said.contains("the direction of encoder"), "{name}: {said}");
+    }
+}

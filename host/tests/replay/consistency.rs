@@ -70,11 +70,21 @@ impl Bench {
     }
 
     fn simulated(&self, machine: &str, scenario: &str, seconds: &str) -> Columns {
+        self.simulated_as(machine, scenario, seconds, &[])
+    }
+
+    fn simulated_as(
+        &self,
+        machine: &str,
+        scenario: &str,
+        seconds: &str,
+        individual: &[&str],
+    ) -> Columns {
         let (machine, path) = (
             example(machine).display().to_string(),
             self.path("plain.csv"),
         );
-        loadtwin(&[
+        let arguments = [
             "simulate",
             &machine,
             "--scenario",
@@ -85,7 +95,8 @@ impl Bench {
             "5",
             "-o",
             &path,
-        ]);
+        ];
+        loadtwin(&[&arguments[..], individual].concat());
         let text = std::fs::read_to_string(path).unwrap();
         let is_comment = |line: &&str| line.starts_with('#');
         let comments = text.lines().filter(is_comment).map(String::from);
@@ -266,15 +277,17 @@ fn other_machines_name_sign_and_unit_and_are_silent_where_nothing_is_wrong() {
         "swap",
         "x5 and y32",
     );
-    for (machine, scenario, seconds) in [
-        ("bearing/calibrated.toml", "lc1", "20"),
-        ("tool-drive/machine.toml", "reversals", "20"),
-        ("tool-drive/machine.toml", "steps", "20"),
-        ("gearbox/machine.toml", "steps", "40"),
-        ("gearbox/machine.toml", "turbulent", "40"),
-        ("gearbox/machine.toml", "reversals", "40"),
+    // A bearing's calibration is that of one specimen.
+    let calibrated = &["--individual", "101"][..];
+    for (machine, scenario, seconds, individual) in [
+        ("bearing/calibrated.toml", "lc1", "20", calibrated),
+        ("tool-drive/machine.toml", "reversals", "20", &[]),
+        ("tool-drive/machine.toml", "steps", "20", &[]),
+        ("gearbox/machine.toml", "steps", "40", &[]),
+        ("gearbox/machine.toml", "turbulent", "40", &[]),
+        ("gearbox/machine.toml", "reversals", "40", &[]),
     ] {
-        let plain = bench.simulated(machine, scenario, seconds);
+        let plain = bench.simulated_as(machine, scenario, seconds, individual);
         let found = bench.replayed(&example(machine), &plain);
         let note = &found["consistency_note"];
         assert!(note.is_null(), "{machine} {scenario}: {note}");

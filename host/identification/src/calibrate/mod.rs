@@ -6,6 +6,7 @@
 
 mod calibrated_machine;
 mod channel_moments;
+mod counting_direction;
 mod description_edits;
 mod fit_inputs;
 mod gauge_fault;
@@ -24,6 +25,7 @@ use thiserror::Error;
 
 pub use crate::calibrate::calibrated_machine::{calibrated, maps_beside, with_noise};
 pub use crate::calibrate::channel_moments::{BINS, Moments, Sums};
+pub use crate::calibrate::counting_direction::TorqueBalance;
 pub use crate::calibrate::description_edits::{Description, DescriptionError, map_file};
 pub use crate::calibrate::gauge_fault::GaugeFault;
 pub use crate::calibrate::gauge_selection::{Candidate, fronts, select};
@@ -80,6 +82,8 @@ pub struct Observations {
     pub channels: Vec<Option<Moments>>,
     /// The same of the even and of the odd turns of the carrier.
     pub turn_parity: Vec<Option<[Moments; 2]>>,
+    /// Balance of all loads, for the counting direction of the encoder.
+    pub balance: TorqueBalance,
     /// Samples read.
     pub samples: u64,
     /// Turns of the carrier that were used.
@@ -113,6 +117,7 @@ impl Observations {
         let mut all = Self {
             channels: machine.channels.iter().map(|_| None).collect(),
             turn_parity: machine.channels.iter().map(|_| None).collect(),
+            balance: TorqueBalance::default(),
             samples: 0,
             turns: 0.0,
         };
@@ -128,6 +133,7 @@ impl Observations {
                             .into(),
                 });
             }
+            all.balance.add(machine, &motion);
             all.add(machine, recording, &motion, |part| {
                 progress(done(0.3 + 0.7 * part));
             })?;

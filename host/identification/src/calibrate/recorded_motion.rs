@@ -273,7 +273,10 @@ impl Motion {
             }
             Senses::Shaft(name) => {
                 let shaft = drivetrain.shafts.iter().position(|s| s.name == *name)?;
-                let side = |after: bool| Side::of(drivetrain, shaft, after, self);
+                let side = |after: bool| {
+                    let sign = if after { -1.0 } else { 1.0 };
+                    Side::of(drivetrain, |m| (m > shaft) == after, sign, self)
+                };
                 // The side with less inertia is known better.
                 let mut sides = [side(false), side(true)];
                 sides.sort_by(|a, b| a.moment.total_cmp(&b.moment));
@@ -290,15 +293,17 @@ impl Motion {
         }
     }
 
+    /// Torque of all loads, and that of inertia, drag and dry friction, about the main shaft [N m]:
+    /// of each usable sample in which every load has a reference.
+    pub(crate) fn driven_and_lost(&self, machine: &Machine) -> Option<Vec<(f64, f64)>> {
+        let all = Side::of(machine.drivetrain.as_ref()?, |_| true, 1.0, self);
+        let of = |i: usize| (all.driven(self, i), all.lost(self, i));
+        let usable = (0..self.len()).filter(|&i| self.usable[i]).map(of);
+        Some(usable.filter(|(driven, _)| driven.is_finite()).collect())
+    }
+
     fn torque(&self, side: &Side, i: usize) -> f64 {
-        let driven: f64 = side
-            .loads
-            .iter()
-            .map(|(j, factor)| factor * self.loads[*j][i])
-            .sum();
-        let lost =
-            side.moment * self.acceleration[i] + side.drag * self.speed[i] + side.dry_friction[i];
-        let torque = side.sign * (driven - lost);
+        let torque = side.sign * (side.driven(self, i) - side.lost(self, i));
         // The loss of the torque carried is a part of the torque itself.
         torque / (1.0 + side.sign * side.losses[i] * torque.signum())
     }
@@ -318,13 +323,19 @@ struct Side {
 }
 
 impl Side {
-    fn of(drivetrain: &Drivetrain, shaft: usize, after: bool, motion: &Motion) -> Self {
+    /// The inertias whose number `holds`; `sign` of the torque that they pass on.
+    fn of(
+        drivetrain: &Drivetrain,
+        holds: impl Fn(usize) -> bool,
+        sign: f64,
+        motion: &Motion,
+    ) -> Self {
         let inertias = || {
             drivetrain
                 .inertias
                 .iter()
                 .enumerate()
-                .filter(|(m, _)| (*m > shaft) == after)
+                .filter(|(m, _)| holds(*m))
                 .map(|(_, j)| j)
         };
         let direction = |direction: Direction| direction.sign();
@@ -346,7 +357,7 @@ impl Side {
             }
         }
         Self {
-            sign: if after { -1.0 } else { 1.0 },
+            sign,
             moment: inertias().map(Inertia::referred_moment).sum(),
             drag: inertias().map(Inertia::referred_drag).sum(),
             dry_friction,
@@ -361,5 +372,19 @@ impl Side {
                 })
                 .collect(),
         }
+    }
+
+    /// Torque of the loads at sample `i` of `motion` [N m].
+    fn driven(&self, motion: &Motion, i: usize) -> f64 {
+        let torques = self
+            .loads
+            .iter()
+            .map(|(j, factor)| factor * motion.loads[*j][i]);
+        torques.sum()
+    }
+
+    /// Torque that inertia, drag and dry friction take at sample `i` of `motion` [N m].
+    fn lost(&self, motion: &Motion, i: usize) -> f64 {
+        self.moment * motion.acceleration[i] + self.drag * motion.speed[i] + self.dry_friction[i]
     }
 }

@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 
 use super::file_plan::{Plan, Replace};
 use super::layout_option::LayoutFile;
-use super::printing::{say, shown, shown_all};
+use super::printing::{note, say, shown, shown_all};
 use super::progress::Progress;
 use crate::atomic_file::publish;
 use crate::bearing::{CALIBRATION, Rig};
@@ -161,6 +161,7 @@ impl Calibrate {
         }
         publish(files)?;
         let selection = selection(&machine, &proposals);
+        let direction_note = observations.balance.note(&machine);
         let seconds = started.elapsed().as_secs_f64();
         if as_json {
             let channels: Vec<Value> = gauges.iter().map(|g| report(&machine, g, source)).collect();
@@ -168,7 +169,7 @@ impl Calibrate {
             let out = json!({
                 "machine": machine.name, "recordings": recordings, "samples": observations.samples,
                 "turns": observations.turns, "channels": channels, "selection": selection,
-                "error_bands": bands, "machine_out": self.output.as_ref().map(shown), "seconds": seconds,
+                "error_bands": bands, "direction_note": direction_note, "machine_out": self.output.as_ref().map(shown), "seconds": seconds,
             });
             say!("{out}");
         } else {
@@ -177,6 +178,9 @@ impl Calibrate {
                 say!("{group}: {}", sets.as_str().unwrap_or(&sets.to_string()));
             }
             print_bands(&machine, &bands);
+            if let Some(text) = direction_note {
+                note(format_args!("{text}\n"));
+            }
             say!("{:.0} turns, {:.1} s", observations.turns, seconds);
         }
         Ok(())
