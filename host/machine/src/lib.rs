@@ -38,6 +38,7 @@ mod rotor_bearing;
 mod rotor_sensors;
 mod rule;
 pub mod strain;
+mod time_lag;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -56,7 +57,7 @@ pub use bearing::{
 };
 pub use channel::{
     Auxiliary, Channel, Creep, Displacement, Drift, Group, Hysteresis, LATEST_S, Place, Reference,
-    SLOWEST_S, Senses, Thermal, earlier, followed, lag,
+    SLOWEST_S, Senses, Thermal,
 };
 pub use channel_encoding::Encoding;
 pub use drivetrain::{Direction, Drivetrain, ErrorBand, Inertia, Load, MOST_INERTIAS, Shaft};
@@ -69,6 +70,7 @@ pub use named_files::named_files;
 pub use ross::{RossError, read_ross};
 pub use rotor::{Disc, LoadKind, MOST_LOADS, Material, Reduction, Rotor, RotorLoad, Section};
 pub use rotor_bearing::{BearingAt, Coefficients, RotorBearing};
+pub use time_lag::{earlier, followed, lag};
 
 use loadtwin_files::content::{self, Content};
 use loadtwin_files::{bounded, mark};

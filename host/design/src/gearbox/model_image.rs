@@ -217,8 +217,8 @@ impl Plan {
         let converter = AdcScaling {
             zero: channel.zero_word(),
             gain: (channel.lsb_si() / tables.unit) as f32,
-            lowest: (-(1_i64 << (channel.adc.bits - 1))) as i32,
-            highest: ((1_i64 << (channel.adc.bits - 1)) - 1) as i32,
+            lowest: (-(1_i64 << (channel.converter().bits - 1))) as i32,
+            highest: ((1_i64 << (channel.converter().bits - 1)) - 1) as i32,
             stuck_after: channel.stuck_after(),
         };
         let (row, role) = if let Senses::Drive(name) = &channel.senses {
