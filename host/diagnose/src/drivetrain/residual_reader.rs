@@ -65,8 +65,8 @@ pub(crate) fn read_residuals_given(
     let duration = recorded.len() as f64 * recorded.dt_s;
     if duration < SHORTEST_OF_SEVERAL_S {
         return Err(refused(format!(
-            "{duration:.1} s are too short; at least {SHORTEST_OF_SEVERAL_S} s are needed, and {SHORTEST_S} s in all \
-             recordings that are fitted"
+            "{duration:.1} s are too short to tell an effect from chance; at least {SHORTEST_OF_SEVERAL_S} s are \
+             needed, and {SHORTEST_S} s in all recordings that are fitted"
         )));
     }
     let torsion = Torsion::new(drivetrain);
