@@ -159,7 +159,7 @@ fn every_fault_gets_one_line_with_its_place() {
         (
             "t [s],ta1 [µm/m]\n0,1\n# c\n1,abc\n",
             "row 2 (line 4), column `ta1`: found `abc`; allowed: a number, or nothing where the \
-             sample is missing",
+             sample is missing (`missing` under [recording] lists texts that stand for that)",
         ),
         (
             "t [s],ta1 [µm/m]\n0,1\n1,NaN\n",
@@ -213,7 +213,7 @@ fn bytes_that_are_no_text_are_named_with_their_place() {
     assert_eq!(
         bench.refused([header, b"0,1\n1,\xb5\n"].concat(), &ta1),
         "row 2 (line 3), column `ta1`: found `\\xb5`; allowed: a number, or nothing where the \
-         sample is missing"
+         sample is missing (`missing` under [recording] lists texts that stand for that)"
     );
     assert_eq!(
         bench.refused(b"t [s],ta1\x01 [m/m]\n0,1\n1,2\n", &ta1),

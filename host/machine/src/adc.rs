@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// The converter behind an analogue channel: `value = (word - zero) * lsb`.
-#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Adc {
     /// Value of one count [the channel's unit, or mV/V of its bridge], not 0.
@@ -31,7 +31,22 @@ const FALSE_STUCK: f64 = 1e-12;
 /// Part of the described noise that is at least the converter's own: the remainder may be of the model.
 const OWN_NOISE: f64 = 1.0 / 3.0;
 
+/// Counts in the standard deviation of the noise where readings become words without a converter:
+/// rounding then adds 1/3000 of its variance.
+const COUNTS_OF_NOISE: f64 = 16.0;
+
 impl Adc {
+    /// Words for readings with noise `std`, of a channel without a converter; none counts as stuck,
+    /// since a logger may round.
+    pub(crate) fn of_readings(std: f64) -> Self {
+        Self {
+            lsb: std / COUNTS_OF_NOISE,
+            zero: 0,
+            bits: 32,
+            stuck_after: Some(0),
+        }
+    }
+
     /// Equal words in a row after which a channel with noise `std` (words) counts as stuck; 0: never.
     ///
     /// A rounded Gaussian repeats its word with `p <= erf(1 / (2 sqrt(2) std))`: so many that

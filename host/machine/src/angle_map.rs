@@ -202,10 +202,10 @@ impl super::Channel {
         &self,
         machine: &super::Machine,
     ) -> Result<Vec<f64>, MachineError> {
-        let values = match (&self.sensitivity_map, self.sensitivity) {
-            (Some(file), _) => read_column(&machine.resolve(file), &self.name)?,
-            (None, sensitivity) => vec![sensitivity.unwrap_or(1.0)],
+        let Some(file) = &self.sensitivity_map else {
+            return Ok(vec![self.sensitivity_si()]);
         };
+        let values = read_column(&machine.resolve(file), &self.name)?;
         Ok(values.into_iter().map(|value| self.to_si(value)).collect())
     }
 

@@ -3,7 +3,6 @@
 //! and back; computes creep, hysteresis, lags and warming over time. Also defines reference and
 //! auxiliary columns.
 
-use std::borrow::Cow;
 use std::path::PathBuf;
 
 use schemars::JsonSchema;
@@ -11,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::adc::{Adc, Quantiser};
 use crate::strain::{MV_PER_V, StrainBridge};
+use crate::time_lag::{followed, lag};
 use loadtwin_recording::{Quantity, Unit};
 
 /// An analogue channel.
@@ -75,8 +75,8 @@ pub struct Channel {
     pub runout: Vec<[f64; 2]>,
     /// Where the sensor sits, for tables: `torque arm`, `ring gear`, ...
     pub group: Option<Group>,
-    /// The converter.
-    pub adc: Adc,
+    /// The converter; a board and columns of words need it, recorded readings do not.
+    pub adc: Option<Adc>,
     /// The strain bridge before the converter; `unit` is then a strain and
     /// `adc.lsb` in mV/V.
     pub bridge: Option<StrainBridge>,
@@ -105,14 +105,33 @@ impl Channel {
             thermal: None,
             runout: Vec::new(),
             group: None,
-            adc,
+            adc: Some(adc),
             bridge: None,
         }
+    }
+
+    /// The inertia whose speed it senses.
+    pub fn speed_of(&self) -> Option<&str> {
+        match &self.senses {
+            Senses::Speed(name) => Some(name),
+            _ => None,
+        }
+    }
+
+    /// The converter; where none is described, one that adds no noise to readings.
+    pub fn converter(&self) -> Adc {
+        self.adc.unwrap_or_else(|| Adc::of_readings(self.noise_std))
     }
 
     /// A value in the channel's unit, in SI.
     pub fn to_si(&self, value: f64) -> f64 {
         self.unit.to_si(value)
+    }
+
+    /// Its sensitivity without a map (SI); 1 where none is described: it reads what it senses, in a
+    /// unit of that.
+    pub fn sensitivity_si(&self) -> f64 {
+        self.sensitivity.map_or(1.0, |own| self.to_si(own))
     }
 
     /// What it senses once its response is in proportion to it: `s (1 + n s / nominal)`.
@@ -144,7 +163,7 @@ impl Channel {
                 (bridge.strain(small) - bridge.strain(-small)) / (2.0 * small)
                     * self.ratio_of_count()
             }
-            None => self.to_si(self.adc.lsb),
+            None => self.to_si(self.converter().lsb),
         }
     }
 
@@ -154,7 +173,7 @@ impl Channel {
             .bridge
             .as_ref()
             .map_or(0.0, |bridge| bridge.strain(0.0));
-        self.adc.zero - (at_ratio_0 / self.lsb_si()).round() as i32
+        self.converter().zero - (at_ratio_0 / self.lsb_si()).round() as i32
     }
 
     /// The reading of a converter's word (SI).
@@ -172,7 +191,7 @@ impl Channel {
         Quantiser {
             lsb: self.lsb_si(),
             zero: self.zero_word(),
-            bits: self.adc.bits,
+            bits: self.converter().bits,
         }
     }
 
@@ -180,22 +199,22 @@ impl Channel {
     pub fn word_of_ratio(&self, ratio: f64) -> i32 {
         let quantiser = Quantiser {
             lsb: self.ratio_of_count(),
-            zero: self.adc.zero,
-            bits: self.adc.bits,
+            zero: self.converter().zero,
+            bits: self.converter().bits,
         };
         quantiser.word(ratio)
     }
 
     /// Bridge output of one count [V/V]; `adc.lsb` is in mV/V there.
     fn ratio_of_count(&self) -> f64 {
-        self.adc.lsb * MV_PER_V
+        self.converter().lsb * MV_PER_V
     }
 
     /// Equal words in a row after which the channel counts as stuck; 0: never.
     pub fn stuck_after(&self) -> u16 {
         let noise = self.to_si(self.noise_std) - self.to_si(0.0);
         let derived = || Adc::words_until_stuck((noise / self.lsb_si()).abs());
-        self.adc.stuck_after.unwrap_or_else(derived)
+        self.converter().stuck_after.unwrap_or_else(derived)
     }
 }
 
@@ -291,45 +310,6 @@ pub const SLOWEST_S: f64 = 3600.0;
 
 /// Longest `late_s` (s).
 pub const LATEST_S: f64 = 0.2;
-
-/// What `values` were `samples` before, or will be where that is negative, by straight lines; beyond
-/// the ends, as there.
-pub fn earlier(values: &[f64], samples: f64) -> Cow<'_, [f64]> {
-    if samples == 0.0 {
-        return Cow::Borrowed(values);
-    }
-    let (whole, part) = (samples.floor() as isize, samples - samples.floor());
-    let last = values.len() as isize - 1;
-    let at = |i: isize| values[i.clamp(0, last) as usize];
-    let mixed = |i: isize| match part {
-        0.0 => at(i - whole),
-        _ => at(i - whole) * (1.0 - part) + at(i - whole - 1) * part,
-    };
-    (0..=last).map(mixed).collect()
-}
-
-/// `dz/dt = (u - z) / time_s` from 0, for each of `u`, `dt_s` (s) apart.
-pub fn lag(u: impl IntoIterator<Item = f64>, dt_s: f64, time_s: f64) -> Vec<f64> {
-    let rate = 1.0 - (-dt_s / time_s).exp();
-    let mut z = 0.0;
-    let follow = |u: f64| {
-        z += rate * (u - z);
-        z
-    };
-    u.into_iter().map(follow).collect()
-}
-
-/// What follows `u` by `dz/dt = (u - z) / time`, from where `u` begins; `u` itself without `time`.
-pub fn followed(u: impl IntoIterator<Item = f64>, dt_s: f64, time_s: f64) -> Vec<f64> {
-    let mut u = u.into_iter().peekable();
-    let first = u.peek().copied().unwrap_or(0.0);
-    if time_s > 0.0 {
-        let above = lag(u.map(|u| u - first), dt_s, time_s);
-        above.into_iter().map(|z| first + z).collect()
-    } else {
-        u.collect()
-    }
-}
 
 /// What a gauge reads beside `y` when it is `w` warmer than when its zero was taken:
 /// `zero_per_k w + gain_per_k w (y - offset)`.
@@ -445,7 +425,7 @@ impl Auxiliary {
         let zero = (self.unit.to_si(0.0) / adc.lsb).round() as i32;
         let adc = Adc {
             zero: adc.zero.saturating_sub(zero),
-            ..adc.clone()
+            ..*adc
         };
         Some(Channel {
             sensitivity: Some(1.0),
@@ -461,17 +441,9 @@ fn one() -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{Auxiliary, earlier};
+    use super::Auxiliary;
     use crate::adc::Adc;
     use loadtwin_recording::Unit;
-
-    #[test]
-    fn what_was_earlier_lies_between_samples() {
-        let values = [1.0, 2.0, 4.0, 8.0];
-        assert_eq!(*earlier(&values, 0.0), values);
-        assert_eq!(*earlier(&values, 1.5), [1.0, 1.0, 1.5, 3.0]);
-        assert_eq!(*earlier(&values, -0.5), [1.5, 3.0, 6.0, 8.0]);
-    }
 
     #[test]
     fn the_board_samples_kelvins_of_a_thermometer_in_degrees() {

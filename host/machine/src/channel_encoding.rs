@@ -23,7 +23,7 @@ impl Encoding {
         let column = columns.iter().find(|column| column.name == channel.name);
         let unit = column.and_then(|column| column.unit.as_deref()?.parse::<Unit>().ok());
         match unit.map(Unit::quantity) {
-            Some(Quantity::Counts) => Self::Word,
+            Some(Quantity::Counts) if channel.adc.is_some() => Self::Word,
             Some(Quantity::BridgeRatio) if channel.bridge.is_some() => Self::Ratio,
             _ => Self::Reading,
         }

@@ -421,8 +421,12 @@ fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
             "a unit of strain, as there is a bridge",
         )?;
     }
-    nonzero(&field("adc.lsb"), channel.adc.lsb)?;
-    let bits = channel.adc.bits;
+    let Some(adc) = &channel.adc else {
+        let allowed = "a converter, of whose words the bridge's output is made";
+        return within(&field("adc"), "nothing", channel.bridge.is_none(), allowed);
+    };
+    nonzero(&field("adc.lsb"), adc.lsb)?;
+    let bits = adc.bits;
     within(
         &field("adc.bits"),
         bits,

@@ -29,7 +29,7 @@ pub struct Drivetrain {
     #[serde(rename = "inertia")]
     pub inertias: Vec<Inertia>,
     /// The shafts or meshes between neighbours, one fewer than inertias.
-    #[serde(rename = "shaft")]
+    #[serde(default, rename = "shaft")]
     pub shafts: Vec<Shaft>,
     /// The unknown torques, 1 or 2.
     #[serde(rename = "load")]

@@ -39,6 +39,7 @@ mod rotor;
 mod rotor_bearing;
 mod rotor_sensors;
 pub mod strain;
+mod time_lag;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -56,7 +57,7 @@ pub use bearing::{
 };
 pub use channel::{
     Auxiliary, Channel, Creep, Displacement, Drift, Group, Hysteresis, LATEST_S, Place, Reference,
-    SLOWEST_S, Senses, Thermal, earlier, followed, lag,
+    SLOWEST_S, Senses, Thermal,
 };
 pub use channel_encoding::Encoding;
 pub use drive_balance::{Balance, BalanceEffect, Estimated, Regime, Signal};
@@ -70,6 +71,7 @@ pub use named_files::named_files;
 pub use ross::{RossError, read_ross};
 pub use rotor::{Disc, LoadKind, MOST_LOADS, Material, Reduction, Rotor, RotorLoad, Section};
 pub use rotor_bearing::{BearingAt, Coefficients, RotorBearing};
+pub use time_lag::{earlier, followed, lag};
 
 use loadtwin_files::content::{self, Content};
 use loadtwin_files::{bounded, mark};

@@ -73,13 +73,11 @@ impl Machine {
         positive(&field("noise_std"), channel.noise_std)?;
         finite(&field("offset"), channel.offset)?;
         self.check_runout(&field("runout"), channel)?;
-        nonzero(&field("adc.lsb"), channel.adc.lsb)?;
-        within(
-            &field("adc.bits"),
-            channel.adc.bits,
-            (8..=32).contains(&channel.adc.bits),
-            "8 to 32",
-        )?;
+        if let Some(adc) = &channel.adc {
+            nonzero(&field("adc.lsb"), adc.lsb)?;
+            let allowed = (8..=32).contains(&adc.bits);
+            within(&field("adc.bits"), adc.bits, allowed, "8 to 32")?;
+        }
         if let Some(sensitivity) = channel.sensitivity {
             positive(&field("sensitivity"), sensitivity)?;
         }
@@ -137,11 +135,14 @@ fn check_range(channel: &Channel, field: impl Fn(&str) -> String) -> Checked {
         noise_m <= COARSEST_M,
         "at most 1 mm: is it in another unit than `unit`?",
     )?;
-    let count_m = channel.to_si(channel.adc.lsb).abs();
-    let range_m = count_m * 2.0_f64.powi(channel.adc.bits as i32 - 1);
+    let Some(adc) = &channel.adc else {
+        return Ok(());
+    };
+    let count_m = channel.to_si(adc.lsb).abs();
+    let range_m = count_m * 2.0_f64.powi(adc.bits as i32 - 1);
     within(
         &field("adc.lsb"),
-        format!("{} {unit}, a range of {range_m} m", channel.adc.lsb),
+        format!("{} {unit}, a range of {range_m} m", adc.lsb),
         count_m <= COARSEST_M && range_m <= LONGEST_RANGE_M,
         "a range of at most 0.1 m: is it in another unit than `unit`?",
     )

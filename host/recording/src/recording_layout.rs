@@ -53,6 +53,10 @@ pub struct CsvLayout {
     /// What a `NaN` written in a channel means. An empty cell (in Parquet a
     /// null) is always a missing sample.
     pub written_nan: WrittenNan,
+    /// What text files write in place of a missing sample, such as `n/a`, `---` or `-999`; of the
+    /// time nothing is missing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub missing: Vec<String>,
     /// Samples in a row that may be absent from the file: 0 unless given. They
     /// are put in as rows without values, and the estimator flags them; a
     /// longer gap is an error.
@@ -101,6 +105,7 @@ impl Default for CsvLayout {
             decimal_comma: None,
             encoding: None,
             written_nan: WrittenNan::Refuse,
+            missing: Vec::new(),
             largest_gap: 0,
             row_period_ms: None,
             timing: Timing::Clocked,

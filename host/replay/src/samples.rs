@@ -319,7 +319,7 @@ impl Samples {
         {
             let value = at(read.from);
             if !value.is_nan() {
-                let zero = f64::from(channel.adc.zero);
+                let zero = f64::from(channel.converter().zero);
                 let word = match encoding {
                     Encoding::Word => whole(zero + (value - zero) * read.factor) as i32,
                     Encoding::Ratio => channel.word_of_ratio(value * read.factor),

@@ -177,7 +177,7 @@ impl Gauge {
         is_load_sensor: bool,
         rng: ChaCha8Rng,
     ) -> Self {
-        let half = (channel.adc.bits.clamp(2, 32) - 1) as i32;
+        let half = (channel.converter().bits.clamp(2, 32) - 1) as i32;
         Self {
             name: channel.name.clone(),
             group: channel.group.clone(),

@@ -184,7 +184,7 @@ fn ratios(machine: &Machine, channel: &Channel, path: &Path) -> anyhow::Result<V
             .filter(|value| value.is_finite());
         ratios.extend(read.map(|value| {
             if counts {
-                (value - f64::from(channel.adc.zero)) * channel.adc.lsb * MV_PER_V
+                (value - f64::from(channel.converter().zero)) * channel.converter().lsb * MV_PER_V
             } else {
                 value
             }

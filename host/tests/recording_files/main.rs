@@ -313,7 +313,7 @@ fn fractional_counts_are_rounded_and_reported() {
     let dir = tempfile::tempdir().unwrap();
     let mut machine = machine();
     for channel in &mut machine.channels {
-        channel.adc.lsb = 1e-6;
+        channel.adc.as_mut().unwrap().lsb = 1e-6;
     }
     let text = plain();
     let readings = dir.path().join("readings.csv");

@@ -245,8 +245,9 @@ impl Case {
         for channel in &mut machine.channels {
             channel.noise_std = self.noise_m;
             if !self.noisy {
-                channel.adc.lsb = 1e-11;
-                channel.adc.bits = 32;
+                let adc = channel.adc.as_mut().unwrap();
+                adc.lsb = 1e-11;
+                adc.bits = 32;
             }
         }
         let machine = driven_by(machine, self.kind);

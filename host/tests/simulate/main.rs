@@ -119,9 +119,8 @@ fn start_stop_reads_as_on_the_bench() {
 #[test]
 fn values_lie_on_the_grid_of_the_converter_and_stop_at_its_ends() {
     let mut machine = gearbox();
-    machine.channels[0].adc.bits = 16;
-    machine.channels[0].adc.zero = 1000;
-    machine.channels[0].adc.lsb = 2.5e-9;
+    let adc = machine.channels[0].adc.as_mut().unwrap();
+    (adc.bits, adc.zero, adc.lsb) = (16, 1000, 2.5e-9);
     let c = run(&machine, "constant", 4.0, (1, 1), &[]);
     for value in &c["ta1"] {
         let word = value / 2.5e-9 + 1000.0;
@@ -132,7 +131,7 @@ fn values_lie_on_the_grid_of_the_converter_and_stop_at_its_ends() {
     }
     // 16 bits end at 31767 * 2.5e-9 = 79.4 micrometre/m: saturated most of the time.
     assert!(c["ta1"].iter().filter(|v| **v == 31_767.0 * 2.5e-9).count() > 1000);
-    let lsb = machine.channels[1].adc.lsb;
+    let lsb = machine.channels[1].converter().lsb;
     assert!(c["ta2"].iter().all(|v| (v / lsb).fract() == 0.0));
     assert!(
         c["encoder_hss"]
@@ -357,7 +356,7 @@ fn the_shipped_recording_is_what_the_plant_gives() {
             let (a, b) = (a.as_ref().unwrap(), b.as_ref().unwrap());
             // A last digit of another platform's sine may cost one count.
             let count = match column.unit.symbol() {
-                "m/m" => machine.channels[0].adc.lsb,
+                "m/m" => machine.channels[0].converter().lsb,
                 "counts" => 1.0,
                 "°C" => 0.01,
                 _ => 10.0,

@@ -133,8 +133,8 @@ fn gauge(channel: &Channel, bearing: &Bearing, calibration: &Calibration, g: usi
         converter: AdcScaling {
             zero: channel.zero_word(),
             gain: (channel.lsb_si() * 1e6) as f32,
-            lowest: (-(1_i64 << (channel.adc.bits - 1))) as i32,
-            highest: ((1_i64 << (channel.adc.bits - 1)) - 1) as i32,
+            lowest: (-(1_i64 << (channel.converter().bits - 1))) as i32,
+            highest: ((1_i64 << (channel.converter().bits - 1)) - 1) as i32,
             stuck_after: channel.stuck_after(),
         },
         passing: (passing.rem_euclid(2.0 * PI)) as f32,

@@ -215,11 +215,16 @@ impl Plan {
         tables: &'a Tables,
         thermometer: Option<&Auxiliary>,
     ) -> Result<Channel<'a>, BuildError> {
+        // Of a measurement the filter takes off the offset itself.
+        let offset = match channel.senses {
+            Senses::Drive(_) => (channel.to_si(channel.offset) / channel.lsb_si()).round() as i32,
+            _ => 0,
+        };
         let converter = AdcScaling {
-            zero: channel.zero_word(),
+            zero: channel.zero_word().saturating_add(offset),
             gain: (channel.lsb_si() / tables.unit) as f32,
-            lowest: (-(1_i64 << (channel.adc.bits - 1))) as i32,
-            highest: ((1_i64 << (channel.adc.bits - 1)) - 1) as i32,
+            lowest: (-(1_i64 << (channel.converter().bits - 1))) as i32,
+            highest: ((1_i64 << (channel.converter().bits - 1)) - 1) as i32,
             stuck_after: channel.stuck_after(),
         };
         let (row, role) = if let Senses::Drive(name) = &channel.senses {

@@ -30,7 +30,8 @@ pub struct OperatingPoint {
 }
 
 impl OperatingPoint {
-    /// The point at carrier angle `angle_rad` of the model in an image.
+    /// The point at carrier angle `angle_rad` of the model in an image. An angle that no sensor measures
+    /// is left out: it stays 0.
     pub fn new(model: &GearboxModel<'_>, drivetrain: &Drivetrain, angle_rad: f64) -> Self {
         let top = model.scale.len() - LOADS;
         let (all, loads) = (model.scale.len(), model.loads.len());
@@ -78,6 +79,14 @@ impl OperatingPoint {
         for encoder in &model.encoders {
             rows.push(encoder.row.iter().take(n).copied().map(f64::from).collect());
             measurement_noise.push(f64::from(encoder.variance));
+        }
+        if rows.iter().all(|row| row[0] == 0.0) {
+            // Without a steady covariance: nothing measures the angle, and nothing depends on it.
+            for j in 0..n {
+                transition[(0, j)] = 0.0;
+                process_noise[(0, j)] = 0.0;
+                process_noise[(j, 0)] = 0.0;
+            }
         }
         Self {
             observation: Mat::from_fn(rows.len(), n, |i, j| rows[i][j]),

@@ -241,7 +241,7 @@ impl RotorFilterDesign {
         row: &[f64],
         variance: f64,
     ) -> Result<RotorChannel, BuildError> {
-        let extreme = 1_i64 << (channel.adc.bits - 1);
+        let extreme = 1_i64 << (channel.converter().bits - 1);
         Ok(RotorChannel {
             converter: AdcScaling {
                 zero: channel.zero_word(),

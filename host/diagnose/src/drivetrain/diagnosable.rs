@@ -13,6 +13,7 @@ use crate::diagnosis::{DiagnoseError, Diagnosis, DiagnosisInput, SEED};
 use crate::drivetrain::candidate_effect::{GaugeModel, LIBRARY};
 use crate::drivetrain::gauge_median::MIN_GAUGES;
 use crate::drivetrain::load_error::load_errors;
+use crate::drivetrain::plausibility::SHORTEST_S;
 use crate::drivetrain::residual_signals::{
     DrivetrainResiduals, Kind, Regressor, ResidualSignal, TorqueSource,
 };
@@ -22,7 +23,7 @@ use crate::residual_model::Columns;
 use crate::residual_model::{Covariate, Nuisance, ResidualModel, Shaft};
 use crate::selection::relevance::RELEVANT_PART;
 use crate::selection::stepwise::Selection;
-use loadtwin_machine::Machine;
+use loadtwin_machine::{Machine, Senses};
 
 /// Length of the blocks of the cross-validation [s].
 const BLOCK_S: f64 = 1.5;
@@ -49,8 +50,10 @@ impl Diagnosable for DrivetrainResiduals {
         validation: &[PathBuf],
         progress: impl Fn(f64),
     ) -> Result<DiagnosisInput<DrivetrainResiduals>, DiagnoseError> {
+        let machine = &measured_load_first(machine);
         let mut recordings = read(machine, &[paths, validation].concat())?;
         let mut holdout = recordings.split_off(paths.len());
+        check_duration(&recordings, paths)?;
         let mut end = 0.0;
         for recording in recordings.iter_mut().chain(&mut holdout) {
             for t in &mut recording.signals.t {
@@ -319,7 +322,7 @@ impl DrivetrainResiduals {
                     Kind::Strain | Kind::Innovation => return None,
                 };
                 let part = own.get(DESCRIBED).filter(|part| part.abs() > OFF * known_to)?;
-                let percent = 100.0 * part;
+                let percent = 100.0 * part * signal.sign_of_twist();
                 Some(format!(
                     "{name}: fits {what} by {percent:+.1} % from the described; mend the description first"
                 ))
@@ -344,6 +347,43 @@ impl DrivetrainResiduals {
         };
         terms.iter().map(columns).collect()
     }
+}
+
+/// The same machine, a measured load before one that is not: null samples are simulated under the
+/// first load.
+fn measured_load_first(machine: &Machine) -> Machine {
+    let mut sorted = machine.clone();
+    if let Some(drivetrain) = &mut sorted.drivetrain {
+        drivetrain.loads.sort_by_key(|load| {
+            let sensed = Senses::Load(load.name.clone());
+            let is_measured = machine.references.iter().any(|r| r.load == load.name)
+                || machine.channels.iter().any(|c| c.senses == sensed);
+            !is_measured
+        });
+    }
+    sorted
+}
+
+/// Refuses recordings that are together too short.
+fn check_duration(
+    recordings: &[DrivetrainResiduals],
+    paths: &[PathBuf],
+) -> Result<(), DiagnoseError> {
+    let seconds: f64 = (recordings.iter())
+        .map(|r| r.signals.len() as f64 * r.signals.dt_s)
+        .sum();
+    // Decimation drops less than a sample of each.
+    let rounding: f64 = recordings.iter().map(|r| r.signals.dt_s).sum();
+    if seconds + rounding >= SHORTEST_S {
+        return Ok(());
+    }
+    Err(DiagnoseError::TooLittle {
+        recording: paths.first().cloned().unwrap_or_default(),
+        reason: format!(
+            "{seconds:.1} s are too short to tell an effect from chance; at least {SHORTEST_S} s are needed, in \
+             one recording or in several"
+        ),
+    })
 }
 
 /// All paths, given the torque in the same way.

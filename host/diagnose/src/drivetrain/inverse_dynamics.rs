@@ -6,6 +6,7 @@ use std::ops::Range;
 
 use crate::drivetrain::chain_response::{DrivenChain, ShaftResponse, shaft_rows};
 use crate::drivetrain::decimated_signals::Response;
+use crate::drivetrain::motion_sensor::moved_inertias;
 use crate::smoothing::smooth;
 use loadtwin_design::gearbox::Torsion;
 use loadtwin_machine::{CREEP, Drivetrain, Inertia, Machine};
@@ -22,14 +23,14 @@ pub(crate) struct ShaftTorques {
 
 /// Speed [rad/s] and acceleration [rad/s^2] of each inertia, referred.
 pub(crate) struct InertiaMotion {
-    /// Number of the encoder that measures it.
+    /// Number of the encoder or the speed that measures it.
     pub encoder: Vec<usize>,
     pub speed: Vec<Vec<f64>>,
     pub acceleration: Vec<Vec<f64>>,
 }
 
 impl InertiaMotion {
-    /// Each inertia by its own encoder, or by the nearest one.
+    /// Each inertia by its own encoder or speed, or by the nearest one.
     pub fn new(
         machine: &Machine,
         drivetrain: &Drivetrain,
@@ -43,9 +44,10 @@ impl InertiaMotion {
                 .position(|i| i.name == name)
                 .unwrap_or(0)
         };
+        let moved: Vec<usize> = moved_inertias(machine).into_iter().map(place).collect();
         let nearest = |body: usize| {
-            (0..machine.encoders.len())
-                .min_by_key(|k| place(&machine.encoders[*k].inertia).abs_diff(body))
+            (0..moved.len())
+                .min_by_key(|k| moved[*k].abs_diff(body))
                 .unwrap_or(0)
         };
         let encoder: Vec<usize> = (0..drivetrain.inertias.len()).map(nearest).collect();

@@ -33,7 +33,7 @@ pub(crate) fn loads(
                 let noise = white_noise_std(&measured);
                 return Some(wiener_denoise(&measured, recorded.dt_s, noise));
             }
-            sensed(machine, recorded, &Senses::Load(load.name.clone()), None)
+            sensed(machine, recorded, &Senses::Load(load.name.clone()))
         })
         .collect()
 }
@@ -49,22 +49,19 @@ pub(crate) fn drives(
         .iter()
         .map(|inertia| {
             let senses = Senses::Drive(inertia.name.clone());
-            sensed(machine, recorded, &senses, Some(1.0))
+            sensed(machine, recorded, &senses)
         })
         .collect()
 }
 
-/// What the first channel of that kind says; none without one, or where neither it nor
-/// `usual` has a sensitivity.
-fn sensed(
-    machine: &Machine,
-    recorded: &DrivetrainRecording,
-    senses: &Senses,
-    usual: Option<f64>,
-) -> Option<Vec<f64>> {
+/// What the first channel of that kind says; none without one, or where its sensitivity is a map.
+fn sensed(machine: &Machine, recorded: &DrivetrainRecording, senses: &Senses) -> Option<Vec<f64>> {
     let k = machine.channels.iter().position(|c| c.senses == *senses)?;
     let channel = &machine.channels[k];
-    let sensitivity = channel.to_si(channel.sensitivity.or(usual)?);
+    if channel.sensitivity_map.is_some() {
+        return None;
+    }
+    let sensitivity = channel.sensitivity_si();
     let offset = channel.to_si(channel.offset);
     let readings = recorded.channels[k].iter();
     let values: Vec<f64> = readings.map(|y| (y - offset) / sensitivity).collect();

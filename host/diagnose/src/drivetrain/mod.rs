@@ -14,6 +14,7 @@ mod inserted_gear;
 pub mod inverse_dynamics;
 pub mod known_torques;
 pub mod load_error;
+mod motion_sensor;
 pub mod null_simulation;
 pub mod plausibility;
 pub mod recorded_samples;

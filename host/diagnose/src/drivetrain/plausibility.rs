@@ -6,8 +6,14 @@ use crate::drivetrain::decimated_signals::Signals;
 use crate::drivetrain::residual_signals::{DrivetrainResiduals, Kind, ResidualSignal};
 use crate::sample_statistics::mean_square;
 
-/// Shortest recording that is tested [s].
+/// Least duration of the recordings that are fitted, together [s].
 pub(crate) const SHORTEST_S: f64 = 10.0;
+
+/// Shortest recording [s]: half a block of the cross-validation remains between its ends.
+pub(crate) const SHORTEST_OF_SEVERAL_S: f64 = 2.0;
+
+/// Time of a recording that must be known, at most [s], and as part of it.
+const LEAST_KNOWN: (f64, f64) = (0.5 * SHORTEST_S, 0.25);
 
 /// Part of nominal that torque or speed must reach.
 const LEAST: f64 = 0.02;
@@ -41,7 +47,9 @@ fn at_rest(signals: &Signals) -> Option<String> {
 fn no_overlap(recording: &DrivetrainResiduals) -> Option<String> {
     let known = |s: &ResidualSignal| s.residual.iter().filter(|r| r.is_finite()).count();
     let longest = recording.residuals.iter().map(known).max().unwrap_or(0);
-    (longest as f64 * recording.signals.dt_s < 0.5 * SHORTEST_S)
+    let least = (LEAST_KNOWN.1 * recording.signals.len() as f64)
+        .min(LEAST_KNOWN.0 / recording.signals.dt_s);
+    ((longest as f64) < least)
         .then(|| "there is no stretch in which angle, loads and readings are known together".into())
 }
 

@@ -6,6 +6,7 @@ use std::f64::consts::TAU;
 use std::path::Path;
 
 use crate::diagnosis::DiagnoseError;
+use crate::drivetrain::motion_sensor::integrated_speeds;
 use crate::smoothing::moving_mean;
 use loadtwin_identification::calibrate::Motion;
 use loadtwin_machine::{Encoder, Encoding, Machine};
@@ -21,7 +22,8 @@ pub(crate) struct DrivetrainRecording {
     pub loads: Vec<Vec<f64>>,
     /// Reading of each channel [SI]; NaN where missing. Stuck values and outliers are in it.
     pub channels: Vec<Vec<f64>>,
-    /// Angle of each encoder, referred, from an arbitrary zero [rad].
+    /// Angle of each encoder, without any of each inertia whose speed is sensed; referred, from an
+    /// arbitrary zero [rad].
     pub encoders: Vec<Vec<f64>>,
     /// Temperature rise above the reference temperature [K].
     pub warming: Option<Vec<f64>>,
@@ -49,9 +51,14 @@ impl DrivetrainRecording {
         let readings = columns.read(path, n)?;
         let warming = (machine.thermometer().zip(readings.temperature))
             .map(|(thermometer, column)| thermometer.warming(&column, 1.0 / machine.rate_hz));
+        let dt_s = 1.0 / machine.rate_hz;
         Ok(Self {
-            dt_s: 1.0 / machine.rate_hz,
-            encoders: columns.encoder_angles(&readings.encoders, &angle),
+            dt_s,
+            encoders: if machine.encoders.is_empty() {
+                integrated_speeds(machine, &readings.channels, dt_s)
+            } else {
+                columns.encoder_angles(&readings.encoders, &angle)
+            },
             angle,
             loads,
             channels: readings.channels,

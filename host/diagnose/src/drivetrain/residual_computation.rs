@@ -7,6 +7,7 @@ use crate::drivetrain::chain_response::Encoders;
 use crate::drivetrain::decimated_signals::Signals;
 use crate::drivetrain::decimation::{Decimator, forward_filled, interpolate_map};
 use crate::drivetrain::inverse_dynamics::{InertiaMotion, ShaftTorques};
+use crate::drivetrain::motion_sensor::moved_inertias;
 use crate::drivetrain::recorded_samples::{
     DrivetrainRecording, Outliers, derivatives, mask_outliers, mask_stuck,
 };
@@ -115,6 +116,7 @@ impl RecordingContext<'_> {
             response.carried = driven.carried();
             response
         });
+        let moved = moved_inertias(self.machine);
         let warming = recorded.warming.as_ref();
         let zero_k = self.machine.thermometer().and_then(Auxiliary::zero_k);
         Signals {
@@ -138,7 +140,7 @@ impl RecordingContext<'_> {
             inertias: drivetrain.inertias.iter().map(|i| i.name.clone()).collect(),
             ratios: drivetrain.inertias.iter().map(|i| i.speed_ratio).collect(),
             encoder_inertia: (motion.encoder.iter())
-                .map(|e| self.torsion.inertia(&self.machine.encoders[*e].inertia))
+                .map(|e| self.torsion.inertia(moved[*e]))
                 .collect(),
             smoothing,
             speeds: motion
@@ -250,6 +252,8 @@ impl RecordingContext<'_> {
                 let j = drivetrain.loads.iter().position(|l| l.name == *name)?;
                 Some((self.known[j].as_deref()?, None, 1.0))
             }
+            // The motion itself is read from it.
+            Senses::Speed(_) if self.machine.encoders.is_empty() => None,
             Senses::Speed(name) => {
                 let i = self.torsion.inertia(name);
                 Some((&self.motion.speed[i], None, 1.0 / self.torsion.ratio(name)))

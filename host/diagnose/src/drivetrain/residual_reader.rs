@@ -14,7 +14,7 @@ use crate::drivetrain::inverse_dynamics::{AppliedTorques, InertiaMotion, torques
 use crate::drivetrain::known_torques::{
     drives, loads, operating_profile, operating_profile_from_shaft,
 };
-use crate::drivetrain::plausibility::{SHORTEST_S, implausibility};
+use crate::drivetrain::plausibility::{SHORTEST_OF_SEVERAL_S, SHORTEST_S, implausibility};
 use crate::drivetrain::recorded_samples::{DrivetrainRecording, Outliers, derivatives};
 use crate::drivetrain::residual_computation::{RecordingContext, SMOOTHING_S};
 use crate::drivetrain::residual_signals::{
@@ -63,9 +63,10 @@ pub(crate) fn read_residuals_given(
         reason,
     };
     let duration = recorded.len() as f64 * recorded.dt_s;
-    if duration < SHORTEST_S {
+    if duration < SHORTEST_OF_SEVERAL_S {
         return Err(refused(format!(
-            "{duration:.1} s are too short to tell an effect from chance; at least {SHORTEST_S} s are needed"
+            "{duration:.1} s are too short to tell an effect from chance; at least {SHORTEST_OF_SEVERAL_S} s are \
+             needed, and {SHORTEST_S} s in all recordings that are fitted"
         )));
     }
     let torsion = Torsion::new(drivetrain);

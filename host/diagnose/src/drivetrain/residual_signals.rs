@@ -273,6 +273,12 @@ impl ResidualSignal {
         !self.table.is_empty()
     }
 
+    /// For an angle: whether it grows or falls as the shafts are twisted, 1 or -1; else 1.
+    pub(crate) fn sign_of_twist(&self) -> f64 {
+        let first = self.twists.iter().find(|sign| **sign != 0.0);
+        first.map_or(1.0, |sign| sign.signum())
+    }
+
     /// For an angle: what the twists of the shafts come to.
     pub fn along_twists(&self, twist: &[Vec<f64>]) -> Vec<f64> {
         let n = twist.first().map_or(0, Vec::len);

@@ -353,6 +353,10 @@ pub fn calibrate(
         .enumerate()
     {
         let Some(moments) = moments else { continue };
+        // Of a constant speed a tachometer keeps its data sheet's response.
+        if channel.speed_of().is_some() && variation(moments) < LEAST_VARIATION {
+            continue;
+        }
         jobs.push((
             i,
             channel,
@@ -402,6 +406,15 @@ pub fn calibrate(
     Ok(gauges)
 }
 
+/// Part by which what a channel senses varies, of its root mean square.
+fn variation(moments: &Moments) -> f64 {
+    let total = moments.total();
+    let mean_square = total.ss / total.n;
+    (1.0 - (total.s / total.n).powi(2) / mean_square)
+        .max(0.0)
+        .sqrt()
+}
+
 /// Refuses a channel whose load does not vary, or of which part of the turn was not observed.
 fn check_observed(channel: &Channel, moments: &Moments, map: &[f64]) -> Result<(), String> {
     let total = moments.total();
@@ -415,10 +428,7 @@ fn check_observed(channel: &Channel, moments: &Moments, map: &[f64]) -> Result<(
             channel.name
         ));
     }
-    let mean_square = total.ss / total.n;
-    let variation = (1.0 - (total.s / total.n).powi(2) / mean_square)
-        .max(0.0)
-        .sqrt();
+    let variation = variation(moments);
     if variation < LEAST_VARIATION {
         return Err(format!(
             "what channel {} senses varies by {:.1} % of its root mean square; at least {:.0} % is needed to tell offset from sensitivity: add a recording with torque ramps",

@@ -1,17 +1,18 @@
 //! Reads carrier angle, speed and reference loads of a recording over time, referred to the
-//! carrier, and computes from them what each channel senses: shaft torque, load or speed.
+//! carrier, by an encoder or by a speed; and computes from them what each channel senses: shaft
+//! torque, load, speed or drive torque.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::path::Path;
 
 use loadtwin_common::image::Image;
-use loadtwin_common::io::measurement::SignalConditioner;
+use loadtwin_common::io::measurement::{EncoderScaling, IndexPulse, SignalConditioner};
 
 use crate::calibrate::CalibrateError;
 use loadtwin_design::build::{self, Filter, Sensors};
 use loadtwin_design::gearbox::Torsion;
-use loadtwin_machine::{CREEP, Direction, Drivetrain, Inertia, Machine, Senses};
+use loadtwin_machine::{CREEP, Channel, Direction, Drivetrain, Inertia, Machine, Senses};
 use loadtwin_replay::{ReplayError, Samples};
 
 /// Half the span over which speed and acceleration are differences of mean
@@ -24,8 +25,8 @@ const TURNS_PER_PHASE: f64 = 1.0 / 18_446_744_073_709_551_616.0;
 /// How a recorded machine moved and was loaded, sample by sample.
 pub struct Motion {
     dt_s: f64,
-    /// Angle of the shaft of the encoder that the index homes, else of the first, referred to the carrier and
-    /// continuous over turns [rad].
+    /// Angle of the shaft of the encoder that the index homes, else of the first, without encoders the
+    /// integral of the first speed from 0; referred to the carrier and continuous over turns [rad].
     angle: Vec<f64>,
     speed: Vec<f64>,
     acceleration: Vec<f64>,
@@ -36,24 +37,72 @@ pub struct Motion {
     homed: bool,
 }
 
-/// The encoder whose angle the maps are over: that of the index pulse, else the first.
-fn angle_sensors(machine: &Machine) -> Option<Sensors> {
+/// The encoder whose angle the maps are over: that of the index pulse, else the first. Without
+/// encoders the first channel that senses a speed; no index homes its integral.
+fn motion_sensor(machine: &Machine) -> Option<(Sensors, &str)> {
     let encoder = (machine.homed_encoder()).or(machine.encoders.first());
-    Some(Sensors {
-        channels: Vec::new(),
-        encoders: vec![encoder?.clone()],
+    let speed = machine.channels.iter().find_map(|channel| {
+        let of = channel.speed_of()?;
+        machine.index.is_none().then_some((channel, of))
+    });
+    let (channels, encoders, inertia) = match (encoder, speed) {
+        (Some(encoder), _) => (vec![], vec![encoder.clone()], encoder.inertia.as_str()),
+        (None, Some((channel, of))) => (vec![channel.clone()], vec![], of),
+        (None, None) => return None,
+    };
+    let sensors = Sensors {
+        channels,
+        encoders,
         name: String::new(),
         filter: Filter::default(),
         walks: BTreeMap::new(),
-    })
+    };
+    Some((sensors, inertia))
+}
+
+/// How the counts of the encoder and the index pulse become angles; nothing without an encoder.
+fn angle_conversion(
+    machine: &Machine,
+    sensors: &Sensors,
+) -> Result<(Vec<EncoderScaling>, Option<IndexPulse>), CalibrateError> {
+    if sensors.encoders.is_empty() {
+        return Ok((Vec::new(), None));
+    }
+    let payload = build::image(machine, sensors).map_err(ReplayError::from)?;
+    let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
+    let model = image.model.gearbox().ok_or(CalibrateError::NoDrivetrain)?;
+    let counters = model.encoders.iter().map(|encoder| encoder.counter);
+    Ok((counters.collect(), model.index))
+}
+
+/// Speed of the main shaft by a channel that senses one [rad/s].
+struct Tachometer<'a> {
+    channel: &'a Channel,
+    /// Reading for one rad/s of the main shaft (SI).
+    sensitivity: f64,
+}
+
+impl<'a> Tachometer<'a> {
+    fn new(channel: &'a Channel, drivetrain: &Drivetrain, inertia: &str) -> Self {
+        let sensitivity = channel.sensitivity_si() * Torsion::new(drivetrain).ratio(inertia);
+        Self {
+            channel,
+            sensitivity,
+        }
+    }
+
+    fn speed(&self, word: i32) -> f64 {
+        let offset = self.channel.to_si(self.channel.offset);
+        (self.channel.reading(f64::from(word)) - offset) / self.sensitivity
+    }
 }
 
 impl Motion {
-    /// Reads encoder, index pulse and references of `recording`; reports the part
+    /// Reads encoder or speed, index pulse and references of `recording`; reports the part
     /// read so far, 0 to 1.
     ///
     /// # Errors
-    /// When the recording cannot be read or has no encoder.
+    /// When the recording cannot be read, or the machine has neither encoder nor speed.
     pub fn read(
         machine: &Machine,
         recording: &Path,
@@ -67,18 +116,16 @@ impl Motion {
             .drivetrain
             .as_ref()
             .ok_or(CalibrateError::NoDrivetrain)?;
-        let sensors = angle_sensors(machine).ok_or_else(|| {
-            refused("the machine has no encoder, and the maps are over its angle")
+        let (sensors, inertia) = motion_sensor(machine).ok_or_else(|| {
+            refused(
+                "nothing measures the motion: the machine has no encoder and, without index pulse, \
+                 no channel that senses a speed",
+            )
         })?;
         let error = machine.homed_error();
-        let payload = build::image(machine, &sensors).map_err(ReplayError::from)?;
-        let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
-        let model = image.model.gearbox().ok_or(CalibrateError::NoDrivetrain)?;
-        let counters: Vec<_> = model
-            .encoders
-            .iter()
-            .map(|encoder| encoder.counter)
-            .collect();
+        let (counters, index) = angle_conversion(machine, &sensors)?;
+        let tachometer =
+            (sensors.channels.first()).map(|channel| Tachometer::new(channel, drivetrain, inertia));
 
         let load_of: Vec<usize> = (machine.load_of_references().into_iter())
             .map(Option::unwrap_or_default)
@@ -90,17 +137,24 @@ impl Motion {
             acceleration: Vec::new(),
             loads: vec![Vec::new(); drivetrain.loads.len()],
             usable: Vec::new(),
-            homed: model.index.is_none(),
+            homed: index.is_none(),
         };
         let (mut unwrap, mut last, mut angle, mut step) =
             (SignalConditioner::default(), None, 0.0, 0.0);
+        let mut last_speed = None;
         let mut samples = Samples::open(machine, &sensors, recording)?;
         loop {
             let more = samples.next_block(|sample| {
                 // The twist between carrier and encoder is small against what a map resolves.
                 let lead = loadtwin_common::signal::phase::Phase::default();
-                let m = unwrap.convert(&sample.raw, &[], &counters, model.index.as_ref(), lead);
+                let m = unwrap.convert(&sample.raw, &[], &counters, index.as_ref(), lead);
                 let phase = m.angles[0].ok();
+                let word = sample.raw.has_word(0).then_some(sample.raw.words[0]);
+                let speed = tachometer.as_ref().zip(word).map(|(t, word)| t.speed(word));
+                if let Some(speed) = speed {
+                    step = 0.5 * (speed + last_speed.unwrap_or(speed)) * motion.dt_s;
+                    last_speed = Some(speed);
+                }
                 if let Some(phase) = phase {
                     let mut moved = last.map_or(phase.0, |last: u64| phase.0.wrapping_sub(last));
                     if let (Some(by), false) = (m.rehomed, motion.homed) {
@@ -115,7 +169,7 @@ impl Motion {
                 }
                 angle += step;
                 motion.angle.push(angle);
-                motion.usable.push(phase.is_some());
+                motion.usable.push(phase.is_some() || speed.is_some());
                 motion.push_loads(sample.references, &load_of);
             })?;
             progress(samples.progress());
@@ -127,7 +181,7 @@ impl Motion {
         if !motion.usable.iter().any(|usable| *usable) {
             return Err(refused("it is shorter than a second"));
         }
-        motion.refer_to_carrier(machine, drivetrain, &sensors.encoders[0].inertia);
+        motion.refer_to_carrier(machine, drivetrain, inertia);
         Ok(motion)
     }
 
@@ -250,15 +304,22 @@ impl Motion {
     /// the inertial torque there and the friction torque:
     /// `tau_i = sum_(m <= i) (loads_m - J_m dw/dt - c_m w - friction_m)`, or from the other side. The
     /// train counts as rigid: this holds while the loads change slowly against
-    /// its lowest torsional mode.
+    /// its lowest torsional mode. A drive torque follows from all loads, as that of a shaft before its
+    /// inertia; from a speed that the motion itself is read from nothing follows.
     pub fn sensed(&self, machine: &Machine, senses: &Senses) -> Option<Vec<f64>> {
         let drivetrain = machine.drivetrain.as_ref()?;
         let known = |j: usize| self.loads[j].iter().any(|load| load.is_finite());
         match senses {
-            Senses::Drive(_)
-            | Senses::Displacement(_)
-            | Senses::OuterRing(_)
-            | Senses::Temperature => None,
+            Senses::Displacement(_) | Senses::OuterRing(_) | Senses::Temperature => None,
+            Senses::Drive(name) => {
+                let drives = |c: &Channel| matches!(c.senses, Senses::Drive(_));
+                let is_only = machine.channels.iter().filter(|c| drives(c)).count() == 1;
+                let side = Side::of(drivetrain, |_| true, -1.0, self);
+                let ratio = Torsion::new(drivetrain).ratio(name);
+                (is_only && side.loads.iter().all(|(j, _)| known(*j)))
+                    .then(|| self.torques(&side, ratio))
+            }
+            Senses::Speed(_) if machine.encoders.is_empty() => None,
             Senses::Speed(name) => {
                 let ratio = drivetrain
                     .inertias
@@ -273,22 +334,17 @@ impl Motion {
             }
             Senses::Shaft(name) => {
                 let shaft = drivetrain.shafts.iter().position(|s| s.name == *name)?;
-                let side = |after: bool| {
-                    let sign = if after { -1.0 } else { 1.0 };
-                    Side::of(drivetrain, |m| (m > shaft) == after, sign, self)
-                };
                 // The side with less inertia is known better.
-                let mut sides = [side(false), side(true)];
+                let mut sides = [
+                    Side::of(drivetrain, |body| body <= shaft, 1.0, self),
+                    Side::of(drivetrain, |body| body > shaft, -1.0, self),
+                ];
                 sides.sort_by(|a, b| a.moment.total_cmp(&b.moment));
                 let side = sides
                     .into_iter()
                     .find(|s| !s.loads.is_empty() && s.loads.iter().all(|(j, _)| known(*j)))?;
                 let ratio = drivetrain.shafts[shaft].speed_ratio;
-                Some(
-                    (0..self.len())
-                        .map(|i| self.torque(&side, i) / ratio)
-                        .collect(),
-                )
+                Some(self.torques(&side, ratio))
             }
         }
     }
@@ -300,6 +356,12 @@ impl Motion {
         let of = |i: usize| (all.driven(self, i), all.lost(self, i));
         let usable = (0..self.len()).filter(|&i| self.usable[i]).map(of);
         Some(usable.filter(|(driven, _)| driven.is_finite()).collect())
+    }
+
+    /// Torque of the shaft beside `side`, at a shaft that turns `ratio` times as fast.
+    fn torques(&self, side: &Side, ratio: f64) -> Vec<f64> {
+        let own = |i| self.torque(side, i) / ratio;
+        (0..self.len()).map(own).collect()
     }
 
     fn torque(&self, side: &Side, i: usize) -> f64 {
@@ -323,10 +385,10 @@ struct Side {
 }
 
 impl Side {
-    /// The inertias whose number `holds`; `sign` of the torque that they pass on.
+    /// Of the inertias that it `has` by number; `sign` of its torque in that of the shaft.
     fn of(
         drivetrain: &Drivetrain,
-        holds: impl Fn(usize) -> bool,
+        has: impl Fn(usize) -> bool,
         sign: f64,
         motion: &Motion,
     ) -> Self {
@@ -335,7 +397,7 @@ impl Side {
                 .inertias
                 .iter()
                 .enumerate()
-                .filter(|(m, _)| holds(*m))
+                .filter(|(m, _)| has(*m))
                 .map(|(_, j)| j)
         };
         let direction = |direction: Direction| direction.sign();

@@ -49,7 +49,10 @@ impl Kind {
     /// What such a cell may hold.
     pub(crate) fn allowed(&self) -> &'static str {
         match self {
-            Self::Number => "a number, or nothing where the sample is missing",
+            Self::Number => {
+                "a number, or nothing where the sample is missing (`missing` under [recording] lists \
+                 texts that stand for that)"
+            }
             Self::Boolean => "true or false, or nothing where the sample is missing",
             Self::Timestamp { format: None, .. } => {
                 "a timestamp such as 2026-03-31T12:00:00.002, with a zone in each row or in none (`format` \

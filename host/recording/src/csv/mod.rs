@@ -42,6 +42,8 @@ struct Format {
     comment: Vec<u8>,
     decimal_comma: bool,
     nan_is_missing: bool,
+    /// Texts of missing samples.
+    missing: Vec<Vec<u8>>,
     /// Kind of each column.
     kinds: Vec<Kind>,
 }
@@ -59,6 +61,7 @@ impl Csv {
                 comment: layout.comment.as_bytes().to_vec(),
                 decimal_comma: header.dialect.decimal_comma,
                 nan_is_missing: layout.written_nan == WrittenNan::Missing,
+                missing: (layout.missing.iter().map(|text| text.trim().into())).collect(),
                 kinds: header.kinds,
             },
             lines,
@@ -196,6 +199,9 @@ impl Format {
 
     /// The value of a cell of `column`; NaN where the sample is missing.
     fn value(&self, column: usize, cell: &[u8], is_time: bool) -> Result<f64, &'static str> {
+        if !is_time && self.missing.iter().any(|text| text == cell) {
+            return Ok(f64::NAN);
+        }
         let kind = self.kinds.get(column).unwrap_or(&Kind::Number);
         match kind.value(cell, self.decimal_comma) {
             Some(value) if value.is_finite() => Ok(value),

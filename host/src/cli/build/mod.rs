@@ -136,11 +136,26 @@ impl Build {
         built.report(self, as_json)
     }
 
+    /// A board reads words: of a channel without converter it would read anything.
+    fn check_converters(&self, sensors: &Sensors) -> anyhow::Result<()> {
+        let without = sensors.channels.iter().find(|c| c.adc.is_none());
+        without.map_or(Ok(()), |channel| {
+            anyhow::bail!(
+                "{}: channel `{}` has no `adc`; allowed: `adc = {{ lsb = ... }}`, by which a board reads its words",
+                self.machine.display(),
+                channel.name
+            )
+        })
+    }
+
     /// Builds and writes.
     fn build(&self) -> anyhow::Result<Built> {
         let started = std::time::Instant::now();
         let machine = load(&self.machine)?;
         let sensors = Sensors::choose(&machine, self.sensors.as_deref())?.filtered_by(self.filter);
+        if self.output.is_some() {
+            self.check_converters(&sensors)?;
+        }
         let payload = build::image(&machine, &sensors)?;
         let image = Image::from_bytes(&payload)?;
         if let Some(board) = self.board {
