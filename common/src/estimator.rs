@@ -309,7 +309,7 @@ impl<'a> Estimator<'a> {
         }
     }
 
-    /// The modal displacements and the rest of a rotor's state that the estimate is of, in the
+    /// The modal displacements and the other states of a rotor that the estimate is of, in the
     /// image's scale, for displacements at nodes without sensor; empty for other machines.
     pub fn rotor_state(&self) -> &[f32] {
         match &self.kind {

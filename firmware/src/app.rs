@@ -1,6 +1,7 @@
 //! Runs the estimator of a model image on a board (`App`): at each data-ready takes a raw sample,
-//! steps, and queues the CAN frames of the estimate and of the status with the board's counters.
-//! Without a usable image it sends status frames only.
+//! steps, and queues the CAN frames of the estimate, of the status with the board's counters, and
+//! of the raw sample where that is asked for (`sends_raw`). Without a usable image there are no
+//! estimates.
 
 use core::sync::atomic::Ordering::Relaxed;
 

@@ -1,7 +1,7 @@
-//! Corrects the state of the drivetrain filter by steady gains in place of the full recursion, from
-//! a table over the carrier angle in the model image (`SteadyGains`). Decides after each sample
-//! whether the next one is updated by them: once the covariance has settled, and while the speed is
-//! in their range and every sensor is used.
+//! Updates the drivetrain filter without its covariance recursion: forms the gain from settled
+//! covariances in a table over the carrier angle in the model image (`SteadyGains`), with the same
+//! gates and votes of the sensors. Decides after each sample how the next one is taken: so once
+//! the covariance has settled, while the speed is in range, the angle homed and every sensor used.
 
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};

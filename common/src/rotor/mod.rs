@@ -1,6 +1,8 @@
-//! Estimates the forces at the discs of a rotor and its modal displacements from displacement
-//! sensors at a few nodes, one raw sample at a time (`RotorEstimator::step`), by an augmented
-//! Kalman filter of a reduced finite-element model.
+//! Estimates the forces on nodes of a rotor and its modal displacements from displacement sensors,
+//! one raw sample at a time (`RotorEstimator::step`), by an augmented Kalman filter of a reduced
+//! finite-element model at the tracked speed, with a steady gain once it has converged; also some
+//! samples late. Where innovations contradict the model its noise is raised; one sensor that
+//! contradicts the others is held out.
 //!
 //! A reduced finite-element model with the forces as states ([`filter`]), its matrices over the
 //! speed. The full recursion runs until its gain has converged; then the steady gain of the speed

@@ -1,6 +1,6 @@
 //! Defines `ResidualModel`, the interface by which the diagnosis reads a recording of any machine
-//! kind: residual signals, nuisance parameters, regressor columns of effects, covariates, shaft
-//! angles.
+//! kind: residual signals with their noise, nuisance parameters with their priors, the effects to
+//! try and their regressor columns, hold-out blocks, covariates, shaft angles.
 
 use std::borrow::Cow;
 

@@ -1,5 +1,7 @@
-//! Builds the design matrix of the regression on a drive: decimated columns of the linear model and
-//! of effects over all recordings, with folds for cross-validation and stretches for significance.
+//! Builds the data of the regression on a drive over all recordings, decimated: the drive itself
+//! with folds for cross-validation (whole recordings from three on) and stretches for significance
+//! (`Dataset`); and the columns of the linear model, of an effect, and of each recording's own
+//! offset.
 
 use rayon::prelude::*;
 

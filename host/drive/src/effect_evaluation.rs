@@ -1,6 +1,7 @@
-//! Evaluates the effects selected for a drive on the validation recordings: verdict, notes,
-//! parameters, and the errors of four models, the linear part as described and refitted, each
-//! without and with the effects.
+//! Makes the `Diagnosis` of a drive from the effects selected: verdict, notes, parameters,
+//! remainder of the fitted recordings, and where the validation extrapolates. Errors on the
+//! validation recordings, with intervals, of four models: the linear part as described and
+//! refitted, each without and with the effects.
 
 use std::path::PathBuf;
 

@@ -1,5 +1,6 @@
-//! Score of the benchmark: one row for each recording, with true and named effects; rates over
-//! all rows; the table as CSV.
+//! Scores the benchmark: one row for each recording (`Row`, a line of the CSV that `main.rs`
+//! writes), with true and named effects; over all rows (`Score`) the rates, which effect was taken
+//! for which, the part of the improvement that was recovered, and the wrong answers, as text.
 
 use std::collections::BTreeMap;
 use std::fmt;

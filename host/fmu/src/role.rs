@@ -1,6 +1,7 @@
-//! What a variable of an FMU stands for (`Role`): time; reading, angle or index as input; load,
-//! sensor or shaft angle as output. Gives the variable's type (`f64`, `i32` or truth) and whether
-//! the environment sets it.
+//! What a variable of an FMU stands for (`Role`): time; as input a reading or angle, whether each
+//! was delivered, the index pulse and the turn since it; as output a field of a load or sensor,
+//! the shaft angle, whether it is homed, whether gains are steady. Gives the variable's type,
+//! whether the environment sets it, and whether it starts true.
 
 /// What a variable stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

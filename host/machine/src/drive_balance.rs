@@ -1,5 +1,6 @@
 //! Defines the description of a drive whose torque or force is recorded together with its motion
-//! (`[balance]`): balance of forces, recorded signals with gain and noise, effects that
+//! (`[balance]`): what a row is (motion, hold, constant speed), what is estimated (the unknown
+//! load, or the drive), balance of forces, recorded signals with gain and noise, effects that
 //! `loadtwin diagnose` found. Checks its fields.
 
 use std::collections::HashSet;

@@ -1,7 +1,8 @@
-//! Arranges raw samples and load frames of a machine on a bus as rows of columns over time (s),
-//! with empty cells for samples that are missing. Cuts them into parts, each for a file: at
-//! midnight (UTC), raw samples also at a gap above 1 s or a restart of the machine, and where the
-//! recorder takes one.
+//! Arranges raw samples (`SampleRows`) and load frames (`EstimateRows`) of a machine on a bus as
+//! rows of columns over time (s), with empty cells for what is missing; counts missing and
+//! repeated samples and restarts. Cuts the rows into parts, each for a file: at midnight (UTC),
+//! raw samples also at a gap above 1 s or a restart of the machine, and whenever the recorder asks
+//! (`take`).
 
 use loadtwin_common::io::fault::Fault;
 use loadtwin_common::io::frame::LoadFrame;

@@ -1,6 +1,7 @@
 //! Reads a recording sample by sample as a board would have latched it (`Samples`): converter
 //! words, encoder counts and index pulses, with reference loads and the true displacements of a
-//! rotor.
+//! rotor. Goes on from the end of the recording before (`SavedSamples`), where rows are not
+//! resampled; notes what was rounded, joined or missing.
 
 use std::borrow::Cow;
 

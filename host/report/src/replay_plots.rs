@@ -1,6 +1,7 @@
-//! Gathers the estimates of a replay sample by sample in bounded memory, and makes the sections of
-//! its page (`ReplayPlots`): loads with 2 σ band, reference and error; normalised innovation
-//! squared (NIS) with bounds; flags; the plots of each sensor.
+//! Gathers the estimates of a replay sample by sample: curves decimated to minima and maxima, and
+//! every sample compressed, in the page or a file beside it, in bounded memory. Makes the sections
+//! of its page (`ReplayPlots`): loads with 2 σ band, reference and error; NIS with bounds; flags;
+//! readings, innovations and their spectra.
 
 use super::{
     Axis, Combination, Data, Limit, Mark, MinMaxDecimator, Plot, Role, Samples, Section, Series,

@@ -1,6 +1,7 @@
-//! Simulates the lateral motion of a rotor under given forces: Timoshenko beam elements, two for
-//! each of the description, reduced to 24 modes at most with the residual flexibility of the
-//! others; integrated by Runge-Kutta steps.
+//! Simulates the lateral motion of a rotor under given forces, a bow of its shaft among them, at a
+//! given course of its speed (`Plant`): Timoshenko beam elements, two for each of the description,
+//! with gyroscopic coupling and bearings by speed; reduced to 24 modes at most with the residual
+//! flexibility of the others; integrated by Runge-Kutta steps.
 
 use std::f64::consts::TAU;
 

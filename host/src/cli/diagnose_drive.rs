@@ -1,6 +1,6 @@
 //! The part of `loadtwin diagnose` for drives with a table `[balance]`: runs the diagnosis of the
-//! torque balance in the module `balance`, writes the page, and prints verdict, effects, errors and
-//! remainder as text or JSON.
+//! torque balance (crate `loadtwin_drive`), writes the page, and prints verdict, effects, errors
+//! and remainder as text or JSON.
 
 use std::path::Path;
 use std::time::Instant;

@@ -1,6 +1,7 @@
-//! State machine that uploads a sealed image to a board by the UDS download services over ISO-TP,
-//! and repeats requests that are not answered. It returns the data of the next frame to send, a
-//! wait, or the result; `upload.rs` moves the frames over a bus.
+//! State machine that uploads a sealed image to a board by the UDS download services over ISO-TP.
+//! Repeats requests that are not answered, and the whole image where it arrived damaged. Returns
+//! the data of the next frame to send, a wait, or the result (accepted, refused, no verdict);
+//! `upload.rs` moves the frames over a bus.
 //!
 //! No socket and no clock: frames with [`uds::ANSWER_ID`] go into
 //! [`Uploader::on_frame`], frames from [`Uploader::poll`] go out with

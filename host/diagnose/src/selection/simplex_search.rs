@@ -13,8 +13,10 @@ const REFLECTED: f64 = 1.0;
 /// The same, expanded.
 const EXPANDED: f64 = 2.0;
 
-/// The same, contracted beyond the centre and before it.
+/// The same, contracted beyond the centre.
 const OUTSIDE: f64 = 0.5;
+
+/// The same, contracted before the centre.
 const INSIDE: f64 = -OUTSIDE;
 
 /// Part of the distance to the best corner that is left when the simplex shrinks.
@@ -83,16 +85,15 @@ pub(super) fn maximise<T>(
             };
             Some(along(factor)).filter(|contracted| contracted.value >= least)
         };
-        match better {
-            Some(point) => corners[n] = point,
-            None => {
-                let best = corners[0].at.clone();
-                for corner in &mut corners[1..] {
-                    let pairs = corner.at.iter().zip(&best);
-                    let at: Vec<f64> = pairs.map(|(x, b)| b + SHRUNK * (x - b)).collect();
-                    *corner = evaluate(&at);
-                }
-            }
+        if let Some(point) = better {
+            corners[n] = point;
+            continue;
+        }
+        let best = corners[0].at.clone();
+        for corner in &mut corners[1..] {
+            let pairs = corner.at.iter().zip(&best);
+            let at: Vec<f64> = pairs.map(|(x, b)| b + SHRUNK * (x - b)).collect();
+            *corner = evaluate(&at);
         }
     }
     // Not empty: it has the start.

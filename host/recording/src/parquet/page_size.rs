@@ -1,6 +1,6 @@
-//! Limits the expanded size of Parquet pages (`Bounded`, the file as the decoder reads it): checks
-//! the header of each page before the decoder allocates the memory that it states, up to 2 GiB.
-//! Larger pages are an error.
+//! Limits the expanded size of Parquet pages (`Bounded`, the file as the decoder reads it) to four
+//! times the stored size and a share of 192 MiB for each column read. A header that states more
+//! (it may state 2 GiB) is an error before the decoder allocates that memory.
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
 

@@ -1,6 +1,7 @@
 //! Computes approach and angle of a ball's contact at any azimuth from the displacement of the
-//! inner ring, and from all contacts the five bearing loads and the ring deformation that they
-//! cause. This is the load model of Kerst et al. 2019, eq. (4)-(9), for the cascade.
+//! inner ring and the deformation of the outer ring; from all contacts the five bearing loads and
+//! the ring deformation that they cause, towards which the cascade relaxes its own. Load model of
+//! Kerst et al. 2019, eq. (4)-(9).
 
 use std::f64::consts::TAU;
 
