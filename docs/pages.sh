@@ -7,10 +7,10 @@ trap 'rm -rf "$folder"' EXIT
 
 picture() { # PAGE HEIGHT PICTURE [WIDTH]
     chromium --headless --no-sandbox --disable-gpu --hide-scrollbars --user-data-dir="$folder/profile" \
-        --virtual-time-budget=5000 --window-size="${4:-900},$2" --screenshot=page.png "file://$1#theme=light" 2>"$folder/log"
+        --virtual-time-budget=5000 --window-size="${4:-900},$2" --screenshot="$folder/page.png" "file://$1#theme=light" 2>"$folder/log"
     # Below 100 kB.
-    python3 -c 'import sys; from PIL import Image; Image.open("page.png").convert("RGB").quantize(64).save(sys.argv[1], optimize=True)' \
-        "$3"
+    python3 -c 'import sys; from PIL import Image; Image.open(sys.argv[2]).convert("RGB").quantize(64).save(sys.argv[1], optimize=True)' \
+        "$3" "$folder/page.png"
 }
 
 cp -r examples/gearbox examples/bench "$folder"
