@@ -9,10 +9,11 @@ use thiserror::Error;
 use crate::assessment::empirical_correction::{self, Correction};
 use crate::assessment::residual_excess::{ResidualExcess, residual_excesses};
 use crate::assessment::residual_tests::{ResidualTests, residual_tests};
-use crate::assessment::verdict::Verdict;
+use crate::assessment::verdict::{self, Verdict};
 use crate::candidate_effect::Effect;
 use crate::candidate_effect::fitted::FittedEffect;
 use crate::diagnosable::Diagnosable;
+use crate::diagnosis_report::json::largest_excess;
 use crate::error_interval::LoadErrors;
 use crate::null_samples::NullSamples;
 use crate::selection::stepwise::{self, Selection};
@@ -89,6 +90,8 @@ pub struct Diagnosis<S: Diagnosable> {
     pub residual_tests: Vec<ResidualTests>,
     /// The result.
     pub verdict: Verdict,
+    /// Part of the excess that the effects found leave, where what is left is beyond chance.
+    pub unexplained_part: Option<f64>,
     /// What may be subtracted where something is missing that no candidate explains.
     pub corrections: Vec<Correction>,
     /// Errors on the hold-out recordings; on the fitted ones where there are none.
@@ -96,6 +99,19 @@ pub struct Diagnosis<S: Diagnosable> {
 }
 
 impl<S: Diagnosable> Diagnosis<S> {
+    /// What is left beside the effects that the verdict names, where it is beyond chance.
+    pub fn remainder(&self) -> Option<String> {
+        let part = self.unexplained_part.filter(|_| !self.named().is_empty())?;
+        let worst = largest_excess(&self.residual_excesses);
+        let worst = worst.first()?;
+        Some(format!(
+            "these leave {:.1} % of the excess unexplained, the most in {}: {:.1} times the mean square of the described machine",
+            100.0 * part,
+            worst.channel,
+            worst.after
+        ))
+    }
+
     /// The effects that the verdict names.
     pub fn named(&self) -> &[FittedEffect<S>] {
         self.verdict.named(&self.selection)
@@ -140,12 +156,14 @@ impl<S: Diagnosable> DiagnosisInput<S> {
             (&self.recordings, &self.holdout, &self.null_samples);
         let residual_excesses = residual_excesses(recordings, &selection, null_samples);
         let residual_tests = residual_tests(recordings, &selection, null_samples);
+        let unexplained_part =
+            verdict::unexplained_part(recordings, &selection, &residual_excesses, null_samples);
         let verdict = Verdict::of(
             recordings,
             &selection,
+            unexplained_part,
             &residual_excesses,
             &residual_tests,
-            null_samples,
         );
         let corrections = match verdict {
             Verdict::Unknown => empirical_correction::corrections(recordings, &residual_excesses),
@@ -162,6 +180,7 @@ impl<S: Diagnosable> DiagnosisInput<S> {
         Diagnosis {
             recordings: recordings.clone(),
             holdout: holdout.clone(),
+            unexplained_part,
             selection,
             residual_excesses,
             residual_tests,

@@ -264,6 +264,9 @@ fn print_verdict<S: Diagnosable>(diagnosis: &Diagnosis<S>) {
             correction.channel
         );
     }
+    if let Some(remainder) = diagnosis.remainder() {
+        say!("{remainder}");
+    }
     let mut named = diagnosis.named().iter();
     if let Some(open) = named.find(|f| f.is_ambiguous()) {
         say!("what would: {}", open.effect.recommended_experiment());

@@ -46,13 +46,13 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// Evaluates the effects found and their residuals.
+    /// Evaluates the effects found, the [`unexplained_part`] and the residuals.
     pub fn of<S: Diagnosable>(
         recordings: &[S],
         selection: &Selection<S>,
+        unexplained_part: Option<f64>,
         residual_excesses: &[ResidualExcess],
         residual_tests: &[ResidualTests],
-        null_samples: &NullSamples,
     ) -> Self {
         let faults: Vec<&'static str> = S::library()
             .iter()
@@ -60,7 +60,7 @@ impl Verdict {
             .map(|e| e.name())
             .collect();
         let nameless = selection.ranking.is_empty();
-        if unexplained(recordings, selection, residual_excesses, null_samples)
+        if unexplained_part.is_some_and(|part| part > 1.0 - MIN_EXPLAINED)
             || nameless && has_structure(residual_excesses, residual_tests)
         {
             return Self::Unknown;
@@ -105,13 +105,13 @@ impl Verdict {
     }
 }
 
-/// Whether an excess remains beyond chance and beyond the model error of the effects found.
-fn unexplained<S: Diagnosable>(
+/// Part of the excess that the effects found leave, where what is left is beyond chance.
+pub(crate) fn unexplained_part<S: Diagnosable>(
     recordings: &[S],
     selection: &Selection<S>,
     residual_excesses: &[ResidualExcess],
     null_samples: &NullSamples,
-) -> bool {
+) -> Option<f64> {
     let data = RegressionData::new(recordings, null_samples);
     let left = data.null_mean_squares(&data.base(base_columns(recordings, &selection.all())));
     let samples: f64 = recordings.iter().map(|s| s.speed().len() as f64).sum();
@@ -142,7 +142,7 @@ fn unexplained<S: Diagnosable>(
         after += (excess.after - 1.0).max(0.0);
         largest = largest.max((excess.after - 1.0) / weight(k));
     }
-    largest > MIN_EXCESS_SIGMA && after > (1.0 - MIN_EXPLAINED) * before
+    (largest > MIN_EXCESS_SIGMA).then(|| after / before.max(1e-300))
 }
 
 /// Whether some residual goes with an order or a quantity, by more than how well a fault-free machine

@@ -97,6 +97,7 @@ fn facts<S: Diagnosable>(recording: &str, diagnosis: &Diagnosis<S>) -> Vec<[Stri
         "Significant, but negligible for the load",
         selection.negligible_names().join(", "),
     );
+    add("Left", diagnosis.remainder().unwrap_or_default());
     add(
         "Not shown by this recording",
         cannot_show(selection).join(", "),

@@ -82,7 +82,8 @@ pub fn report<S: Diagnosable>(
         "structure": diagnosis.residual_tests,
         "innovations": innovations.as_ref().map_or_else(|e| json!({ "refused": e.to_string() }), |i| json!(i)),
         "empirical_corrections": diagnosis.corrections,
-        "unexplained": if unknown { json!(largest_excess(&diagnosis.residual_excesses)) } else { Value::Null },
+        "unexplained_part": diagnosis.unexplained_part,
+        "unexplained": if unknown || diagnosis.unexplained_part.is_some() { json!(largest_excess(&diagnosis.residual_excesses)) } else { Value::Null },
     });
     if let Some(object) = out.as_object_mut() {
         object.extend(recordings[0].extra_json());
