@@ -25,7 +25,8 @@ pub(crate) fn last_step(parameter: &NonlinearParameter, value: f64) -> f64 {
     }
 }
 
-/// The shape that explains most beside `base`, by a pattern search from that of `best`.
+/// The shape that explains most beside `base`: by a pattern search from that of `best`, then by a
+/// simplex search where several parameters are searched.
 pub(crate) fn search_parameters<S: ResidualModel>(
     data: &RegressionData,
     base: &BaseModel,
@@ -72,14 +73,23 @@ pub(crate) fn search_parameters<S: ResidualModel>(
             }
         }
     }
-    let free: Vec<usize> = (0..best.shape.len())
-        .filter(|j| effect.nonlinear_parameters()[*j].step > 0.0)
+    searched_together(effect.nonlinear_parameters(), best, evaluate)
+}
+
+/// The shape of the highest evidence near `best`, all parameters that are searched together; that
+/// of `best` where they are fewer than two.
+fn searched_together(
+    parameters: &[NonlinearParameter],
+    best: CandidateScore,
+    evaluate: impl Fn(&[f64]) -> CandidateScore,
+) -> Vec<f64> {
+    let free: Vec<usize> = (0..parameters.len())
+        .filter(|j| parameters[*j].step > 0.0)
         .collect();
     if free.len() < 2 {
         return best.shape;
     }
-    // Coordinates of the search: logarithms where the parameter is searched by factors.
-    let parameters = effect.nonlinear_parameters();
+    // Logarithms where a parameter is searched by factors.
     let coordinate = |j: usize, value: f64| {
         if parameters[j].logarithmic {
             value.ln()
@@ -87,13 +97,14 @@ pub(crate) fn search_parameters<S: ResidualModel>(
             value
         }
     };
+    let start = best.shape.clone();
     let shape_at = |at: &[f64]| {
-        let mut shape = best.shape.clone();
-        for (&j, x) in free.iter().zip(at) {
+        let mut shape = start.clone();
+        for (&j, &x) in free.iter().zip(at) {
             let value = if parameters[j].logarithmic {
                 x.exp()
             } else {
-                *x
+                x
             };
             shape[j] = value.clamp(parameters[j].bounds.0, parameters[j].bounds.1);
         }
@@ -104,16 +115,12 @@ pub(crate) fn search_parameters<S: ResidualModel>(
         free.iter().map(|j| parameters[*j].step * smaller).collect()
     };
     let point = |trial: CandidateScore| Point {
-        at: free
-            .iter()
-            .map(|&j| coordinate(j, trial.shape[j]))
-            .collect(),
+        at: (free.iter().map(|&j| coordinate(j, trial.shape[j]))).collect(),
         value: trial.log_evidence,
         found: trial.shape,
     };
-    let start = point(best.clone());
-    maximise(start, &steps(0), &steps(ROUNDS - 1), |at| {
+    let found = maximise(point(best), &steps(0), &steps(ROUNDS - 1), |at| {
         point(evaluate(&shape_at(at)))
-    })
-    .found
+    });
+    found.found
 }

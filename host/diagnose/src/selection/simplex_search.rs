@@ -2,9 +2,9 @@
 //! (`maximise`): along a ridge, where a search of one parameter after another stops short. Needs no
 //! derivative, so that kinks do not stop it.
 
-/// Evaluations for each parameter at most: a simplex of the first step needs 30 for each to shrink
-/// to a hundredth in two dimensions.
-const EVALUATIONS: usize = 40;
+/// Moves of a corner for each parameter at most: in two dimensions a simplex needs some 30 for each
+/// to shrink to a hundredth.
+const MOVES: usize = 40;
 
 /// Place of a reflected corner on the line from the worst corner (-1) through the centre of the
 /// others (0).
@@ -30,8 +30,9 @@ pub(super) struct Point<T> {
     pub found: T,
 }
 
-/// The highest point found from `start`, with a first simplex of `size` in each coordinate, until
-/// its corners lie within `resolution` of each other.
+/// The highest point found from `start`, with a first simplex of `size` in each coordinate (upwards,
+/// or downwards where `evaluate` holds the coordinate at a bound), until its corners lie within
+/// `resolution` of each other.
 ///
 /// Source: Nelder, Mead 1965, A simplex method for function minimization; factors of Lagarias et
 /// al. 1998.
@@ -42,14 +43,26 @@ pub(super) fn maximise<T>(
     evaluate: impl Fn(&[f64]) -> Point<T>,
 ) -> Point<T> {
     let n = start.at.len();
+    let evaluate = |at: &[f64]| {
+        let mut point = evaluate(at);
+        if point.value.is_nan() {
+            point.value = f64::NEG_INFINITY;
+        }
+        point
+    };
     let beside = |j: usize| {
         let mut at = start.at.clone();
         at[j] += size[j];
+        let above = evaluate(&at);
+        if above.at[j] > start.at[j] {
+            return above;
+        }
+        at[j] = start.at[j] - size[j];
         evaluate(&at)
     };
     let mut corners: Vec<Point<T>> = (0..n).map(beside).collect();
     corners.push(start);
-    for _ in 0..n * EVALUATIONS {
+    for _ in 0..n * MOVES {
         corners.sort_by(|a, b| b.value.total_cmp(&a.value));
         let is_small = (0..n).all(|j| {
             let off = |corner: &Point<T>| (corner.at[j] - corners[0].at[j]).abs();
@@ -125,6 +138,21 @@ mod tests {
         assert!((found.at[0] - 0.575).abs() < 0.03, "{:?}", found.at);
         assert!((found.at[1] + 0.525).abs() < 0.03, "{:?}", found.at);
         assert!(count.get() < 90, "{}", count.get());
+    }
+
+    #[test]
+    fn a_start_at_a_bound_goes_down_from_it() {
+        let evaluate = |at: &[f64]| {
+            let at: Vec<f64> = at.iter().map(|x| x.min(1.0)).collect();
+            Point {
+                value: -(at[0] - 0.6).powi(2) - (at[1] - 0.9).powi(2),
+                at,
+                found: (),
+            }
+        };
+        let found = maximise(evaluate(&[1.0, 1.0]), &[0.1, 0.1], &[1e-3, 1e-3], evaluate);
+        assert!((found.at[0] - 0.6).abs() < 0.01, "{:?}", found.at);
+        assert!((found.at[1] - 0.9).abs() < 0.01, "{:?}", found.at);
     }
 
     #[test]

@@ -20,6 +20,8 @@ const FACTOR: f64 = 2.0;
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TorqueBalance {
     samples: f64,
+    /// Sum as described [N m].
+    sum: f64,
     /// Sum of squares as described [N² m²].
     as_described: f64,
     /// The same with the other direction.
@@ -31,25 +33,40 @@ impl TorqueBalance {
     pub fn add(&mut self, machine: &Machine, motion: &Motion) {
         for (driven, lost) in motion.driven_and_lost(machine).into_iter().flatten() {
             self.samples += 1.0;
+            self.sum += driven - lost;
             self.as_described += (driven - lost).powi(2);
             self.reversed += (driven + lost).powi(2);
         }
     }
 
     /// What to check where the other direction of the encoder explains the references better; none
-    /// where the described one does, or where the references may be off by as much.
+    /// where the described one does, or where the references may be off by as much. A zero error of
+    /// the references that explains them as well is named beside it.
     pub fn note(&self, machine: &Machine) -> Option<String> {
         let encoder = machine.homed_encoder().or(machine.encoders.first())?;
         let nominal = machine.drivetrain.as_ref()?.nominal_torque();
-        let rms = |sum: f64| (sum / self.samples).sqrt();
+        let rms = |sum: f64| (sum / self.samples).max(0.0).sqrt();
         let (described, reversed) = (rms(self.as_described), rms(self.reversed));
-        (described > FACTOR * reversed.max(REFERENCE_ERROR * nominal)).then(|| {
-            format!(
-                "likely cause: sign: the direction of {0}: loads, inertia and drag balance within {described:.1} Nm as \
-                 described, within {reversed:.1} Nm if it counts the other way; exchange its two channels, or negate \
-                 counts_per_turn, or check signs and zeros of the references",
-                encoder.name
-            )
-        })
+        if described <= FACTOR * reversed.max(REFERENCE_ERROR * nominal) {
+            return None;
+        }
+        let zero = self.sum / self.samples;
+        let beside_zero = rms(self.as_described - self.sum * zero);
+        let balance = format!(
+            "loads, inertia and drag balance within {described:.1} Nm as described, within {reversed:.1} Nm if {} \
+             counts the other way",
+            encoder.name
+        );
+        let exchange = "exchange its two channels, or negate counts_per_turn";
+        Some(
+            if beside_zero <= FACTOR * reversed.max(REFERENCE_ERROR * nominal) {
+                format!(
+                    "{balance}, within {beside_zero:.1} Nm with zeros of the references that are {zero:.1} Nm off together: \
+                 check the zeros and signs of the references; else {exchange}"
+                )
+            } else {
+                format!("{balance}: {exchange}, or check the signs of the references")
+            },
+        )
     }
 }
