@@ -16,6 +16,8 @@ pub struct Readings {
     pub values: Vec<f64>,
     /// Known variance of each: of its samples, or of one word of the converter.
     pub variance: Vec<f64>,
+    /// Samples at an end of the converter's range, which are left out.
+    pub saturated: usize,
 }
 
 /// Loads that are held, with the readings of all channels that were recorded.
@@ -62,10 +64,18 @@ impl LoadSteps {
             };
             let read = StepFile::read(machine, &applied, file)?;
             all.is_timed &= read.is_timed;
-            all.are_means |= read.has_speed();
+            let are_means = read.are_means();
+            if number > 0 && are_means != all.are_means {
+                return Err(refused(
+                    "rows with a speed are means in any order, those of other files are loads in order; allowed: \
+                     files of one kind"
+                        .into(),
+                ));
+            }
+            all.are_means = are_means;
             let first = all.steps.len();
             let runs = all.steps.iter().map(|step| step.run + 1).max().unwrap_or(0);
-            let found = read.steps(number);
+            let found = read.steps(number).map_err(refused)?;
             all.append(machine, &read, found, runs);
             let steps = &all.steps[first..];
             let differ = steps.windows(2).any(|pair| pair[0].load != pair[1].load);
@@ -101,9 +111,11 @@ impl LoadSteps {
                     channel,
                     values: vec![f64::NAN; before],
                     variance: vec![0.0; before],
+                    saturated: 0,
                 });
                 self.readings.len() - 1
             });
+            self.readings[place].saturated += read.saturated(channel);
             for step in &found {
                 let (value, variance) = step.reading(described, encoding, values);
                 self.readings[place].values.push(value);
