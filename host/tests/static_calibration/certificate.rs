@@ -178,8 +178,26 @@ fn saturated_words_are_left_out() {
     assert_eq!(channel["range_nm"][1], 400.0);
 }
 
-/// Six loads up and down of 10 s with a loop of 0.5 %, and 2 s without readings in one of them; the
-/// shaft stands.
+#[test]
+fn means_at_speeds_are_not_mixed_with_loads_in_order() {
+    let folder = Folder::new();
+    let steps = folder.write(
+        "steps.csv",
+        "motor_flange [Nm],left_upper [µm/m]\n0,0\n100,61\n0,0\n",
+    );
+    let header = "speed [rpm],motor_flange [Nm],left_upper [µm/m]\n";
+    let means = folder.write("means.csv", &format!("{header}10,0,0\n10,100,61\n10,0,0\n"));
+    let output = folder.run(&[&steps, &means], &[]);
+    assert_eq!(output.status.code(), Some(1));
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        said.contains("means.csv") && said.contains("one kind"),
+        "{said}"
+    );
+}
+
+/// Six loads up and down of 10 s with a loop of 0.5 %; 2 s without readings in one of them, 0.2 s without
+/// the applied load in another; the shaft stands.
 #[test]
 fn gaps_and_a_speed_do_not_change_a_recording() {
     let folder = Folder::new();
@@ -204,7 +222,12 @@ fn gaps_and_a_speed_do_not_change_a_recording() {
             } else {
                 format!("{reading:.5}")
             };
-            gap += &format!("{t:.2},{load:.4},{cell},0\n");
+            let applied = if k == 2 && (600..620).contains(&i) {
+                String::new()
+            } else {
+                format!("{load:.4}")
+            };
+            gap += &format!("{t:.2},{applied},{cell},0\n");
             t += 0.01;
         }
     }

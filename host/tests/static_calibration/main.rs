@@ -166,7 +166,7 @@ fn intervals_hold_the_truth() {
         let machine = &machine;
         move |seed| {
             let calibration = calibrated(machine, bridge, seed);
-            found(&calibration, term).is_none_or(|f| holds(f.percent.interval(), truth))
+            found(&calibration, term).is_some_and(|f| holds(f.percent.interval(), truth))
         }
     };
     let sensitivity = |seed| {

@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 
+use super::plateaus::FEWEST;
 use super::step_file::{Applied, Found, SHORTEST_S, Step, StepFile};
 use crate::calibrate::CalibrateError;
 use loadtwin_machine::Machine;
@@ -87,7 +88,7 @@ impl LoadSteps {
                         applied.unit.symbol()
                     ),
                     (None, true) => format!(
-                        "{column:?} is held nowhere; allowed: loads that stay within 1 % of their range for {SHORTEST_S} s or more"
+                        "{column:?} is held nowhere; allowed: loads that stay within 1 % of their range for {SHORTEST_S} s and {FEWEST} rows or more"
                     ),
                     (None, false) => format!("no row has a number in {column:?}"),
                 }));

@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use super::candidate_term::SAME_LOAD;
-use super::plateaus::{FEWEST, plateaus};
+use super::plateaus::{FEWEST, fill_gaps, plateaus};
 use crate::calibrate::CalibrateError;
 use loadtwin_machine::{Channel, Encoding, Machine};
 use loadtwin_recording::{RATES_HZ, Reader, RecordingError, Role, Timing, Unit, Wanted, columns};
@@ -149,8 +149,18 @@ impl StepFile {
         } = Means::of(reader, per_block, wanted.len(), is_saturated)?;
         let zero = applied.unit.to_si(applied.zero);
         if let Some(load) = &mut values[0] {
-            for x in load {
+            for x in &mut *load {
                 *x = (*x - zero) * applied.gain;
+            }
+            if is_recording {
+                fill_gaps(load).map_err(|row| CalibrateError::TooLittle {
+                    recording: path.to_owned(),
+                    reason: format!(
+                        "{:?} is missing for long from {:.2} s on; allowed: gaps shorter than {SHORTEST_S} s and \
+                         {FEWEST} rows",
+                        applied.column, t[row]
+                    ),
+                })?;
             }
         }
         Ok(Self {
