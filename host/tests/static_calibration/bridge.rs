@@ -23,7 +23,8 @@ const RELAYS: usize = 40;
 /// What is simulated; parts of the output at the largest load in %.
 #[derive(Clone, Copy)]
 pub struct Bridge {
-    /// Reading by which the largest load is above proportion.
+    /// Readings by which the largest load is above proportion.
+    pub quadratic: f64,
     pub cubic: f64,
     /// Width of the loop at half of the largest load.
     pub hysteresis: f64,
@@ -41,6 +42,7 @@ pub struct Bridge {
 impl Bridge {
     /// Good ones: readings to 0.002 %.
     pub const CLEAN: Self = Self {
+        quadratic: 0.0,
         cubic: 0.0,
         hysteresis: 0.0,
         has_play: false,
@@ -85,8 +87,8 @@ impl Bridge {
                     time += 1.0;
                     let drift = 1e-4 * (phase + speed * time).sin();
                     let hysteresis = scale * relays.apply(*load);
-                    let cubic = 0.01 * self.cubic * load.powi(3);
-                    zero + gain * load + cubic + hysteresis + drift + 0.01 * self.noise * normal()
+                    let bent = 0.01 * (self.quadratic * load.powi(2) + self.cubic * load.powi(3));
+                    zero + gain * load + bent + hysteresis + drift + 0.01 * self.noise * normal()
                 };
                 loads.iter().map(&mut read).collect()
             })
@@ -122,6 +124,7 @@ impl Bridge {
             readings: vec![Readings {
                 channel,
                 variance: vec![0.0; values.len()],
+                saturated: 0,
                 values,
             }],
             steps,

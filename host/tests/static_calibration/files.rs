@@ -8,24 +8,24 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use serde_json::Value;
 
-struct Folder(tempfile::TempDir);
+pub struct Folder(tempfile::TempDir);
 
 impl Folder {
-    fn new() -> Self {
+    pub fn new() -> Self {
         Self(tempfile::tempdir().unwrap())
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
 
-    fn write(&self, name: &str, text: &str) -> PathBuf {
+    pub fn write(&self, name: &str, text: &str) -> PathBuf {
         std::fs::write(self.path(name), text).unwrap();
         self.path(name)
     }
 
     /// Calibrates `files` with the applied load in `motor_flange`.
-    fn run(&self, files: &[&Path], options: &[&str]) -> Output {
+    pub fn run(&self, files: &[&Path], options: &[&str]) -> Output {
         Command::new(env!("CARGO_BIN_EXE_loadtwin"))
             .args(["calibrate", MACHINE])
             .args(files)
@@ -36,7 +36,7 @@ impl Folder {
             .unwrap()
     }
 
-    fn json(&self, files: &[&Path], options: &[&str]) -> Value {
+    pub fn json(&self, files: &[&Path], options: &[&str]) -> Value {
         let output = self.run(files, &[options, &["--json"]].concat());
         assert!(
             output.status.success(),
@@ -47,7 +47,7 @@ impl Folder {
     }
 
     /// The one line of a refusal; nothing is written.
-    fn refusal(&self, table: &str) -> String {
+    pub fn refusal(&self, table: &str) -> String {
         let path = self.write("table.csv", table);
         let output = self.run(&[&path], &["-o", "out.toml"]);
         assert_eq!(output.status.code(), Some(1), "{table}");
@@ -58,7 +58,7 @@ impl Folder {
     }
 }
 
-fn term<'a>(channel: &'a Value, name: &str) -> Option<&'a Value> {
+pub fn term<'a>(channel: &'a Value, name: &str) -> Option<&'a Value> {
     channel["found"]
         .as_array()
         .unwrap()

@@ -65,12 +65,21 @@ pub fn of_gauge(
     let gain = gain?;
     if gain.abs() < 0.2 || r2.is_none_or(|r2| r2 < 0.1) {
         Some(GaugeFault::Dead(gain))
-    } else if gain < 0.0 {
-        Some(GaugeFault::WrongSign(gain))
-    } else if !(0.5..=2.0).contains(&gain) {
-        Some(GaugeFault::Gain(gain))
     } else {
-        None
+        GaugeFault::of_gain(gain)
+    }
+}
+
+impl GaugeFault {
+    /// What a fitted gain, in parts of the described one, contradicts.
+    pub(crate) fn of_gain(gain: f64) -> Option<Self> {
+        if gain < 0.0 {
+            Some(Self::WrongSign(gain))
+        } else if !(0.5..=2.0).contains(&gain) {
+            Some(Self::Gain(gain))
+        } else {
+            None
+        }
     }
 }
 

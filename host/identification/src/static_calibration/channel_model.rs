@@ -59,7 +59,7 @@ impl ChannelModel {
                 fitted = Characteristic::of(data, fitted.terms, found.level);
                 model
                     .notes
-                    .push("nonlinearity: not written; the gain is that of the nearest line".into());
+                    .push("nonlinearity: 0 is written, and the gain of the nearest line".into());
             }
         }
         let [offset, gain] = fitted.mean_line(data);

@@ -2,7 +2,7 @@
 //! are beyond chance; their sizes with intervals.
 
 use super::FALSE_ALARM;
-use super::candidate_term::{Course, SAME_LOAD, Term};
+use super::candidate_term::{Course, SAME_LOAD, Start, Term};
 use super::step_file::Step;
 use super::weighted_fit::{Estimate, Fit, Observed, Test};
 
@@ -127,17 +127,11 @@ impl<'a> Data<'a> {
         Fit::new(&self.columns(terms), &self.observed)
     }
 
-    /// Readings less offset and, if wanted, drift of their run, at each step.
-    pub(super) fn reduced(&self, fit: &Fit, reading: &[f64], without_drift: bool) -> Vec<f64> {
+    /// Readings less offset and drift of their run as fitted, at each step.
+    pub(super) fn reduced(&self, fit: &Fit, reading: &[f64]) -> Vec<f64> {
         let mut out = reading.to_vec();
         let offsets = self.runs.iter().map(|run| run[0]);
-        let drifts = self
-            .drifts
-            .iter()
-            .flatten()
-            .copied()
-            .filter(|_| without_drift);
-        for j in offsets.chain(drifts) {
+        for j in offsets.chain(self.drifts.iter().flatten().copied()) {
             for (y, x) in out.iter_mut().zip(&self.plain[j]) {
                 *y -= fit.coefficients[j] * x;
             }
@@ -145,29 +139,34 @@ impl<'a> Data<'a> {
         out
     }
 
-    /// Parts of the prediction at the largest load of a run that the load causes.
+    /// Steps of a run at the largest load.
+    fn largest_rows(&self, r: usize) -> Vec<usize> {
+        let l = &self.course.load;
+        let is_largest = |i: &usize| {
+            self.course.steps[*i].run == self.numbers[r]
+                && self.course.largest_sign * l[*i] > 1.0 - SAME_LOAD
+        };
+        (0..l.len()).filter(is_largest).collect()
+    }
+
+    /// Parts of the prediction for a run that the load causes, at the largest load of all runs.
     ///
     /// Loops are centred: they add nothing where the load turns.
     fn at_largest(&self, r: usize, terms: &[Term]) -> Vec<f64> {
         let mut c = vec![0.0; self.base.len() + terms.len()];
-        let l = &self.course.load;
         let sign = self.course.largest_sign;
-        let is_largest = |i: &usize| {
-            self.course.steps[*i].run == self.numbers[r] && sign * l[*i] > 1.0 - SAME_LOAD
-        };
-        let rows: Vec<usize> = (0..l.len()).filter(is_largest).collect();
-        if rows.is_empty() {
-            c[self.runs[r][1]] = sign;
-            return c;
-        }
+        let rows = self.largest_rows(r);
         let mean = |column: &[f64]| {
             rows.iter().map(|&i| column[i]).sum::<f64>() / rows.len().max(1) as f64
         };
-        c[self.runs[r][1]] = mean(l);
+        c[self.runs[r][1]] = sign;
         for (k, term) in terms.iter().enumerate() {
-            if *term != Term::Speed {
-                c[self.base.len() + k] = mean(&term.column(&self.course));
-            }
+            c[self.base.len() + k] = match term {
+                Term::Quadratic => 1.0,
+                Term::Cubic => sign,
+                Term::Speed => 0.0,
+                Term::Hysteresis { .. } | Term::Creep { .. } => mean(&term.column(&self.course)),
+            };
         }
         c
     }
@@ -184,12 +183,46 @@ pub(super) struct Characteristic {
 }
 
 impl Characteristic {
-    /// Adds the candidate with the largest Student's t, while it is beyond chance; then takes away
-    /// what is no longer. [`FALSE_ALARM`] holds for all candidates together (Bonferroni).
+    /// The best of four characteristics by Schwarz's criterion: of a preloaded and of a virgin
+    /// structure, each from no term and from quadratic, cubic and loop together, since a term can
+    /// hide another, and the start of a loop.
+    ///
+    /// Source: Schwarz 1978, Estimating the dimension of a model.
     pub(super) fn select(data: &Data<'_>) -> Self {
         let candidates = data.course.candidates();
         let level = FALSE_ALARM / candidates.len() as f64;
-        let mut terms: Vec<Term> = Vec::new();
+        let of_start = |wanted: Start| {
+            let is_loop = |term: &Term| matches!(term, Term::Hysteresis { .. });
+            let is_other =
+                |term: &Term| matches!(term, Term::Hysteresis { start, .. } if *start != wanted);
+            let own: Vec<Term> = (candidates.iter().copied())
+                .filter(|term| !is_other(term))
+                .collect();
+            let first_loop = own.iter().copied().find(is_loop);
+            let together = [Term::Quadratic, Term::Cubic].into_iter().chain(first_loop);
+            [Vec::new(), together.collect()].map(|from| Self::among(data, &own, level, from))
+        };
+        let criterion = |of: &Self| {
+            let cost = (data.observed.reading.len() as f64).ln();
+            of.fit.deviance() + cost * of.terms.len() as f64
+        };
+        let [first, second] = [Start::Preloaded, Start::Virgin].map(of_start);
+        // Of equals the first stays.
+        (first.into_iter().chain(second))
+            .reduce(|best, next| {
+                if criterion(&next) < criterion(&best) {
+                    next
+                } else {
+                    best
+                }
+            })
+            .unwrap_or_else(|| Self::among(data, &candidates, level, Vec::new()))
+    }
+
+    /// Adds to `terms` the candidate with the largest Student's t, while it is beyond chance; then
+    /// takes away what is not. [`FALSE_ALARM`] holds for all candidates together (Bonferroni).
+    fn among(data: &Data<'_>, candidates: &[Term], level: f64, mut terms: Vec<Term>) -> Self {
+        refine(data, &mut terms);
         let mut fit = data.fit(&terms);
         while let Some((term, _)) = (candidates.iter())
             .filter(|candidate| terms.iter().all(|t| t.name() != candidate.name()))
@@ -292,9 +325,7 @@ impl Characteristic {
     /// Several runs: their mean, its standard deviation from their scatter (the random effect of
     /// a run); one run: that of the fit.
     pub(super) fn line(&self, data: &Data<'_>) -> [Estimate; 2] {
-        let usable: Vec<usize> = (0..data.runs.len())
-            .filter(|&r| data.runs[r].iter().all(|j| self.fit.is_independent(*j)))
-            .collect();
+        let usable = self.complete_runs(data);
         let offset = |r: usize| {
             let mut c = vec![0.0; self.fit.coefficients.len()];
             c[data.runs[r][0]] = 1.0;
@@ -305,6 +336,21 @@ impl Characteristic {
             self.over_runs(&usable, &offset),
             self.over_runs(&usable, &output),
         ]
+    }
+
+    /// Runs whose offset and gain are separable and that reach the largest load; where none does
+    /// both, the separable ones.
+    fn complete_runs(&self, data: &Data<'_>) -> Vec<usize> {
+        let separable: Vec<usize> = (0..data.runs.len())
+            .filter(|&r| data.runs[r].iter().all(|j| self.fit.is_independent(*j)))
+            .collect();
+        let reaches = |r: &&usize| !data.largest_rows(**r).is_empty();
+        let complete: Vec<usize> = separable.iter().filter(reaches).copied().collect();
+        if complete.is_empty() {
+            separable
+        } else {
+            complete
+        }
     }
 
     /// Mean of a quantity of each run.
@@ -328,9 +374,10 @@ impl Characteristic {
             std: (squares / (n - 1.0) / n).sqrt(),
             freedom: n - 1.0,
         };
-        // Terms are of all runs together: their error is in none of the differences.
+        // Terms are of all runs together, and so is the rounding of readings: their error is in none
+        // of the differences.
         let width = |e: &Estimate| e.interval()[1] - e.value;
-        if !self.terms.is_empty() && width(&within) > width(&between) {
+        if width(&within) > width(&between) {
             within
         } else {
             between
@@ -340,11 +387,10 @@ impl Characteristic {
     /// Standard deviation of the output at the largest load between runs, less what the scatter of
     /// readings explains.
     pub(super) fn output_std(&self, data: &Data<'_>) -> Option<f64> {
-        let gains: Vec<Estimate> = (data.runs.iter())
-            .filter(|run| self.fit.is_independent(run[1]))
-            .map(|run| {
+        let gains: Vec<Estimate> = (self.complete_runs(data).into_iter())
+            .map(|r| {
                 let mut c = vec![0.0; self.fit.coefficients.len()];
-                c[run[1]] = 1.0;
+                c[data.runs[r][1]] = 1.0;
                 self.fit.linear(&c)
             })
             .collect();
@@ -360,18 +406,16 @@ impl Characteristic {
         self.fit.coefficients[data.base.len() + k]
     }
 
-    /// Mean offset and gain of the runs that have both.
+    /// Mean offset and gain of the complete runs.
     pub(super) fn mean_line(&self, data: &Data<'_>) -> [f64; 2] {
-        let runs: Vec<&[usize; 2]> = (data.runs.iter())
-            .filter(|run| run.iter().all(|j| self.fit.is_independent(*j)))
-            .collect();
+        let runs = self.complete_runs(data);
         let n = runs.len().max(1) as f64;
-        [0, 1].map(|k| {
+        let sum = |k: usize| {
             runs.iter()
-                .map(|run| self.fit.coefficients[run[k]])
+                .map(|&r| self.fit.coefficients[data.runs[r][k]])
                 .sum::<f64>()
-                / n
-        })
+        };
+        [0, 1].map(|k| sum(k) / n)
     }
 
     /// A characteristic of given terms, with their probabilities by chance.

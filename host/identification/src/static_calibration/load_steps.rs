@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 
+use super::plateaus::FEWEST;
 use super::step_file::{Applied, Found, SHORTEST_S, Step, StepFile};
 use crate::calibrate::CalibrateError;
 use loadtwin_machine::Machine;
@@ -16,6 +17,8 @@ pub struct Readings {
     pub values: Vec<f64>,
     /// Known variance of each: of its samples, or of one word of the converter.
     pub variance: Vec<f64>,
+    /// Samples at an end of the converter's range, which are left out.
+    pub saturated: usize,
 }
 
 /// Loads that are held, with the readings of all channels that were recorded.
@@ -62,10 +65,18 @@ impl LoadSteps {
             };
             let read = StepFile::read(machine, &applied, file)?;
             all.is_timed &= read.is_timed;
-            all.are_means |= read.has_speed();
+            let are_means = read.are_means();
+            if number > 0 && are_means != all.are_means {
+                return Err(refused(
+                    "rows with a speed are means in any order, those of other files are loads in order; allowed: \
+                     files of one kind"
+                        .into(),
+                ));
+            }
+            all.are_means = are_means;
             let first = all.steps.len();
             let runs = all.steps.iter().map(|step| step.run + 1).max().unwrap_or(0);
-            let found = read.steps(number);
+            let found = read.steps(number).map_err(refused)?;
             all.append(machine, &read, found, runs);
             let steps = &all.steps[first..];
             let differ = steps.windows(2).any(|pair| pair[0].load != pair[1].load);
@@ -77,7 +88,7 @@ impl LoadSteps {
                         applied.unit.symbol()
                     ),
                     (None, true) => format!(
-                        "{column:?} is held nowhere; allowed: loads that stay within 1 % of their range for {SHORTEST_S} s or more"
+                        "{column:?} is held nowhere; allowed: loads that stay within 1 % of their range for {SHORTEST_S} s and {FEWEST} rows or more"
                     ),
                     (None, false) => format!("no row has a number in {column:?}"),
                 }));
@@ -101,9 +112,11 @@ impl LoadSteps {
                     channel,
                     values: vec![f64::NAN; before],
                     variance: vec![0.0; before],
+                    saturated: 0,
                 });
                 self.readings.len() - 1
             });
+            self.readings[place].saturated += read.saturated(channel);
             for step in &found {
                 let (value, variance) = step.reading(described, encoding, values);
                 self.readings[place].values.push(value);

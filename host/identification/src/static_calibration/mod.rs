@@ -23,12 +23,16 @@ pub use load_steps::{LoadSteps, Readings};
 pub use step_file::Step;
 pub use weighted_fit::Estimate;
 
+use crate::calibrate::GaugeFault;
 use candidate_term::Course;
 use characteristic::{Characteristic, Data};
 use loadtwin_machine::{Channel, Drivetrain, Machine, Senses};
 
 /// Probability that a characteristic without terms shows any, over all candidates together.
 pub const FALSE_ALARM: f64 = 0.01;
+
+/// Output that is rounding, in parts of the largest reading: below a count of any converter (32 bits).
+const ROUNDING: f64 = 1e-10;
 
 /// Time after which creep is stated (s), as certificates do.
 pub const CREEP_S: f64 = 1800.0;
@@ -170,7 +174,7 @@ fn fit_channel(
     factor: f64,
 ) -> Result<StaticCalibration, String> {
     let known: Vec<usize> = (0..all.steps.len())
-        .filter(|&i| readings.values[i].is_finite())
+        .filter(|&i| readings.values[i].is_finite() && readings.variance[i].is_finite())
         .collect();
     let steps: Vec<Step> = (known.iter().map(|&i| all.steps[i]))
         .map(|step| Step {
@@ -199,10 +203,11 @@ fn fit_channel(
     let found = Characteristic::select(&data);
     let [zero, output] = found.line(&data);
     let [low, high] = output.interval();
-    if (low..=high).contains(&0.0) {
+    let rounding = ROUNDING * values.iter().fold(0.0, |most: f64, y| most.max(y.abs()));
+    if !(low > rounding || high < -rounding) {
         return Err(format!(
-            "its output at the largest load is 0 within its 95 % interval ({:.3e} to {:.3e} {}); allowed: a reading \
-             that follows the load",
+            "its output at the largest load is 0 within its 95 % interval ({:.3e} to {:.3e} {}) and rounding; \
+             allowed: a reading that follows the load",
             channel.unit.from_si(low),
             channel.unit.from_si(high),
             channel.unit.symbol()
@@ -211,6 +216,19 @@ fn fit_channel(
     let per_output = 100.0 / output.value;
     let findings = findings(&data, &found, per_output);
     let absent = absent(&data, &found, per_output);
+    let mut model = ChannelModel::new(&data, &found, &absent, [largest, nominal]);
+    let gain = output.value * data.course.largest_sign / largest / channel.sensitivity_si();
+    let fault = GaugeFault::of_gain(gain);
+    model.notes.extend(fault.map(|fault| {
+        format!("{fault} of the described sensitivity: check its sign and unit, those of the load, and the wiring")
+    }));
+    if readings.saturated > 0 {
+        let note = format!(
+            "{} saturated readings of the converter: left out",
+            readings.saturated
+        );
+        model.notes.push(note);
+    }
     Ok(StaticCalibration {
         channel: readings.channel,
         plateaus: data.plateaus.len(),
@@ -221,7 +239,7 @@ fn fit_channel(
         deviation_percent: found.fit.deviation() * per_output.abs(),
         between_runs_percent: found.output_std(&data).map(|std| std * per_output.abs()),
         certificate: certificate(&data, &found, &values, output.value, &findings),
-        model: ChannelModel::new(&data, &found, &absent, [largest, nominal]),
+        model,
         found: findings,
         absent,
     })
@@ -249,17 +267,15 @@ fn certificate(
 ) -> Certificate {
     // The output over the load is then 1.
     let scale = data.course.largest_sign / output;
-    let [reduced, drifting] = [true, false].map(|without_drift| -> Vec<f64> {
-        let readings = data.reduced(&found.fit, values, without_drift);
-        readings.into_iter().map(|y| y * scale).collect()
-    });
+    let scaled = |readings: &[f64]| -> Vec<f64> { readings.iter().map(|y| y * scale).collect() };
+    let reduced = scaled(&data.reduced(&found.fit, values));
     let creep = findings.iter().find_map(|finding| match finding.term {
         Term::Creep { time_s } => Some(finding.percent.value * (1.0 - (-CREEP_S / time_s).exp())),
         _ => None,
     });
     Certificate {
         creep,
-        ..Certificate::new(data.course.steps, &data.course.load, &reduced, &drifting)
+        ..Certificate::new(&data.course, &scaled(values), &reduced)
     }
 }
 
@@ -297,7 +313,15 @@ fn absent(data: &Data<'_>, found: &Characteristic, percent: f64) -> Vec<(&'stati
             &["quadratic", "cubic"],
             "three loads or more show it",
         ),
-        ("hysteresis", &["hysteresis"], "loads up and down show it"),
+        (
+            "hysteresis",
+            &["hysteresis"],
+            if data.course.are_means {
+                "rows with a speed are means in any order"
+            } else {
+                "loads up and down show it"
+            },
+        ),
         (
             "creep",
             &["creep"],

@@ -55,6 +55,32 @@ pub(super) fn plateaus(load: &[f64]) -> Vec<Range<usize>> {
     found
 }
 
+/// Puts the line between its neighbours into each gap of `load` that is shorter than a plateau.
+///
+/// # Errors
+/// Where a gap begins that is as long as a plateau.
+pub(super) fn fill_gaps(load: &mut [f64]) -> Result<(), usize> {
+    let mut from = 0;
+    while let Some(first) = (from..load.len()).find(|&i| !load[i].is_finite()) {
+        let end = (first..load.len()).find(|&i| load[i].is_finite());
+        let length = end.unwrap_or(load.len()) - first;
+        let before = first.checked_sub(1).map(|i| load[i]);
+        let Some((a, b)) = (before.or(end.map(|i| load[i]))).zip(end.map(|i| load[i]).or(before))
+        else {
+            return Err(first);
+        };
+        if length >= FEWEST {
+            return Err(first);
+        }
+        for k in 0..length {
+            let part = (k + 1) as f64 / (length + 1) as f64;
+            load[first + k] = a + part * (b - a);
+        }
+        from = first + length;
+    }
+    Ok(())
+}
+
 /// Difference of the largest and the smallest mean over sixteenths of a plateau.
 fn spread(load: &[f64]) -> f64 {
     let part = load.len() / FEWEST;

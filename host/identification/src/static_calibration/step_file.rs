@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use super::candidate_term::SAME_LOAD;
-use super::plateaus::{FEWEST, plateaus};
+use super::plateaus::{FEWEST, fill_gaps, plateaus};
 use crate::calibrate::CalibrateError;
 use loadtwin_machine::{Channel, Encoding, Machine};
 use loadtwin_recording::{RATES_HZ, Reader, RecordingError, Role, Timing, Unit, Wanted, columns};
@@ -87,6 +87,8 @@ pub(super) struct StepFile {
     t: Vec<f64>,
     /// Applied load, run, speed, then the channels.
     values: Vec<Option<Vec<f64>>>,
+    /// Samples of each that are left out.
+    saturated: Vec<usize>,
     pub encodings: Vec<Encoding>,
     pub is_recording: bool,
     pub is_timed: bool,
@@ -136,16 +138,35 @@ impl StepFile {
         } else {
             1
         };
-        let Means { t, mut values, .. } = Means::of(reader, per_block, wanted.len())?;
+        let is_saturated = |column: usize, value: f64| {
+            column >= 3 && is_saturated(&machine.channels[column - 3], encodings[column - 3], value)
+        };
+        let Means {
+            t,
+            mut values,
+            saturated,
+            ..
+        } = Means::of(reader, per_block, wanted.len(), is_saturated)?;
         let zero = applied.unit.to_si(applied.zero);
         if let Some(load) = &mut values[0] {
-            for x in load {
+            for x in &mut *load {
                 *x = (*x - zero) * applied.gain;
+            }
+            if is_recording {
+                fill_gaps(load).map_err(|row| CalibrateError::TooLittle {
+                    recording: path.to_owned(),
+                    reason: format!(
+                        "{:?} is missing for long from {:.2} s on; allowed: gaps shorter than {SHORTEST_S} s and \
+                         {FEWEST} rows",
+                        applied.column, t[row]
+                    ),
+                })?;
             }
         }
         Ok(Self {
             t,
             values,
+            saturated,
             encodings,
             is_recording,
             is_timed,
@@ -157,11 +178,19 @@ impl StepFile {
         self.values[3 + number].as_deref()
     }
 
-    pub(super) fn has_speed(&self) -> bool {
-        self.values[2].is_some()
+    /// Samples of the channel with that number that are left out.
+    pub(super) fn saturated(&self, number: usize) -> usize {
+        self.saturated[3 + number]
     }
 
-    pub(super) fn steps(&self, file: usize) -> Vec<Found> {
+    /// Whether rows are means at speeds; a recording has its history in any case.
+    pub(super) fn are_means(&self) -> bool {
+        !self.is_recording && self.values[2].is_some()
+    }
+
+    /// # Errors
+    /// Where a load has no run or no speed though the file has that column.
+    pub(super) fn steps(&self, file: usize) -> Result<Vec<Found>, String> {
         if self.is_recording {
             self.plateau_steps(file)
         } else {
@@ -174,15 +203,22 @@ impl StepFile {
     }
 
     /// A step for each row that has a load.
-    fn table_steps(&self, file: usize) -> Vec<Found> {
-        let at = |column: usize, i: usize| self.values[column].as_ref().map(|c| c[i]);
+    fn table_steps(&self, file: usize) -> Result<Vec<Found>, String> {
+        let at = |column: usize, i: usize| match &self.values[column] {
+            Some(values) if !values[i].is_finite() => Err(format!(
+                "row {} below the header has a load and no number in {:?}; allowed: one in each row, or no such column",
+                i + 1,
+                [RUN, SPEED][column - 1]
+            )),
+            values => Ok(values.as_ref().map_or(0.0, |values| values[i])),
+        };
         let mut found: Vec<Found> = Vec::new();
         let mut runs: Vec<f64> = Vec::new();
         for (i, load) in self.load().iter().enumerate() {
             if !load.is_finite() {
                 continue;
             }
-            let number = at(1, i).filter(|number| number.is_finite()).unwrap_or(0.0);
+            let number = at(1, i)?;
             let run = runs
                 .iter()
                 .position(|known| *known == number)
@@ -207,7 +243,7 @@ impl StepFile {
                         (None, before) => before.map_or(self.t[i], |before| before.t_s),
                     },
                     load: *load,
-                    speed: at(2, i).filter(|speed| speed.is_finite()).unwrap_or(0.0),
+                    speed: at(2, i)?,
                 },
                 rows: i..i + 1,
                 plateau_rows: i..i + 1,
@@ -216,11 +252,11 @@ impl StepFile {
         if self.values[1].is_none() && self.values[2].is_none() {
             number_cycles(&mut found);
         }
-        found
+        Ok(found)
     }
 
     /// A step for each piece of each plateau.
-    fn plateau_steps(&self, file: usize) -> Vec<Found> {
+    fn plateau_steps(&self, file: usize) -> Result<Vec<Found>, String> {
         let all = plateaus(self.load());
         let mean = |range: Range<usize>, of: &[f64]| {
             let values: Vec<f64> = of[range]
@@ -228,7 +264,7 @@ impl StepFile {
                 .copied()
                 .filter(|x| x.is_finite())
                 .collect();
-            values.iter().sum::<f64>() / values.len().max(1) as f64
+            values.iter().sum::<f64>() / values.len() as f64
         };
         let mut found: Vec<Found> = Vec::new();
         for (plateau, rows) in all.iter().enumerate() {
@@ -240,9 +276,14 @@ impl StepFile {
             let piece = rows.len() / PIECES;
             for k in 0..PIECES {
                 let of_piece = rows.start + k * piece..rows.start + (k + 1) * piece;
-                let speed = self.values[2]
-                    .as_ref()
-                    .map(|speed| mean(of_piece.clone(), speed));
+                let speeds = self.values[2].as_ref();
+                let speed = speeds.map_or(0.0, |speed| mean(of_piece.clone(), speed));
+                if speed.is_nan() {
+                    return Err(format!(
+                        "{SPEED:?} is missing at {:.1} s, where the load is held",
+                        self.t[of_piece.start]
+                    ));
+                }
                 found.push(Found {
                     step: Step {
                         file,
@@ -251,7 +292,7 @@ impl StepFile {
                         t_s: mean(of_piece.clone(), &self.t),
                         since_s,
                         load,
-                        speed: speed.unwrap_or(0.0),
+                        speed,
                     },
                     rows: of_piece,
                     plateau_rows: rows.clone(),
@@ -259,8 +300,22 @@ impl StepFile {
             }
         }
         number_cycles(&mut found);
-        found
+        Ok(found)
     }
+}
+
+/// Whether a value of a column is at an end of the range of the channel's converter.
+fn is_saturated(channel: &Channel, encoding: Encoding, value: f64) -> bool {
+    let Some(adc) = &channel.adc else {
+        return false;
+    };
+    let word = match encoding {
+        Encoding::Word => value,
+        Encoding::Ratio => f64::from(channel.word_of_ratio(value)),
+        Encoding::Reading => f64::from(channel.word(value)),
+    };
+    let full = (1_i64 << (adc.bits - 1)) as f64;
+    word <= -full || word >= full - 1.0
 }
 
 /// Period that stands for the number of a row [ms].
@@ -277,8 +332,8 @@ impl Found {
     /// Mean reading (SI) and its known variance.
     ///
     /// Of a recording, `s^2 / n` with `s^2` half the mean square of differences of `n` means over
-    /// sixteenths of the plateau, which creep and drift do not enlarge; of a table, that of one
-    /// word of the converter.
+    /// sixteenths of the plateau, which creep and drift do not enlarge, and NaN where fewer than two
+    /// differences are known; of a table, that of one word of the converter.
     pub(super) fn reading(
         &self,
         channel: &Channel,
@@ -309,7 +364,12 @@ impl Found {
             })
             .collect();
         let differences = means.windows(2).map(|pair| (pair[1] - pair[0]).powi(2));
-        let variance = 0.5 * differences.sum::<f64>() / (FEWEST - 1) as f64;
+        let known: Vec<f64> = differences.filter(|square| square.is_finite()).collect();
+        let variance = if known.len() < 2 {
+            f64::NAN
+        } else {
+            0.5 * known.iter().sum::<f64>() / known.len() as f64
+        };
         let parts = self.rows.len() as f64 / part as f64;
         (value, variance / parts + rounded)
     }
@@ -358,25 +418,40 @@ struct Means {
     rows: usize,
     sum_t: f64,
     sums: Vec<(f64, f64)>,
+    saturated: Vec<usize>,
     t: Vec<f64>,
     values: Vec<Option<Vec<f64>>>,
 }
 
 impl Means {
-    fn of(reader: Reader, per_block: usize, columns: usize) -> Result<Self, RecordingError> {
+    fn of(
+        reader: Reader,
+        per_block: usize,
+        columns: usize,
+        is_saturated: impl Fn(usize, f64) -> bool,
+    ) -> Result<Self, RecordingError> {
         let mut means = Self {
             per_block,
             rows: 0,
             sum_t: 0.0,
             sums: vec![(0.0, 0.0); columns],
+            saturated: vec![0; columns],
             t: Vec::new(),
             values: vec![None; columns],
         };
         for block in reader {
             let block = block?;
             for i in 0..block.t.len() {
-                let row = (block.columns.iter()).map(|c| c.as_ref().map(|c| c[i]));
-                means.push(block.t[i], row);
+                let mut row: Vec<Option<f64>> = (block.columns.iter())
+                    .map(|c| c.as_ref().map(|c| c[i]))
+                    .collect();
+                for (column, value) in row.iter_mut().enumerate() {
+                    if let Some(value) = value.as_mut().filter(|v| is_saturated(column, **v)) {
+                        *value = f64::NAN;
+                        means.saturated[column] += 1;
+                    }
+                }
+                means.push(block.t[i], row.into_iter());
             }
         }
         Ok(means)

@@ -227,6 +227,12 @@ impl Fit {
         dot(&self.residual, &self.residual)
     }
 
+    /// `sum_i ln(var y_i) + e_i^2 / var y_i`: twice the negative logarithm of the likelihood, but for a
+    /// constant.
+    pub(super) fn deviance(&self) -> f64 {
+        self.sum_of_squares() - 2.0 * self.weights.iter().map(|w| w.ln()).sum::<f64>()
+    }
+
     /// Degrees of freedom of the residuals.
     pub(super) fn freedom(&self) -> f64 {
         self.freedom.iter().sum()

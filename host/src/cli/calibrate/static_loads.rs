@@ -86,7 +86,7 @@ fn print(machine: &Machine, calibration: &StaticCalibration) {
     say!("  zero           {} {unit}", own(&calibration.zero));
     let certificate = &calibration.certificate;
     let figures = [
-        ("linearity", Some(certificate.linearity), "nonlinearity"),
+        ("linearity", certificate.linearity, "nonlinearity"),
         ("reversibility", certificate.reversibility, "hysteresis"),
         ("creep, 30 min", certificate.creep, "creep"),
         ("speed", None, "speed"),
@@ -107,18 +107,21 @@ fn print(machine: &Machine, calibration: &StaticCalibration) {
     say!(
         "  repeatability  {}  {}",
         percent(certificate.repeatability),
-        between.map_or("one run".to_owned(), |std| {
+        between.map_or("one run up to the largest load".to_owned(), |std| {
             format!("standard deviation of the sensitivity between runs {std:.4} %")
         })
     );
     say!("  zero return    {}", percent(certificate.zero_return));
     say!(
         "  combined error {}  standard deviation of a load {:.4} %",
-        percent(Some(certificate.combined)),
+        percent(certificate.combined),
         calibration.deviation_percent
     );
     match certificate.class() {
         Some(class) => say!("  class          {class}"),
+        None if certificate.linearity.is_none() => {
+            say!("  class          none: three loads or more up to the largest show the linearity");
+        }
         None => say!("  class          none: above 5 %"),
     }
     for note in &calibration.model.notes {
