@@ -46,7 +46,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// Evaluates the effects found, the [`unexplained_part`] and the residuals.
+    /// Evaluates the effects found, the part of the excess that they leave, and the residuals.
     pub fn of<S: Diagnosable>(
         recordings: &[S],
         selection: &Selection<S>,
