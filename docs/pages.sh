@@ -25,7 +25,7 @@ loadtwin simulate bench.toml --scenario start-stop --duration-s 30 --seed 2 --ef
 loadtwin diagnose bench.toml fit.parquet --validate validate.parquet --report diagnose.html >diagnose.txt
 picture "$folder/diagnose.html" 1180 "$docs/diagnose-page.png"
 
-# The pages of a calibration, a tuning, a rotor, a bearing, a drive, a life and a fleet.
+# The pages of a calibration, a tuning, a rotor, a bearing, a life, a drive and a fleet.
 cd "$docs/.."
 simulate() { loadtwin simulate "$@" >>"$folder/log"; }
 simulate examples/gearbox/machine.toml --scenario constant --seed 2 --individual 1 --effect paper -o "$folder/constant.parquet"
@@ -41,6 +41,26 @@ loadtwin replay examples/bearing/calibrated.toml "$folder/lc1.parquet" --report 
 loadtwin replay examples/gearbox/machine.toml examples/gearbox/start-stop.parquet --estimates "$folder/estimates.parquet" \
     >>"$folder/log"
 loadtwin life "$folder/estimates.parquet" --exponents 3,9 -o "$folder/counts.parquet" --report "$folder/life.html" >>"$folder/log"
-for page in calibrate tune rotor bearing life; do
+for seed in 1 2; do
+    simulate examples/feed-drive/plant.toml --scenario reversals --duration-s 40 --individual 1 --seed $seed \
+        --effect coulomb-friction=3 -o "$folder/drive-$seed.csv"
+done
+loadtwin diagnose examples/feed-drive/drive.toml "$folder/drive-1.csv" --report "$folder/drive.html" >>"$folder/log"
+for page in calibrate tune rotor bearing life drive; do
     picture "$folder/$page.html" 1240 "$docs/$page-page.png" 1100
 done
+
+# Three machines with three days of 20 s each; the second has a gauge that lost a part of its response.
+for machine in 1 2 3; do
+    for day in 1 2 3; do
+        recording="$folder/archive/recordings/machine=gearbox-$machine/day=2026-11-0$day"
+        mkdir -p "$recording"
+        effect=$([ $machine = 2 ] && echo "--effect gain-error=5" || true)
+        simulate examples/gearbox/machine.toml --scenario turbulent --duration-s 20 --seed $machine$day $effect \
+            -o "$recording/rec.parquet"
+    done
+    echo "gearbox-$machine,2026-01-01,$PWD/examples/gearbox/machine.toml"
+done | sed '1i machine,from,description' >"$folder/descriptions.csv"
+mv "$folder/descriptions.csv" "$folder/archive/"
+loadtwin replay --archive "$folder/archive" -o "$folder/results" >>"$folder/log"
+picture "$folder/results/page/index.html" 420 "$docs/fleet-page.png" 1300
