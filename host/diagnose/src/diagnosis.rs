@@ -90,7 +90,7 @@ pub struct Diagnosis<S: Diagnosable> {
     pub residual_tests: Vec<ResidualTests>,
     /// The result.
     pub verdict: Verdict,
-    /// Part of the excess that the effects found leave, where what is left is beyond chance.
+    /// Part of the excess that the effects found do not explain, where it is beyond chance.
     pub unexplained_part: Option<f64>,
     /// What may be subtracted where something is missing that no candidate explains.
     pub corrections: Vec<Correction>,
@@ -99,7 +99,7 @@ pub struct Diagnosis<S: Diagnosable> {
 }
 
 impl<S: Diagnosable> Diagnosis<S> {
-    /// What is left beside the effects that the verdict names, where it is beyond chance.
+    /// States the excess that the effects named do not explain, where it is beyond chance.
     pub fn remainder(&self) -> Option<String> {
         let part = self.unexplained_part.filter(|_| !self.named().is_empty())?;
         let worst = largest_excess(&self.residual_excesses);

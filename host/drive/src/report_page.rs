@@ -19,18 +19,11 @@ pub fn page(machine: &Machine, balance: &Balance, diagnosis: &Diagnosis) -> Repo
     Report {
         title: format!("{}: diagnosis", machine.name),
         facts: facts(diagnosis),
-        key_figures: [
-            ("as described", errors.nominal.before),
-            ("as described, with what was found", errors.nominal.after),
-            ("recalibrated", errors.recalibrated.before),
-            (
-                "recalibrated, with what was found",
-                errors.recalibrated.after,
-            ),
-        ]
-        .into_iter()
-        .filter_map(|(label, figure)| key_figure(label, figure))
-        .collect(),
+        key_figures: KeyFigure::of_errors(
+            [errors.nominal.before, errors.nominal.after],
+            [errors.recalibrated.before, errors.recalibrated.after],
+            key_figure,
+        ),
         tables: (findings(diagnosis, unit).into_iter())
             .chain([error_table(diagnosis)])
             .collect(),
@@ -94,14 +87,14 @@ fn facts(diagnosis: &Diagnosis) -> Vec<[String; 2]> {
     facts
 }
 
-fn key_figure(label: &str, figure: Figure) -> Option<KeyFigure> {
+fn key_figure(label: String, figure: Figure) -> Option<KeyFigure> {
     let interval = figure
         .interval_percent
         .map_or_else(String::new, |[low, high]| {
             format!("{low:.1} to {high:.1} % on as many other recordings (95 %); ")
         });
     Some(KeyFigure {
-        label: format!("error, {label}"),
+        label,
         value: format!("{:.1} %", figure.value_percent?),
         note: format!("{interval}RMS over that of the drive"),
     })
@@ -317,7 +310,7 @@ fn over(of: &Residuals, axis: Axis, values: &[f64], unit: &str) -> Plot {
     }
 }
 
-/// Four significant digits.
+/// Four significant digits, with an exponent where it is far from 1.
 fn significant(value: f64) -> String {
     if value == 0.0 || !(1e-3..1e5).contains(&value.abs()) {
         return if value == 0.0 {
@@ -326,6 +319,5 @@ fn significant(value: f64) -> String {
             format!("{value:.3e}")
         };
     }
-    let digits = 3 - value.abs().log10().floor() as i32;
-    format!("{value:.*}", digits.max(0) as usize)
+    loadtwin_report::significant(value)
 }

@@ -78,10 +78,16 @@ pub struct Quantiser {
 impl Quantiser {
     /// The word for a reading (SI).
     pub fn word(self, value: f64) -> i32 {
-        let full = (1_i64 << (self.bits - 1)) as f64;
+        let [lowest, highest] = extreme_words(self.bits).map(f64::from);
         let word = (value / self.lsb).round() + f64::from(self.zero);
-        word.clamp(-full, full - 1.0) as i32
+        word.clamp(lowest, highest) as i32
     }
+}
+
+/// Lowest and highest word of so many `bits`, 1 to 32; both count as saturated.
+pub fn extreme_words(bits: u32) -> [i32; 2] {
+    let full = 1_i64 << (bits - 1);
+    [-full, full - 1].map(|word| word as i32)
 }
 
 fn twenty_four() -> u32 {

@@ -83,6 +83,9 @@ pub struct Channel {
 }
 
 impl Channel {
+    /// Largest `nonlinearity`, of either sign.
+    pub const MOST_NONLINEARITY: f64 = 0.2;
+
     /// A channel that reads what its converter has, without gauge, noise or effects.
     pub(crate) fn plain(name: &str, unit: Unit, senses: Senses, adc: Adc) -> Self {
         Self {
@@ -284,6 +287,9 @@ pub struct Hysteresis {
 }
 
 impl Hysteresis {
+    /// Least and largest `level`.
+    pub const LEVELS: [f64; 2] = [0.005, 2.0];
+
     /// The zero for each of `levels`, parts of nominal [the channel's unit].
     pub fn course(&self, levels: impl IntoIterator<Item = f64>) -> Vec<f64> {
         levels.into_iter().map(self.walk()).collect()

@@ -10,7 +10,8 @@ use super::field_checks::{
     Checked, at_least, at_most, finite, names, nonzero, one_of, positive, range, refuse, within,
 };
 use super::{
-    Bearing, Channel, Drivetrain, Kind, LATEST_S, Machine, SLOWEST_S, Senses, UNKNOWN_LOAD,
+    Bearing, Channel, Drivetrain, Hysteresis, Kind, LATEST_S, Machine, SLOWEST_S, Senses,
+    UNKNOWN_LOAD,
 };
 
 /// Most channels of one sensor set.
@@ -398,7 +399,8 @@ fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
         positive(&field("drift.std"), drift.std)?;
         positive(&field("drift.time_s"), drift.time_s)?;
     }
-    range(&field("nonlinearity"), channel.nonlinearity, -0.2, 0.2)?;
+    let most = Channel::MOST_NONLINEARITY;
+    range(&field("nonlinearity"), channel.nonlinearity, -most, most)?;
     range(&field("late_s"), channel.late_s, 0.0, LATEST_S)?;
     if let Some(thermal) = &channel.thermal {
         finite(&field("thermal.zero_per_k"), thermal.zero_per_k)?;
@@ -410,7 +412,8 @@ fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
     }
     if let Some(hysteresis) = &channel.hysteresis {
         finite(&field("hysteresis.half_width"), hysteresis.half_width)?;
-        range(&field("hysteresis.level"), hysteresis.level, 0.005, 2.0)?;
+        let [least, most] = Hysteresis::LEVELS;
+        range(&field("hysteresis.level"), hysteresis.level, least, most)?;
     }
     if channel.bridge.is_some() {
         let strain = channel.unit.quantity() == Quantity::Strain;

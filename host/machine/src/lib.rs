@@ -47,7 +47,7 @@ use std::path::{Path, PathBuf};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use adc::{Adc, Quantiser};
+pub use adc::{Adc, Quantiser, extreme_words};
 pub use angle_map::{
     MAP_ENTRIES, MAPS, complete_columns, read_column, read_columns, resampled, six_digits,
     write_columns,

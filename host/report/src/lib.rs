@@ -105,6 +105,27 @@ pub struct KeyFigure {
     pub note: String,
 }
 
+impl KeyFigure {
+    /// The tiles of a diagnosis: error as described and recalibrated, each before and after the
+    /// effects found, by `tile` of the label and the error.
+    pub fn of_errors<E>(
+        nominal: [E; 2],
+        recalibrated: [E; 2],
+        tile: impl Fn(String, E) -> Option<Self>,
+    ) -> Vec<Self> {
+        let labels = [
+            "as described",
+            "as described, with what was found",
+            "recalibrated",
+            "recalibrated, with what was found",
+        ];
+        let errors = nominal.into_iter().chain(recalibrated);
+        (labels.into_iter().zip(errors))
+            .filter_map(|(label, error)| tile(format!("error, {label}"), error))
+            .collect()
+    }
+}
+
 /// A table of text; numbers are written by the caller. All but the first column stand right.
 #[derive(Clone, Debug, Default)]
 pub struct Table {

@@ -16,7 +16,7 @@ use crate::encoder_scaling;
 use crate::error::BuildError;
 use crate::payload::packed;
 use crate::sensor_set::Sensors;
-use loadtwin_machine::{Bearing, Channel, Machine, MachineError, Senses, Violation};
+use loadtwin_machine::{Bearing, Channel, Machine, MachineError, Senses, Violation, extreme_words};
 
 /// Load at the end of the scale on the bus, in ranges: room beyond the described range, at steps of
 /// 3e-5 ranges.
@@ -129,12 +129,13 @@ pub fn model(
 fn gauge(channel: &Channel, bearing: &Bearing, calibration: &Calibration, g: usize) -> GaugeModel {
     let answer = &calibration.gauge[g];
     let passing = f64::from(bearing.balls) * bearing.gauges[g].azimuth_deg.to_radians();
+    let [lowest, highest] = extreme_words(channel.converter().bits);
     GaugeModel {
         converter: AdcScaling {
             zero: channel.zero_word(),
             gain: (channel.lsb_si() * 1e6) as f32,
-            lowest: (-(1_i64 << (channel.converter().bits - 1))) as i32,
-            highest: ((1_i64 << (channel.converter().bits - 1)) - 1) as i32,
+            lowest,
+            highest,
             stuck_after: channel.stuck_after(),
         },
         passing: (passing.rem_euclid(2.0 * PI)) as f32,

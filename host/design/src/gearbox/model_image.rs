@@ -23,7 +23,7 @@ use crate::gearbox::steady_gains::{SteadyTable, steady_gains};
 use crate::gearbox::torsional_model::Torsion;
 use crate::payload::packed;
 use crate::sensor_set::{Filter, Sensors};
-use loadtwin_machine::{Auxiliary, CREEP, Drift, Drivetrain, Machine, Senses};
+use loadtwin_machine::{Auxiliary, CREEP, Drift, Drivetrain, Machine, Senses, extreme_words};
 
 /// Random walk of a load whose description gives none, in nominal loads per sqrt(s).
 const DEFAULT_WALK: f64 = 0.2;
@@ -220,11 +220,12 @@ impl Plan {
             Senses::Drive(_) => (channel.to_si(channel.offset) / channel.lsb_si()).round() as i32,
             _ => 0,
         };
+        let [lowest, highest] = extreme_words(channel.converter().bits);
         let converter = AdcScaling {
             zero: channel.zero_word().saturating_add(offset),
             gain: (channel.lsb_si() / tables.unit) as f32,
-            lowest: (-(1_i64 << (channel.converter().bits - 1))) as i32,
-            highest: ((1_i64 << (channel.converter().bits - 1)) - 1) as i32,
+            lowest,
+            highest,
             stuck_after: channel.stuck_after(),
         };
         let (row, role) = if let Senses::Drive(name) = &channel.senses {

@@ -20,7 +20,7 @@ use crate::rotor::gain_convergence::{CovarianceRecursion, changes, triangle};
 use crate::rotor::modal_truncation::ModalModel;
 use crate::rotor::tolerance_covariance::SteadyFilter;
 use crate::sensor_set::Sensors;
-use loadtwin_machine::{Channel, Encoder, Machine, QUANTISATION, Rotor};
+use loadtwin_machine::{Channel, Encoder, Machine, QUANTISATION, Rotor, extreme_words};
 use loadtwin_math::riccati::{gain, gains_before, innovation_covariance, steady_covariance};
 
 /// Load at the end of the scale on the bus, in nominal loads: faults multiply an unbalance. A step
@@ -241,13 +241,13 @@ impl RotorFilterDesign {
         row: &[f64],
         variance: f64,
     ) -> Result<RotorChannel, BuildError> {
-        let extreme = 1_i64 << (channel.converter().bits - 1);
+        let [lowest, highest] = extreme_words(channel.converter().bits);
         Ok(RotorChannel {
             converter: AdcScaling {
                 zero: channel.zero_word(),
                 gain: (channel.lsb_si() / UNIT_M) as f32,
-                lowest: (-extreme) as i32,
-                highest: (extreme - 1) as i32,
+                lowest,
+                highest,
                 stuck_after: channel.stuck_after(),
             },
             unit: UNIT_M as f32,

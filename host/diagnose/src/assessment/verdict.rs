@@ -105,7 +105,7 @@ impl Verdict {
     }
 }
 
-/// Part of the excess that the effects found leave, where what is left is beyond chance.
+/// Part of the excess that the effects found do not explain, where it is beyond chance.
 pub(crate) fn unexplained_part<S: Diagnosable>(
     recordings: &[S],
     selection: &Selection<S>,

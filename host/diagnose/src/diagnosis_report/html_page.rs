@@ -32,24 +32,17 @@ pub fn page<S: Diagnosable>(
     Report {
         title: format!("{}: diagnosis", machine.name),
         facts: facts(recording, diagnosis),
-        key_figures: [
-            ("as described", errors.nominal.before),
-            ("as described, with what was found", errors.nominal.after),
-            ("recalibrated", errors.recalibrated.before),
-            (
-                "recalibrated, with what was found",
-                errors.recalibrated.after,
-            ),
-        ]
-        .into_iter()
-        .filter_map(|(label, figure)| {
-            Some(KeyFigure {
-                label: format!("error, {label}"),
-                value: format!("{:.3} %", figure.value_percent?),
-                note: note(figure),
-            })
-        })
-        .collect(),
+        key_figures: KeyFigure::of_errors(
+            [errors.nominal.before, errors.nominal.after],
+            [errors.recalibrated.before, errors.recalibrated.after],
+            |label, figure| {
+                Some(KeyFigure {
+                    label,
+                    value: format!("{:.3} %", figure.value_percent?),
+                    note: note(figure),
+                })
+            },
+        ),
         tables: (findings(diagnosis, filter).into_iter())
             .chain(filter.map(filter_table))
             .collect(),

@@ -3,6 +3,7 @@
 
 use super::load_steps::LoadSteps;
 use super::step_file::Step;
+use loadtwin_machine::Hysteresis;
 
 /// Levels of hysteresis that are tried, in parts of the range of the load: from a loop with
 /// parallel sides to a lens.
@@ -188,7 +189,7 @@ impl<'a> Course<'a> {
             steps,
             load,
             largest_sign: peak.signum(),
-            levels: [0.005, 2.0].map(|level| level * nominal / largest),
+            levels: Hysteresis::LEVELS.map(|level| level * nominal / largest),
             times: (is_timed && shortest < longest).then_some([shortest, longest]),
             are_means,
         }

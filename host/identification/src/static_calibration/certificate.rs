@@ -154,7 +154,7 @@ impl Run {
     }
 
     /// Takes away the line through the first and the last reading without load, and the middle of
-    /// what is left of them: loads of both signs pass zero on either branch of a loop.
+    /// their residuals: loads of both signs pass zero on either branch of a loop.
     fn take_zero_away(&mut self, has_order: bool) {
         let all = &self.plateaus;
         let unloaded: Vec<usize> = (0..all.len()).filter(|&i| all[i].is_unloaded()).collect();

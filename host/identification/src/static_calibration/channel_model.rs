@@ -6,10 +6,6 @@ use super::candidate_term::Term;
 use super::characteristic::{Characteristic, Data};
 use loadtwin_machine::{Channel, Creep, Hysteresis};
 
-/// Largest `nonlinearity`, and least `level` of hysteresis, that a description allows.
-const MOST_BENT: f64 = 0.2;
-const LEAST_LEVEL: f64 = 0.005;
-
 /// Offset, gain and terms as the estimator has them; readings in SI, loads in parts of nominal.
 #[derive(Clone, Debug, Default)]
 pub struct ChannelModel {
@@ -35,6 +31,7 @@ impl ChannelModel {
         absent: &[(&'static str, Absence)],
         [largest, nominal]: [f64; 2],
     ) -> Self {
+        let [least_level, _] = Hysteresis::LEVELS;
         let is_shown = |kind: &str| {
             let not_shown = |(name, why): &(&str, Absence)| {
                 *name == kind && matches!(why, Absence::NotShown(_))
@@ -52,7 +49,7 @@ impl ChannelModel {
         if let Some(k) = place(&fitted, Term::Quadratic) {
             let [_, gain] = fitted.mean_line(data);
             let n = fitted.coefficient(data, k) * nominal / (gain * largest);
-            if n.abs() <= MOST_BENT && fitted.p_values[k] < fitted.level {
+            if n.abs() <= Channel::MOST_NONLINEARITY && fitted.p_values[k] < fitted.level {
                 model.nonlinearity = Some(n);
             } else {
                 fitted.terms.remove(k);
@@ -67,10 +64,10 @@ impl ChannelModel {
         for (k, term) in fitted.terms.iter().enumerate() {
             let coefficient = fitted.coefficient(data, k);
             match term {
-                Term::Hysteresis { level, .. } if level * largest < LEAST_LEVEL * nominal => {
+                Term::Hysteresis { level, .. } if level * largest < least_level * nominal => {
                     model.hysteresis = None;
                     model.notes.push(format!(
-                        "hysteresis: not written, it turns over less than {LEAST_LEVEL} of the nominal load"
+                        "hysteresis: not written, it turns over less than {least_level} of the nominal load"
                     ));
                 }
                 Term::Hysteresis { level, .. } => {

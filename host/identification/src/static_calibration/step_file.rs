@@ -7,7 +7,7 @@ use std::path::Path;
 use super::candidate_term::SAME_LOAD;
 use super::plateaus::{FEWEST, fill_gaps, plateaus};
 use crate::calibrate::CalibrateError;
-use loadtwin_machine::{Channel, Encoding, Machine};
+use loadtwin_machine::{Channel, Encoding, Machine, extreme_words};
 use loadtwin_recording::{RATES_HZ, Reader, RecordingError, Role, Timing, Unit, Wanted, columns};
 
 /// Time over which samples of a recording are averaged first (s): a load is held for longer.
@@ -314,8 +314,8 @@ fn is_saturated(channel: &Channel, encoding: Encoding, value: f64) -> bool {
         Encoding::Ratio => f64::from(channel.word_of_ratio(value)),
         Encoding::Reading => f64::from(channel.word(value)),
     };
-    let full = (1_i64 << (adc.bits - 1)) as f64;
-    word <= -full || word >= full - 1.0
+    let [lowest, highest] = extreme_words(adc.bits).map(f64::from);
+    word <= lowest || word >= highest
 }
 
 /// Period that stands for the number of a row [ms].

@@ -318,14 +318,14 @@ fn scale(squares: f64, freedom: f64, known: f64) -> f64 {
 /// Sum of variances, one of each kind, with Satterthwaite's degrees of freedom.
 fn estimate(value: f64, variance: [f64; KINDS], freedom: [f64; KINDS]) -> Estimate {
     let total: f64 = variance.iter().sum();
-    let doubt: f64 = (0..KINDS)
+    let weighted: f64 = (0..KINDS)
         .map(|k| variance[k] * variance[k] / freedom[k].max(0.5))
         .sum();
     Estimate {
         value,
         std: total.sqrt(),
-        freedom: if doubt > 0.0 {
-            total * total / doubt
+        freedom: if weighted > 0.0 {
+            total * total / weighted
         } else {
             1.0
         },
