@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use loadtwin::build::{self, BuildError, Filter, Sensors};
+use loadtwin::image_build::{self, BuildError, Filter, Sensors};
 use loadtwin::machine::{Kind, Machine};
 use loadtwin_common::io::raw::RawSample;
 
@@ -59,7 +59,7 @@ pub fn variants() -> Vec<Variant> {
                 sensors.filter = filter;
                 let file = path.strip_prefix(root()).unwrap_or(&path).display();
                 let name = format!("{file}, {}, {}", set.unwrap_or("all"), filter.name());
-                match build::image(&machine, &sensors) {
+                match image_build::image(&machine, &sensors) {
                     Ok(image) => variants.push(Variant {
                         name,
                         filter,

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use loadtwin::build::{self, Sensors};
+use loadtwin::image_build::{self, Sensors};
 use loadtwin::machine::Machine;
 use loadtwin_common::io::frame::{Frame, signal_layout};
 use loadtwin_common::io::raw::RawSample;
@@ -21,7 +21,7 @@ pub fn image() -> Vec<u8> {
     ));
     let machine = Machine::load(path).expect("the description is valid");
     let sensors = Sensors::choose(&machine, None).expect("few enough sensors");
-    build::image(&machine, &sensors).expect("the machine fits an image")
+    image_build::image(&machine, &sensors).expect("the machine fits an image")
 }
 
 /// Whether the frame is the same wherever it is computed: all but the status.

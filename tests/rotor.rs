@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use loadtwin::build::{self, Sensors};
+use loadtwin::image_build::{self, Sensors};
 use loadtwin::machine::{LoadKind, Machine, Rotor};
 use loadtwin_common::io::raw::RawSample;
 
@@ -54,7 +54,7 @@ pub fn walk(rotor: &mut Rotor) {
 /// Where it cannot be built.
 pub fn image(machine: &Machine) -> Vec<u8> {
     let sensors = Sensors::choose(machine, None).expect("few enough sensors");
-    build::image(machine, &sensors).expect("the machine fits an image")
+    image_build::image(machine, &sensors).expect("the machine fits an image")
 }
 
 /// A run-up of `seconds`; samples, words and an encoder's count are missing now and

@@ -1,7 +1,7 @@
 //! Faults put into raw samples, each on every channel and encoder in turn: missing, saturated and
 //! stuck words, early wraps and jumps of counters, wrong index pulses, lost and repeated samples.
 
-use loadtwin::build::Sensors;
+use loadtwin::image_build::Sensors;
 use loadtwin_common::io::raw::{MAX_CHANNELS, RawSample};
 
 /// `samples` with everything that a converter, an encoder, an index and a bus do wrong now and

@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use loadtwin::build::Sensors;
+use loadtwin::image_build::Sensors;
 use loadtwin::machine::{Kind, Machine};
 use loadtwin::replay::Samples;
 use loadtwin::simulate::{

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use loadtwin::bearing::baseline::{Comparison, METHODS, Rmse};
 use loadtwin::bearing::{Calibration, Rig, RigSample, calibrate, model};
-use loadtwin::build::Sensors;
+use loadtwin::image_build::Sensors;
 use loadtwin::machine::{BEARING_LOADS, Bearing, Kind, Machine};
 use loadtwin::simulate::{BearingEffect, BearingScenario, BearingSimulation};
 use loadtwin_common::bearing::BearingEstimator as Filter;

@@ -1,5 +1,5 @@
 //! The library of the command `loadtwin`: command line ([`cli`]), draft descriptions ([`init`]),
-//! tables of the gearbox paper ([`tables`]) and browser view of a CAN bus ([`web`]). The other
+//! tables of the gearbox paper ([`paper_tables`]) and browser view of a CAN bus ([`browser_monitor`]). The other
 //! library crates under `host/` are re-exported as its modules.
 #![forbid(unsafe_code)]
 // `cli::printing` prints, so that a closed pipe or a full disk is no panic.
@@ -16,16 +16,16 @@
     )
 )]
 
+pub mod browser_monitor;
 pub mod cli;
 pub mod init;
 mod origin;
-pub mod tables;
-pub mod web;
+pub mod paper_tables;
 
 pub use loadtwin_archive as archive;
 pub use loadtwin_can as can;
 pub use loadtwin_can::image::{key, seal, upload_protocol};
-pub use loadtwin_design::{bearing, build, gearbox, reduce, rotor};
+pub use loadtwin_design::{bearing, gearbox, image_build, reduce, rotor};
 pub use loadtwin_diagnose as diagnose;
 pub use loadtwin_drive as balance;
 pub use loadtwin_files as files;

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use loadtwin::bearing::Calibration;
-use loadtwin::build::Sensors;
+use loadtwin::image_build::Sensors;
 use loadtwin::machine::{Kind, Machine};
 use loadtwin::replay::{self, Baselines, Figures};
 use loadtwin::simulate::{BearingEffect, BearingScenario, BearingSimulation};

@@ -6,8 +6,8 @@ use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use loadtwin::build::Sensors;
 use loadtwin::calibrate::{Gauge, GaugeFault, MapSource, Observations, calibrate};
+use loadtwin::image_build::Sensors;
 use loadtwin::machine::Machine;
 use loadtwin::replay::{Figures, run};
 use loadtwin::simulate::{Applied, Scenario, Simulation};

@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use loadtwin::build::Sensors;
+use loadtwin::image_build::Sensors;
 use loadtwin::machine::{Drift, Machine};
 use loadtwin::replay::{self, Figures};
 use loadtwin::simulate::{Applied, Scenario, Simulation};

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use loadtwin::build::{self, Sensors};
+use loadtwin::image_build::{self, Sensors};
 use loadtwin::machine::Machine;
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
@@ -24,7 +24,7 @@ const SPEED: f64 = std::f64::consts::TAU / 5.0;
 fn payload() -> Vec<u8> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/two_inertias.toml");
     let machine = Machine::load(&path).unwrap();
-    build::image(&machine, &Sensors::choose(&machine, None).unwrap()).unwrap()
+    image_build::image(&machine, &Sensors::choose(&machine, None).unwrap()).unwrap()
 }
 
 /// The raw sample `tick` of a machine that turns steadily under nominal torque.

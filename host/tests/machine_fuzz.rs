@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use loadtwin::build::{self, Sensors};
+use loadtwin::image_build::{self, Sensors};
 use loadtwin::machine::{Machine, named_files};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -221,7 +221,7 @@ proptest! {
 /// Builds what can be built; what was built must be a whole image.
 fn built(machine: &Machine) {
     if let Ok(sensors) = Sensors::choose(machine, None)
-        && let Ok(payload) = build::image(machine, &sensors)
+        && let Ok(payload) = image_build::image(machine, &sensors)
     {
         loadtwin_common::image::Image::from_bytes(&payload).unwrap();
     }

@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use loadtwin::build::{Sensors, image};
+use loadtwin::image_build::{Sensors, image};
 use loadtwin::machine::{Machine, read_columns, resampled, write_columns};
 use loadtwin::recording::Unit;
 use loadtwin::reduce::{HousingForces, Node, Reduction, read_cases, read_nodes};

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use loadtwin::build::{self, Filter, Sensors};
+use loadtwin::image_build::{self, Filter, Sensors};
 use loadtwin::machine::{BearingAt, Drift, Machine, MachineError, RotorBearing};
 use loadtwin::rotor::{RotorFilterDesign, RotorModel, modes};
 use loadtwin_common::estimator::Estimator;
@@ -125,7 +125,7 @@ damping_n_s_per_m = [[200, 0], [0, 200]]";
 /// Builds the image with all sensors and starts the line; what `build` says where it refuses.
 fn built(machine: &Machine, filter: Filter) -> Result<(), String> {
     let sensors = Sensors::choose(machine, None).unwrap().filtered_by(filter);
-    let payload = build::image(machine, &sensors).map_err(|error| error.to_string())?;
+    let payload = image_build::image(machine, &sensors).map_err(|error| error.to_string())?;
     Estimator::try_build(Image::from_bytes(&payload).unwrap()).unwrap();
     Ok(())
 }

@@ -9,7 +9,7 @@ mod browser;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use loadtwin::build::{self, Sensors};
+use loadtwin::image_build::{self, Sensors};
 use loadtwin::machine::Machine;
 use loadtwin::rotor_tune::Trial;
 use loadtwin::simulate::{RotorScenario, RotorSimulation};
@@ -59,7 +59,7 @@ fn the_objectives_of_the_paper_hold_where_the_speed_varies() {
     let simulation = RotorSimulation::new(&machine, rotor, scenario).unwrap();
     simulation.write(&path, |_| ()).unwrap();
     let sensors = Sensors::choose(&machine, None).unwrap();
-    let payload = build::image(&machine, &sensors).unwrap();
+    let payload = image_build::image(&machine, &sensors).unwrap();
     let trial = Trial::new(
         &machine,
         rotor,

@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use loadtwin::build::{self, Filter, Sensors};
+use loadtwin::image_build::{self, Filter, Sensors};
 use loadtwin::machine::Machine;
 use loadtwin::replay::{self, Figures, Samples};
 use loadtwin_common::estimator::Estimator;
@@ -67,7 +67,7 @@ fn each_set_loses_less_than_a_tenth_of_a_point() {
 fn an_image_for_five_gauges_fits_into_32_kib() {
     let machine = machine();
     for set in ["torque-arm-5", "ring-gear-5"] {
-        let image = build::image(&machine, &sensors(&machine, set, Filter::Steady)).unwrap();
+        let image = image_build::image(&machine, &sensors(&machine, set, Filter::Steady)).unwrap();
         assert!(image.len() <= 32 * 1024, "{set}: {} bytes", image.len());
     }
 }
@@ -92,7 +92,7 @@ const DWELL: usize = 20_000;
 fn while_a_gauge_is_missing_the_full_recursion_goes_on() {
     let machine = machine();
     let sensors = sensors(&machine, "torque-arm-3", Filter::Steady);
-    let payload = build::image(&machine, &sensors).unwrap();
+    let payload = image_build::image(&machine, &sensors).unwrap();
     let mut raw = samples(&machine, &sensors);
     let sound = estimates(&payload, &raw);
     assert!(sound[DWELL - 1].steady && sound[DWELL].steady);
@@ -125,7 +125,7 @@ fn while_a_gauge_is_missing_the_full_recursion_goes_on() {
 fn lost_samples_and_a_false_pulse_lead_to_the_full_recursion() {
     let machine = machine();
     let sensors = sensors(&machine, "torque-arm-1", Filter::Steady);
-    let payload = build::image(&machine, &sensors).unwrap();
+    let payload = image_build::image(&machine, &sensors).unwrap();
     let raw = samples(&machine, &sensors);
     let mut lost = raw.clone();
     lost.drain(DWELL..DWELL + 10);
@@ -144,7 +144,7 @@ fn lost_samples_and_a_false_pulse_lead_to_the_full_recursion() {
 fn before_the_angle_is_homed_every_sample_takes_the_full_recursion() {
     let machine = machine();
     let sensors = sensors(&machine, "ring-gear-3", Filter::Steady);
-    let payload = build::image(&machine, &sensors).unwrap();
+    let payload = image_build::image(&machine, &sensors).unwrap();
     let found = estimates(&payload, &samples(&machine, &sensors));
     assert!(found.iter().all(|e| e.homed || !e.steady));
     // A ring gear's gauges are blind between the planets: at standstill their
@@ -155,9 +155,10 @@ fn before_the_angle_is_homed_every_sample_takes_the_full_recursion() {
 #[test]
 fn a_damaged_table_is_refused() {
     let machine = machine();
-    let full = build::image(&machine, &sensors(&machine, "torque-arm-1", Filter::Aekf)).unwrap();
+    let full =
+        image_build::image(&machine, &sensors(&machine, "torque-arm-1", Filter::Aekf)).unwrap();
     let steady =
-        build::image(&machine, &sensors(&machine, "torque-arm-1", Filter::Steady)).unwrap();
+        image_build::image(&machine, &sensors(&machine, "torque-arm-1", Filter::Steady)).unwrap();
     // The table stands at the end, behind its length; the last entries are variances.
     let table = full.len() + 100;
     let mut damaged = steady.clone();

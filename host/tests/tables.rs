@@ -4,8 +4,8 @@
 use std::path::Path;
 
 use loadtwin::machine::Machine;
+use loadtwin::paper_tables::{Individual, TABLE_2, statistics};
 use loadtwin::simulate::Applied;
-use loadtwin::tables::{Individual, TABLE_2, statistics};
 
 #[test]
 fn each_set_of_sensors_is_at_least_as_good_as_in_the_paper() {

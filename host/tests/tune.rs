@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use loadtwin::build::Sensors;
+use loadtwin::image_build::Sensors;
 use loadtwin::machine::Machine;
 use loadtwin::simulate::{Applied, Scenario, Simulation};
 use loadtwin::tune::{Method, Training, tune_loads};

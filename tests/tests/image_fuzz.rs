@@ -1,7 +1,7 @@
 //! Fuzz tests of damaged model images: each of a million is refused whole, or runs and sends frames
 //! that decode; the estimates of those accepted stay finite, on several kinds of machine.
 
-use loadtwin::build::Filter;
+use loadtwin::image_build::Filter;
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
 use loadtwin_common::io::estimate::Estimate;

@@ -1,7 +1,7 @@
 //! Upload of an image from the host's state machine to the board's, over a simulated bus that
 //! loses frames.
 
-use loadtwin::build::{self, Sensors};
+use loadtwin::image_build::{self, Sensors};
 use loadtwin::key::SigningKey;
 use loadtwin::machine::Machine;
 use loadtwin::seal::seal;
@@ -205,7 +205,7 @@ fn a_board_refuses_an_image_that_its_hardware_does_not_serve() {
         let mut machine = described.clone();
         change(&mut machine);
         let sensors = Sensors::choose(&machine, None).unwrap();
-        let payload = build::image(&machine, &sensors).unwrap();
+        let payload = image_build::image(&machine, &sensors).unwrap();
         seal(&payload, MACHINE, 2, None, Some(&key)).unwrap()
     };
     let fits = image(|_| ());

@@ -4,8 +4,8 @@
 
 use nalgebra::{RowSVector, SVector};
 
+use crate::drivetrain::fault_isolation::{Gauge, MISPLACED, Prior};
 use crate::drivetrain::model::{Channel, Role};
-use crate::drivetrain::vote::{Gauge, MISPLACED, Prior};
 use crate::drivetrain::{
     DrivetrainEstimator, DrivetrainState, PATIENCE, dot, observed_variance, to_sensor_estimate,
 };
@@ -138,11 +138,11 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
                     gauges[i] = self.gauge(state, i, *value, prior, estimate.homed);
                 }
             }
-            (self.voting).weigh(&mut state.vote, d, direction, &gauges, prior);
+            (self.fault_isolation).weigh(&mut state.isolation, d, direction, &gauges, prior);
         }
         let before = state.posterior.state;
         for (d, direction) in self.directions.iter().enumerate() {
-            let inflation = self.voting.inflation(&state.vote, d);
+            let inflation = self.fault_isolation.inflation(&state.isolation, d);
             let together = self.all_refused(state, d);
             for i in &direction.members {
                 let i = usize::from(*i) % MAX_CHANNELS;
@@ -159,7 +159,7 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
                     let when = (together, estimate.homed);
                     let of = (i, channel, &gauge, value);
                     *slot = self.update_gauge(state, when, of, &before);
-                    if slot.fault.is_none() && state.vote.contradicts(d) {
+                    if slot.fault.is_none() && state.isolation.contradicts(d) {
                         slot.fault = Fault::Contradicted;
                     }
                 }
@@ -175,7 +175,7 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
                 .members
                 .iter()
                 .map(|i| usize::from(*i) % MAX_CHANNELS))
-            .filter(|i| state.vote.fault(*i).is_none());
+            .filter(|i| state.isolation.fault(*i).is_none());
             used.all(|i| state.gates[i].rejections() >= PATIENCE)
         })
     }
@@ -209,7 +209,7 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
         // The angle is not in a channel's row: the encoder alone measures it.
         let moved = dot(&gradient, &(state.posterior.state - before));
         let innovation = gauge.innovation - moved;
-        let left_out = state.vote.fault(i);
+        let left_out = state.isolation.fault(i);
         let own = &mut state.gates[i % MAX_CHANNELS];
         let (mut shut, mut open) = (Gate::closed(), Gate::open());
         let gate = match left_out {

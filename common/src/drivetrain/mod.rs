@@ -14,13 +14,13 @@
 
 mod carrier_angle;
 mod error_band;
+mod fault_isolation;
 mod fault_kind;
 mod friction;
 mod gauge_response;
 mod gauges;
 mod model;
 mod steady_gain;
-mod vote;
 
 use crate::drivetrain::carrier_angle::{Track, rotate};
 use crate::drivetrain::error_band::Movement;
@@ -40,13 +40,13 @@ use crate::load_signal::{LoadSignal, MAX_STATES, StateVec};
 use crate::signal::phase::wrap_rad;
 
 pub use crate::drivetrain::error_band::ErrorBand;
+pub use crate::drivetrain::fault_isolation::Consistency;
+use crate::drivetrain::fault_isolation::{Direction, FaultIsolation, Isolation};
 pub use crate::drivetrain::friction::{Friction, MAX_FRICTIONS};
 pub use crate::drivetrain::gauge_response::GaugeResponse;
 use crate::drivetrain::gauge_response::HysteresisState;
 pub use crate::drivetrain::model::{Bias, Channel, Encoder, GearboxModel, LOADS, Role};
 pub use crate::drivetrain::steady_gain::SteadyGains;
-pub use crate::drivetrain::vote::Consistency;
-use crate::drivetrain::vote::{Direction, Vote, Voting};
 
 /// Samples after which a gap is a new start.
 const LONGEST_GAP: u32 = 100;
@@ -66,7 +66,7 @@ pub struct DrivetrainEstimator<'a, const NX: usize> {
     encoder_rows: Vec<RowSVector<f32, NX>, MAX_ENCODERS>,
     /// The gauges of each direction.
     directions: Vec<Direction, MAX_CHANNELS>,
-    voting: Voting,
+    fault_isolation: FaultIsolation,
     /// Channel of the thermometer, temperature at which zeros hold, rate.
     thermometer: Option<(u8, Option<f32>, f32)>,
     transition: Transition<NX, LOADS, RandomWalk>,
@@ -97,7 +97,7 @@ pub struct DrivetrainState<const NX: usize> {
     homed_by_pulse: bool,
     started: bool,
     /// Consistency of the gauges.
-    vote: Vote,
+    isolation: Isolation,
     /// How fast the loads move.
     movements: [Movement; LOADS],
     /// Consistency of the encoders.
@@ -151,7 +151,7 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
             channel_rows,
             encoder_rows,
             directions: model.members(),
-            voting: Voting::new(model.consistency, errors),
+            fault_isolation: FaultIsolation::new(model.consistency, errors),
             thermometer: model.thermometer(),
             model,
         })
@@ -172,7 +172,7 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
             turned: 0.0,
             homed_by_pulse: false,
             started: false,
-            vote: Vote::default(),
+            isolation: Isolation::default(),
             tracks: [Track::default(); MAX_ENCODERS],
             movements: [Movement::default(); LOADS],
             steady: false,
@@ -270,7 +270,7 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
     fn restart(&self, state: &mut DrivetrainState<NX>, m: &Measurement) {
         state.posterior = self.initial;
         state.gates = [self.gate; MAX_SENSORS];
-        state.vote = Vote::default();
+        state.isolation = Isolation::default();
         state.tracks = [Track::default(); MAX_ENCODERS];
         state.braking = [0.0; MAX_FRICTIONS];
         state.memories = [HysteresisState::default(); MAX_CHANNELS];
@@ -378,7 +378,9 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         let d = NX - LOADS + j % LOADS;
         let scale = self.model.scale.get(d).copied().unwrap_or(1.0);
         let value = state.posterior.state[d] * scale;
-        let (factor, added) = self.voting.deviation(&state.vote, self.directions.len());
+        let (factor, added) = self
+            .fault_isolation
+            .deviation(&state.isolation, self.directions.len());
         let (band, q) = (
             &self.model.bands[j % LOADS],
             self.model.load_noise[j % LOADS],
@@ -401,7 +403,7 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
             Fault::NotValid
         } else if slipped {
             Fault::Slipped
-        } else if state.vote.contradicted() {
+        } else if state.isolation.contradicted() {
             Fault::Contradicted
         } else if !homed {
             Fault::NotHomed

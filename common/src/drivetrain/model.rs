@@ -6,10 +6,10 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::drivetrain::error_band::ErrorBand;
+use crate::drivetrain::fault_isolation::{Consistency, Direction};
 use crate::drivetrain::friction::{Friction, MAX_FRICTIONS};
 use crate::drivetrain::gauge_response::GaugeResponse;
 use crate::drivetrain::steady_gain::SteadyGains;
-use crate::drivetrain::vote::{Consistency, Direction};
 use crate::error::{Error, finite, positive};
 use crate::io::measurement::{AdcScaling, EncoderScaling, IndexPulse};
 use crate::io::raw::{MAX_CHANNELS, MAX_ENCODERS};

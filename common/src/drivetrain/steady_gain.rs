@@ -1,13 +1,13 @@
 //! Updates the drivetrain filter without its covariance recursion: forms the gain from settled
 //! covariances in a table over the carrier angle in the model image (`SteadyGains`), with the same
-//! gates and votes of the sensors. Decides after each sample how the next one is taken: so once
+//! gates and fault isolation of the sensors. Decides after each sample how the next one is taken: so once
 //! the covariance has settled, while the speed is in range, the angle homed and every sensor used.
 
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
-use crate::drivetrain::vote::{Gauge, Prior};
+use crate::drivetrain::fault_isolation::{Gauge, Prior};
 use crate::drivetrain::{DrivetrainEstimator, DrivetrainState, LOADS, dot, to_sensor_estimate};
 use crate::io::estimate::{Estimate, SensorEstimate};
 use crate::io::fault::Fault;
@@ -188,8 +188,8 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
                     gauges[i] = self.gauge(state, i, *value, prior, true);
                 }
             }
-            (self.voting).weigh(&mut state.vote, d, direction, &gauges, prior);
-            let inflation = self.voting.inflation(&state.vote, d);
+            (self.fault_isolation).weigh(&mut state.isolation, d, direction, &gauges, prior);
+            let inflation = self.fault_isolation.inflation(&state.isolation, d);
             let (mut surprise, mut information) = (0.0, 0.0);
             for i in &direction.members {
                 let i = usize::from(*i) % MAX_CHANNELS;
@@ -202,7 +202,7 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
                 };
                 let m = gauges[i].sensitivity;
                 let r = gauges[i].variance * inflation;
-                let left_out = state.vote.fault(i);
+                let left_out = state.isolation.fault(i);
                 let mut shut = Gate::closed();
                 let gate = match left_out {
                     Some(_) => &mut shut,
@@ -217,7 +217,7 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
                 }
                 let refused = left_out.unwrap_or(Fault::Erratic);
                 *slot = to_sensor_estimate(value, &update, channel.unit, refused);
-                if slot.fault.is_none() && state.vote.contradicts(d) {
+                if slot.fault.is_none() && state.isolation.contradicts(d) {
                     slot.fault = Fault::Contradicted;
                 }
             }

@@ -9,7 +9,7 @@
 //! takes its place, until a reading is missing or refused. An estimate may lag by some samples, and
 //! is more accurate then ([`fixed_lag_smoother`]). Where the innovations contradict the model,
 //! the noise of the model is larger ([`mismatch`]); where one sensor contradicts the others, it is
-//! held out ([`votes`]).
+//! held out ([`sensor_exclusion`]).
 //!
 //! Source: Rezende et al. 2023, section 2.
 
@@ -19,8 +19,8 @@ pub mod mismatch;
 mod model;
 mod output;
 mod scheduled_model;
+pub mod sensor_exclusion;
 mod shaft_tracker;
-pub mod votes;
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -37,8 +37,8 @@ use crate::rotor::filter::{
 use crate::rotor::fixed_lag_smoother::{FixedLagSmoother, LaggedState, MAX_LAG};
 use crate::rotor::mismatch::{Change, Mismatch};
 use crate::rotor::scheduled_model::ScheduledModel;
+use crate::rotor::sensor_exclusion::SensorExclusion;
 use crate::rotor::shaft_tracker::{ShaftTracker, rotation_increment};
-use crate::rotor::votes::Votes;
 use crate::signal::phase::Phase;
 
 pub use crate::rotor::model::{
@@ -71,7 +71,7 @@ pub struct RotorState<const NZ: usize, const NX: usize> {
     unwrap: SignalConditioner,
     posterior: StateEstimate<f32, NX>,
     smoother: FixedLagSmoother<NX>,
-    votes: Votes,
+    exclusion: SensorExclusion,
     shaft: ShaftTracker,
     scheduled: ScheduledModel<NZ, NX>,
     mismatch: Mismatch,
@@ -133,7 +133,7 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
                 covariance: [[0.0; NX]; NX],
             },
             smoother: FixedLagSmoother::new(LaggedState::diffuse(self.model.speeds.nominal)),
-            votes: Votes::default(),
+            exclusion: SensorExclusion::default(),
             shaft: ShaftTracker::new(self.model.speeds.nominal),
             scheduled: ScheduledModel::new(),
             mismatch: Mismatch::default(),
@@ -233,7 +233,7 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
         if m.lost > 0 {
             state.mismatch.skip();
         }
-        if state.votes.admitted() {
+        if state.exclusion.admitted() {
             state.mismatch.contradict();
         }
         let place = state.scheduled.place();
@@ -266,7 +266,7 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
         let noise = self.noise(state);
         state.clean_samples = if nominal { 0 } else { noise.full_samples };
         state.smoothed_samples = 0;
-        state.votes = Votes::default();
+        state.exclusion = SensorExclusion::default();
         state.scheduled.reset(&self.model, noise, state.shaft.speed);
     }
 
@@ -293,7 +293,7 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
         state.posterior.state.fill(0.0);
         (self.model.initial_covariance).fill(&mut state.posterior.covariance);
         state.mismatch = Mismatch::default();
-        state.votes = Votes::default();
+        state.exclusion = SensorExclusion::default();
         state.shaft = ShaftTracker::new(self.model.speeds.nominal);
         state.smoother = FixedLagSmoother::new(LaggedState::diffuse(state.shaft.speed));
         let noise = self.noise(state);
@@ -432,7 +432,7 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
     ) {
         let sensors = self.rows.len();
         let established = self.has_turning_loads_only() && state.mismatch.is_established();
-        state.votes.begin(sensors, established);
+        state.exclusion.begin(sensors, established);
         if !m.stale {
             state.smoothed_samples = 0;
         }
@@ -451,13 +451,13 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
                 }
                 None => continue,
             };
-            let votes = &mut state.votes;
+            let exclusion = &mut state.exclusion;
             let (result, used) = update(
                 &mut state.posterior,
                 row,
                 value - runout_offsets[i % MAX_CHANNELS],
                 channel.variance,
-                |nis| votes.accepts(i, nis <= self.model.gate_nis),
+                |nis| exclusion.accepts(i, nis <= self.model.gate_nis),
             );
             if used {
                 state.age = 0;

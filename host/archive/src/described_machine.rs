@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use loadtwin_design::build::{self, Sensors};
+use loadtwin_design::image_build::{self, Sensors};
 use loadtwin_files::hex::hex;
 use loadtwin_machine::{Machine, named_files};
 use sha2::{Digest, Sha256};
@@ -51,7 +51,7 @@ impl Described {
         let sensors = Sensors::choose(&machine, options.sensors.as_deref());
         let sensors = sensors.map_err(|error| message(&error))?;
         let sensors = sensors.filtered_by(options.filter());
-        let image = build::image(&machine, &sensors).map_err(|error| message(&error))?;
+        let image = image_build::image(&machine, &sensors).map_err(|error| message(&error))?;
         Ok(Self {
             machine,
             sensors,

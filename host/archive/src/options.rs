@@ -2,7 +2,7 @@
 //! beforehand), columns of the estimates that are kept, whether days that are up to date are
 //! replayed again, and whether pages are written. `named` checks the names from the command line.
 
-use loadtwin_design::build::Filter;
+use loadtwin_design::image_build::Filter;
 use serde::{Deserialize, Serialize};
 
 use crate::ArchiveError;

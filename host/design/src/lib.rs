@@ -18,11 +18,11 @@
 )]
 
 pub mod bearing;
-pub mod build;
 mod drive;
 mod encoder_scaling;
 mod error;
 pub mod gearbox;
+pub mod image_build;
 mod payload;
 pub mod reduce;
 pub mod rotor;

@@ -17,7 +17,7 @@ use crate::diagnosis_report::json::largest_excess;
 use crate::error_interval::LoadErrors;
 use crate::null_samples::NullSamples;
 use crate::selection::stepwise::{self, Selection};
-use loadtwin_design::build::BuildError;
+use loadtwin_design::image_build::BuildError;
 use loadtwin_design::rotor::RotorError;
 use loadtwin_identification::calibrate::CalibrateError;
 use loadtwin_machine::MachineError;

@@ -10,7 +10,7 @@ use serde::Serialize;
 use crate::candidate_effect::fitted::FittedEffect;
 use crate::diagnosable::Diagnosable;
 use crate::diagnosis::{DiagnoseError, Diagnosis};
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_files::scratch::Scratch;
 use loadtwin_machine::{Machine, MachineError};
 use loadtwin_replay::{Comparison, Course, ReplayError};

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_replay::ReplayError;
 

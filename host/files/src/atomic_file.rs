@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use thiserror::Error;
 
-use super::content::Content;
 use super::destination::{Destination, Place, destination};
+use super::file_kind::FileKind;
 use super::mark::marked;
 use super::system::{FileId, Owner, link, unnamed};
 
@@ -86,13 +86,13 @@ impl AtomicFile {
         })
     }
 
-    /// Begins a file that is to be at `path` with `text`, marked as `content`.
+    /// Begins a file that is to be at `path` with `text`, marked as `kind`.
     ///
     /// # Errors
     /// As [`AtomicFile::create`], and when it cannot be written to.
-    pub fn marked(path: &Path, content: &Content, text: &str) -> io::Result<Self> {
+    pub fn marked(path: &Path, kind: &FileKind, text: &str) -> io::Result<Self> {
         let mut file = Self::create(path)?;
-        file.write_all(marked(content.noun, text).as_bytes())?;
+        file.write_all(marked(kind.noun, text).as_bytes())?;
         Ok(file)
     }
 

@@ -20,8 +20,8 @@
 
 pub mod atomic_file;
 pub mod bounded;
-pub mod content;
 mod destination;
+pub mod file_kind;
 pub mod hex;
 pub mod mark;
 pub mod outputs;

@@ -1,6 +1,6 @@
 //! Checks a command's outputs before it runs (`Outputs`): each needs a writable place of its own
 //! (standard output included) and a fitting suffix; none may replace an input or, unless forced, a
-//! file of other content; keys never replace anything.
+//! file of another kind; keys never replace anything.
 
 use std::fs::File;
 use std::io;
@@ -8,22 +8,22 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use super::content::{Content, Existing};
 pub use super::destination::is_stream;
 use super::destination::{
     Destination, Identity, Place, destination, is_stdout, stdin_file, stdout_file,
 };
+use super::file_kind::{Existing, FileKind};
 use super::system::check_writable;
 
 /// Everything that a command reads and writes.
 ///
 /// ```
-/// use loadtwin_files::content::Content;
+/// use loadtwin_files::file_kind::FileKind;
 /// use loadtwin_files::outputs::Outputs;
 /// # let dir = tempfile::tempdir()?;
 /// # let recording = dir.path().join("s.csv");
 /// # std::fs::write(&recording, "t [s],a\n")?;
-/// const TABLE: Content = Content { noun: "table", suffixes: &["csv"], is_same: |_| Ok(true) };
+/// const TABLE: FileKind = FileKind { noun: "table", suffixes: &["csv"], is_same: |_| Ok(true) };
 /// let mut outputs = Outputs::default();
 /// outputs.reads(&recording);
 /// outputs.writes("--estimates", &recording, TABLE);
@@ -49,7 +49,7 @@ struct Input {
 struct Output {
     option: &'static str,
     path: PathBuf,
-    content: Content,
+    kind: FileKind,
     way: Way,
 }
 
@@ -167,7 +167,7 @@ pub struct Checked {
 }
 
 impl Outputs {
-    /// With `force` an existing file of other content is replaced. Inputs are
+    /// With `force` an existing file of another kind is replaced. Inputs are
     /// refused all the same.
     pub fn new(force: bool) -> Self {
         Self {
@@ -197,26 +197,26 @@ impl Outputs {
     }
 
     /// Declares one file that `option` writes from its beginning to its end.
-    pub fn writes(&mut self, option: &'static str, path: &Path, content: Content) {
-        self.push(option, path, content, Way::Streamed);
+    pub fn writes(&mut self, option: &'static str, path: &Path, kind: FileKind) {
+        self.push(option, path, kind, Way::Streamed);
     }
 
     /// As [`Outputs::writes`], for a file that has others beside it.
-    pub fn writes_beside(&mut self, option: &'static str, path: &Path, content: Content) {
-        self.push(option, path, content, Way::Beside);
+    pub fn writes_beside(&mut self, option: &'static str, path: &Path, kind: FileKind) {
+        self.push(option, path, kind, Way::Beside);
     }
 
     /// As [`Outputs::writes`], for a file that cannot be made again once it is
     /// lost, such as a key: one that is there is never replaced.
-    pub fn writes_new(&mut self, option: &'static str, path: &Path, content: Content) {
-        self.push(option, path, content, Way::New);
+    pub fn writes_new(&mut self, option: &'static str, path: &Path, kind: FileKind) {
+        self.push(option, path, kind, Way::New);
     }
 
-    fn push(&mut self, option: &'static str, path: &Path, content: Content, way: Way) {
+    fn push(&mut self, option: &'static str, path: &Path, kind: FileKind, way: Way) {
         self.written.push(Output {
             option,
             path: path.to_path_buf(),
-            content,
+            kind,
             way,
         });
     }
@@ -263,7 +263,7 @@ impl Outputs {
             if output.way == Way::New {
                 output.check_absent(&place)?;
             } else if !self.force {
-                output.check_content(&place)?;
+                output.check_kind(&place)?;
             }
         }
         Ok(Checked {
@@ -307,14 +307,14 @@ impl Output {
     }
 
     fn check_suffix(&self) -> Result<(), OutputError> {
-        if self.content.may_be_called(&self.path) {
+        if self.kind.may_be_called(&self.path) {
             return Ok(());
         }
         Err(OutputError::Suffix {
             option: self.option,
             path: self.path.clone(),
-            noun: self.content.noun,
-            allowed: self.content.allowed(),
+            noun: self.kind.noun,
+            allowed: self.kind.allowed(),
         })
     }
 
@@ -334,24 +334,24 @@ impl Output {
         Err(OutputError::Exists {
             option: self.option,
             path: self.path.clone(),
-            noun: self.content.noun,
+            noun: self.kind.noun,
         })
     }
 
-    fn check_content(&self, place: &Place) -> Result<(), OutputError> {
+    fn check_kind(&self, place: &Place) -> Result<(), OutputError> {
         // With an empty file nothing is lost.
         if place.existing.as_ref().is_none_or(|file| file.len() == 0) {
             return Ok(());
         }
         let mut existing = Existing::open(&place.path()).map_err(|e| self.unwritable(e))?;
-        if (self.content.is_same)(&mut existing).map_err(|e| self.unwritable(e))? {
+        if (self.kind.is_same)(&mut existing).map_err(|e| self.unwritable(e))? {
             return Ok(());
         }
         Err(OutputError::OtherContent {
             option: self.option,
             path: self.path.clone(),
             found: existing.name(),
-            noun: self.content.noun,
+            noun: self.kind.noun,
         })
     }
 
@@ -375,7 +375,7 @@ impl Output {
         OutputError::NoFile {
             option: self.option,
             path: self.path.clone(),
-            noun: self.content.noun,
+            noun: self.kind.noun,
         }
     }
 
@@ -394,7 +394,7 @@ mod tests {
 
     use super::*;
 
-    const TABLE: Content = Content {
+    const TABLE: FileKind = FileKind {
         noun: "table",
         suffixes: &["csv"],
         is_same: |file| Ok(file.header().starts_with(b"table")),

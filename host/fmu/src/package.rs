@@ -3,7 +3,7 @@
 
 use std::io::{self, Cursor, Write};
 
-use loadtwin_files::content::Content;
+use loadtwin_files::file_kind::FileKind;
 use thiserror::Error;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
@@ -14,7 +14,7 @@ use crate::model_description;
 use crate::resources::{IMAGE, INTERFACE, Resources};
 
 /// What is written as an FMU. The model description comes first and is not compressed.
-pub const FMU: Content = Content {
+pub const FMU: FileKind = FileKind {
     noun: "FMU",
     suffixes: &["fmu"],
     is_same: |file| {

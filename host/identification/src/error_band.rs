@@ -12,7 +12,7 @@ use loadtwin_common::estimator::Estimator;
 use loadtwin_common::io::estimate::Estimate;
 
 use crate::calibrate::Description;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::{ErrorBand, Machine, six_digits};
 use loadtwin_replay::{ReplayError, Sample, run_line};
 

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray};
 use loadtwin_common::counting::{BINS, LEVELS, LoadCounts, SHAFTS, TURN_BINS};
 use loadtwin_files::atomic_file::{AtomicFile, Complete};
-use loadtwin_files::content::Content;
+use loadtwin_files::file_kind::FileKind;
 use parquet::arrow::ArrowWriter;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
@@ -17,7 +17,7 @@ use parquet::file::properties::WriterProperties;
 const KEY: &str = "loadtwin_life_counts";
 
 /// What is written as counts.
-pub const COUNTS: Content = Content {
+pub const COUNTS: FileKind = FileKind {
     noun: "counts",
     suffixes: &["parquet"],
     is_same: |file| match file.start() {

@@ -9,7 +9,7 @@ use super::MachineError;
 use super::error::Violation;
 use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
 use loadtwin_files::bounded;
-use loadtwin_files::content::Content;
+use loadtwin_files::file_kind::FileKind;
 
 /// Entries of a map in the model image.
 pub const MAP_ENTRIES: usize = 512;
@@ -21,7 +21,7 @@ const LARGEST_MAP: u64 = 256 << 20;
 const ANGLE: &str = "carrier_angle";
 
 /// What is written as maps over the carrier angle.
-pub const MAPS: Content = Content {
+pub const MAPS: FileKind = FileKind {
     noun: "maps over the carrier angle",
     suffixes: &["csv"],
     is_same: |file| Ok(file.header().starts_with(ANGLE.as_bytes())),

@@ -73,7 +73,7 @@ pub use rotor::{Disc, LoadKind, MOST_LOADS, Material, Reduction, Rotor, RotorLoa
 pub use rotor_bearing::{BearingAt, Coefficients, RotorBearing};
 pub use time_lag::{earlier, followed, lag};
 
-use loadtwin_files::content::{self, Content};
+use loadtwin_files::file_kind::{self, FileKind};
 use loadtwin_files::{bounded, mark};
 use loadtwin_recording::CsvLayout;
 
@@ -194,7 +194,7 @@ impl Default for Tuning {
 }
 
 /// What is written as a machine description.
-pub const DESCRIPTION: Content = Content {
+pub const DESCRIPTION: FileKind = FileKind {
     noun: "description",
     suffixes: &["toml"],
     is_same: |file| {
@@ -218,8 +218,8 @@ pub fn read_description(path: &Path) -> Result<String, MachineError> {
     String::from_utf8(bytes).map_err(|error| {
         let bytes = error.as_bytes();
         let is_utf16 = bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]);
-        match content::named(bytes) {
-            content::TOML | content::OTHER => {
+        match file_kind::named(bytes) {
+            file_kind::TOML | file_kind::OTHER => {
                 MachineError::encoding(path, bytes, error.utf8_error().valid_up_to())
             }
             _ if is_utf16 => MachineError::encoding(path, bytes, 0),
@@ -279,8 +279,8 @@ impl Machine {
     pub fn load(path: &Path) -> Result<Self, MachineError> {
         let text = read_description(path)?;
         let mut machine: Self =
-            toml::from_str(&text).map_err(|error| match content::named(text.as_bytes()) {
-                content::TOML | content::OTHER => MachineError::syntax(path, &text, &error),
+            toml::from_str(&text).map_err(|error| match file_kind::named(text.as_bytes()) {
+                file_kind::TOML | file_kind::OTHER => MachineError::syntax(path, &text, &error),
                 found => other_file(path, found),
             })?;
         machine

@@ -21,7 +21,7 @@ use std::time::Duration;
 use arrow_array::{RecordBatch, RecordBatchIterator};
 use arrow_schema::SchemaRef;
 use loadtwin::archive::message;
-use loadtwin::build::{Filter, Sensors};
+use loadtwin::image_build::{Filter, Sensors};
 use loadtwin::machine::Machine;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};

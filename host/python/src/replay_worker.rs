@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use arrow_array::{RecordBatch, RecordBatchReader};
 use arrow_schema::{ArrowError, SchemaRef};
-use loadtwin::build::{self, Sensors};
+use loadtwin::image_build::{self, Sensors};
 use loadtwin::machine::Machine;
 use loadtwin::recording::{self, Batches, Input};
 use loadtwin::replay::{EstimateRows, ReplayError, Run, Sample};
@@ -217,7 +217,7 @@ impl Gathered {
 fn work(task: Task, rows: EstimateRows, queue: &Queue) -> Result<Option<End>, String> {
     let said = |error: ReplayError| message(&error);
     let (machine, sensors) = (&task.machine, &task.sensors);
-    let image = build::image(machine, sensors).map_err(|error| message(&error))?;
+    let image = image_build::image(machine, sensors).map_err(|error| message(&error))?;
     let mut gathered = Gathered(rows);
     let input = match &task.source {
         Source::File(path) => Input::from(path),

@@ -7,7 +7,7 @@
 use loadtwin_common::io::fault::Fault;
 use loadtwin_common::io::frame::LoadFrame;
 use loadtwin_common::io::raw::RawSample;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_recording::{OutputColumn, Unit};
 

@@ -13,7 +13,7 @@ use std::time::Duration;
 use loadtwin_can::bus::{Bus, BusError, Link, Received};
 use loadtwin_can::{CanError, Model, seconds, standard};
 use loadtwin_common::io::frame::{self, Message, RawAssembler, RawCounts, Rejected};
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::Machine;
 use serde::Serialize;
 

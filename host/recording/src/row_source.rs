@@ -20,7 +20,7 @@ use super::parquet::Parquet;
 use super::recording_layout::{Column, CsvLayout};
 use super::table_writer::SIMULATED;
 use super::{BLOCK_ROWS, clipped};
-use loadtwin_files::content::Existing;
+use loadtwin_files::file_kind::Existing;
 
 /// Blocks decoded ahead of the caller.
 const AHEAD: usize = 2;

@@ -20,7 +20,7 @@ use super::arrow::UNIT;
 use super::error::{Problem, RecordingError};
 use super::unit::Unit;
 use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
-use loadtwin_files::content::Content;
+use loadtwin_files::file_kind::FileKind;
 use loadtwin_files::outputs::is_stream;
 
 /// Rows that a Parquet file holds together; they are in memory until written.
@@ -33,7 +33,7 @@ const MDF_VALUES: usize = 32 << 20;
 pub const SUFFIXES: &[&str] = &["csv", "parquet", "mf4"];
 
 /// What is written as the recording of a simulated machine.
-pub const SIMULATED: Content = Content {
+pub const SIMULATED: FileKind = FileKind {
     noun: "simulated recording",
     suffixes: SUFFIXES,
     // Of CSV the comments, of the others the metadata.

@@ -7,7 +7,7 @@ use loadtwin_common::io::estimate::{Estimate, LoadEstimate};
 use serde::Serialize;
 
 use super::consistency::{SensorConsistency, SensorSums};
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::Machine;
 
 /// Sums of one load.

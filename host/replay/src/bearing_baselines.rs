@@ -31,7 +31,7 @@ impl Baselines {
         };
         let file = bearing.calibration.as_ref().ok_or_else(none)?;
         let calibration = Calibration::read(&machine.resolve(file), bearing.gauges.len())
-            .map_err(loadtwin_design::build::BuildError::from)?;
+            .map_err(loadtwin_design::image_build::BuildError::from)?;
         Ok(Self {
             comparison: Comparison::try_new(machine, bearing, &calibration)?.ok_or_else(none)?,
             reference_of: BEARING_LOADS

@@ -9,7 +9,7 @@ use loadtwin_common::io::estimate::Estimate;
 use serde::Serialize;
 
 use super::{ReplayError, Sample, run};
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_math::metrics::PairedDifference;
 

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::Sample;
 use super::orbits::Orbits;
-use loadtwin_design::build::{BuildError, Sensors};
+use loadtwin_design::image_build::{BuildError, Sensors};
 use loadtwin_design::rotor::RotorFilterDesign;
 use loadtwin_machine::{Kind, Machine};
 use loadtwin_math::metrics::Segment;

@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::{Encoder, Kind, Machine};
 use loadtwin_recording::{Quantity, Unit};
 

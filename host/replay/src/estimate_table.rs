@@ -8,16 +8,16 @@ use loadtwin_common::estimator::Estimator;
 use loadtwin_common::io::estimate::Estimate;
 
 use super::rotor_columns::NodeColumns;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_files::atomic_file::Complete;
-use loadtwin_files::content::Content;
+use loadtwin_files::file_kind::FileKind;
 use loadtwin_machine::Machine;
 use loadtwin_recording::{
     BLOCK_ROWS, OutputColumn, Quantity, RecordingError, SUFFIXES, Unit, Writer,
 };
 
 /// What is written as estimates.
-pub const ESTIMATES: Content = Content {
+pub const ESTIMATES: FileKind = FileKind {
     noun: "estimates",
     suffixes: SUFFIXES,
     is_same: |file| match file.start() {

@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use crate::{ReplayError, Samples};
 use loadtwin_design::bearing::RigSample;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::{BEARING_LOADS, Machine};
 
 /// Why the loads of a recording are not known.

@@ -61,7 +61,7 @@ pub use run::{LARGEST_STATE, Run, STATE_MARK};
 pub use samples::{Sample, Samples, has_state};
 pub use speed_range::Speeds;
 
-use loadtwin_design::build::{self, BuildError, Sensors};
+use loadtwin_design::image_build::{self, BuildError, Sensors};
 use loadtwin_machine::Machine;
 use loadtwin_recording::RecordingError;
 
@@ -129,7 +129,7 @@ pub fn run_line(
     path: &Path,
     mut each: impl FnMut(&Sample<'_>, &Estimate, &Estimator<'_>, f64),
 ) -> Result<Vec<String>, ReplayError> {
-    let payload = build::image(machine, sensors)?;
+    let payload = image_build::image(machine, sensors)?;
     let mut run = Run::open(machine, sensors, &payload, path)?;
     loop {
         let part = run.progress();

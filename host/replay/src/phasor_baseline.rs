@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::Sample;
 use super::error_figures::segments;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_design::rotor::PhasorInversion;
 use loadtwin_machine::{Channel, Kind, Machine};
 use loadtwin_math::metrics::LoadError;

@@ -1,7 +1,7 @@
 //! Defines a correction of how a recording is read, by which the consistency check tests its
 //! hypotheses: the column that each sensor takes, a factor on it, and an offset of each channel.
 
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 
 /// The column that a channel takes, and what its reading is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]

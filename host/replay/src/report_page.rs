@@ -7,7 +7,7 @@ use std::path::Path;
 use loadtwin_common::io::estimate::Estimate;
 
 use super::{Consistency, Displacements, Figures, Phasor, Sample};
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::{Machine, Senses};
 use loadtwin_recording::Quantity;
 use loadtwin_report::{KeyFigure, LoadLabel, ReplayPlots, Report, SensorLabel, Table};

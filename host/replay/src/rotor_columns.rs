@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::io::estimate::Estimate;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_design::rotor::{NodeDeviations, RotorFilterDesign, Uncertainty};
 use loadtwin_machine::{Kind, Machine};
 use loadtwin_recording::{OutputColumn, Unit};

@@ -5,7 +5,7 @@
 use loadtwin_common::estimator::{Estimator, MAX_STATE_BYTES};
 use loadtwin_common::image::Image;
 use loadtwin_common::io::estimate::Estimate;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_recording::Input;
 use serde::{Deserialize, Serialize};
@@ -31,12 +31,12 @@ const RESAMPLED: &str = "a replay whose rows are resampled (`timing = \"resample
 /// The estimator of a machine on a recording.
 ///
 /// ```no_run
-/// # use loadtwin_design::build::{self, Sensors};
+/// # use loadtwin_design::image_build::{self, Sensors};
 /// # use loadtwin_replay::Run;
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// # let machine = loadtwin_machine::Machine::load("machine.toml".as_ref())?;
 /// let sensors = Sensors::choose(&machine, None)?;
-/// let image = build::image(&machine, &sensors)?;
+/// let image = image_build::image(&machine, &sensors)?;
 /// let mut monday = Run::open(&machine, &sensors, &image, "monday.parquet")?;
 /// while monday.next_block(|sample, estimate, _| println!("{} {estimate:?}", sample.t))? {}
 /// let state = monday.save()?;

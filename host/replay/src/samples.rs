@@ -15,7 +15,7 @@ use super::encoder_counts::{Motion, motions};
 use super::index_pulse::{Pulse, Pulses};
 use super::reading_correction::Correction;
 use super::wanted_columns::{missing_references, optional, wanted_sensors};
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::{Channel, Encoder, Encoding, Machine, Reference, Regime, Segment};
 use loadtwin_recording::{
     Block, Clock, CsvLayout, Input, Reader, Role, Timing, Unit, Wanted, columns,

@@ -2,7 +2,7 @@
 //! read and how it is resampled. Finds the references that the recording lacks.
 
 use super::encoder_counts::Motion;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::{Encoding, Machine, Reference};
 use loadtwin_recording::{Column, Role, Unit, Wanted};
 

@@ -8,7 +8,7 @@ use super::thinning::thinned;
 use super::{Data, MinMaxDecimator, Plot, Report, Samples, Section, Table, UPLOT_CSS, UPLOT_JS};
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
-use loadtwin_files::content::Content;
+use loadtwin_files::file_kind::FileKind;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -24,7 +24,7 @@ const FEWEST_POINTS: usize = 128;
 const GENERATOR: &str = "<meta name=\"generator\" content=\"loadtwin\">";
 
 /// What is written as a page.
-pub const PAGE: Content = Content {
+pub const PAGE: FileKind = FileKind {
     noun: "page",
     suffixes: &["html", "htm"],
     // Nothing was added to it.

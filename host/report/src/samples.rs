@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use flate2::{Compression, write::DeflateEncoder};
 use loadtwin_files::atomic_file::{AtomicFile, Complete};
-use loadtwin_files::content::Content;
+use loadtwin_files::file_kind::FileKind;
 use serde_json::{Value, json};
 
 /// Rows of a chunk: 4 s at 2 kHz, decoded in some milliseconds.
@@ -28,7 +28,7 @@ const START: &str =
     "// Samples of a report page of loadtwin, loaded by the page beside this file.\n";
 
 /// What is written beside a page.
-pub const SAMPLES: Content = Content {
+pub const SAMPLES: FileKind = FileKind {
     noun: "file of samples",
     suffixes: &["js"],
     is_same: |file| Ok(file.start().starts_with(START.as_bytes())),

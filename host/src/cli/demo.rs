@@ -10,7 +10,7 @@ use serde_json::json;
 use super::file_plan::{Plan, Replace};
 use super::printing::{say, shown};
 use super::replay;
-use crate::build::Filter;
+use crate::image_build::Filter;
 use crate::machine::Machine;
 use crate::report::PAGE;
 

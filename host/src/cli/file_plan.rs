@@ -8,7 +8,7 @@ use clap::Args;
 
 use super::printing;
 use crate::calibrate::maps_beside;
-use crate::files::content::Content;
+use crate::files::file_kind::FileKind;
 use crate::files::outputs::Outputs;
 use crate::machine::{DESCRIPTION, MAPS, named_files};
 
@@ -97,10 +97,10 @@ impl Plan {
         mut self,
         option: &'static str,
         path: Option<&Path>,
-        content: Content,
+        kind: FileKind,
     ) -> Self {
         if let Some(path) = path {
-            self.0.writes(option, path, content);
+            self.0.writes(option, path, kind);
         }
         self
     }
@@ -110,9 +110,9 @@ impl Plan {
         mut self,
         option: &'static str,
         path: &Path,
-        content: Content,
+        kind: FileKind,
     ) -> Self {
-        self.0.writes_beside(option, path, content);
+        self.0.writes_beside(option, path, kind);
         self
     }
 
@@ -121,10 +121,10 @@ impl Plan {
         mut self,
         option: &'static str,
         path: Option<&Path>,
-        content: Content,
+        kind: FileKind,
     ) -> Self {
         if let Some(path) = path {
-            self.0.writes_new(option, path, content);
+            self.0.writes_new(option, path, kind);
         }
         self
     }

@@ -11,10 +11,10 @@ use super::file_plan::{Plan, Replace};
 use super::printing::print;
 use super::{Cli, examples};
 use crate::atomic_file::{AtomicFile, publish};
-use crate::files::content::Content;
+use crate::files::file_kind::FileKind;
 
 /// What is written as a man page.
-const MAN_PAGE: Content = Content {
+const MAN_PAGE: FileKind = FileKind {
     noun: "man page",
     suffixes: &["1"],
     is_same: |file| file.contains(&["\n.TH loadtwin"]),

@@ -15,12 +15,12 @@ use super::printing::say;
 use super::progress::Progress;
 use crate::machine::Machine;
 use crate::origin::with_origin;
-use crate::report::PAGE;
-use crate::simulate::Applied;
-use crate::tables::{
+use crate::paper_tables::{
     Cell, Curve, Individual, OTHERS, Published, SEGMENTS, TABLE_2, TABLE_3, curve, mean_qd, page,
     statistics,
 };
+use crate::report::PAGE;
+use crate::simulate::Applied;
 
 /// Reproduce tables 2 and 3 of Bosmans et al. 2023 on simulated individuals.
 ///

@@ -19,11 +19,11 @@ use super::tune_output::{
     reached, report, shortfalls, warnings,
 };
 use crate::atomic_file::{Complete, publish};
-use crate::build::Sensors;
 use crate::calibrate::{Description, with_noise};
 use crate::error_band::with_error_bands;
-use crate::files::content::Content;
+use crate::files::file_kind::FileKind;
 use crate::files::scratch::Scratch;
+use crate::image_build::Sensors;
 use crate::machine::Machine;
 use crate::origin::with_origin;
 use crate::recording::columns;
@@ -34,7 +34,7 @@ use crate::tune::{
 };
 
 /// What is written as the response of the estimated to the true loads.
-const RESPONSE: Content = Content {
+const RESPONSE: FileKind = FileKind {
     noun: "frequency response",
     suffixes: &["csv"],
     is_same: |file| {

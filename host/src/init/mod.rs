@@ -19,7 +19,7 @@ use std::path::Path;
 
 use clap::ValueEnum;
 use loadtwin_common::bearing::GAUGES;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::{Machine, MachineError};
 use loadtwin_recording::{RecordingError, Survey, survey};
 use loadtwin_replay::{ReplayError, Samples};

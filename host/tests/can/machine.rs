@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use loadtwin::build::{self, Sensors};
 use loadtwin::can::bus::Received;
 use loadtwin::can::{Model, to_bus, to_bus_fd};
+use loadtwin::image_build::{self, Sensors};
 use loadtwin::machine::Machine;
 use loadtwin_common::io::frame::{State, Status};
 use loadtwin_common::io::raw::RawSample;
@@ -13,7 +13,7 @@ pub fn image() -> Vec<u8> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/two_inertias.toml");
     let machine = Machine::load(&path).expect("a good machine");
     let sensors = Sensors::choose(&machine, None).expect("its sensors");
-    build::image(&machine, &sensors).expect("an image")
+    image_build::image(&machine, &sensors).expect("an image")
 }
 
 /// A second a turn, a noisy torque, with a lost word, a repeated word and an

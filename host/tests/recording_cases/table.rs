@@ -2,7 +2,7 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use loadtwin::build::Sensors;
+use loadtwin::image_build::Sensors;
 use loadtwin::machine::Machine;
 use loadtwin::recording::{CsvLayout, Reader, Wanted};
 use loadtwin::replay::{self, Figures};

@@ -10,7 +10,7 @@ mod python;
 use std::path::Path;
 use std::process::Command;
 
-use loadtwin::build::Sensors;
+use loadtwin::image_build::Sensors;
 use loadtwin::machine::Machine;
 use loadtwin::recording::{CsvLayout, Reader, Wanted};
 use loadtwin::replay::{self, Samples};

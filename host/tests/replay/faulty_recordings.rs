@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, RecordBatch};
 use arrow_schema::{DataType, Field, Schema};
-use loadtwin::build::Sensors;
+use loadtwin::image_build::Sensors;
 use loadtwin::recording::Batches;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

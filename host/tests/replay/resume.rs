@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 
 use crc::{CRC_32_ISO_HDLC, Crc};
-use loadtwin::build::{self, Filter, Sensors};
+use loadtwin::image_build::{self, Filter, Sensors};
 use loadtwin::machine::{IndexSignal, Machine};
 use loadtwin::recording::Input;
 use loadtwin::replay::Run;
@@ -56,7 +56,7 @@ impl Case {
             index.signal = Some(IndexSignal::Latched);
         }
         let sensors = Sensors::choose(&machine, None).unwrap().filtered_by(filter);
-        let image = build::image(&machine, &sensors).unwrap();
+        let image = image_build::image(&machine, &sensors).unwrap();
         let mut case = Self {
             name,
             recorded: recorded(&sensors),
@@ -366,7 +366,7 @@ fn a_state_is_of_its_image_and_whole() {
     let rest = || case.recorded.part(3000, case.recorded.rows());
     let refused = |machine: &Machine, filter: Filter, state: &[u8]| {
         let sensors = Sensors::choose(machine, None).unwrap().filtered_by(filter);
-        let image = build::image(machine, &sensors).unwrap();
+        let image = image_build::image(machine, &sensors).unwrap();
         let batches = rest();
         let run = Run::continued(machine, &sensors, &image, Input::Batches(&batches), state);
         run.err().map(|error| error.to_string()).unwrap_or_default()

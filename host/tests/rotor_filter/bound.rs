@@ -7,7 +7,7 @@ use std::path::Path;
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
-use loadtwin::build::{self, Sensors};
+use loadtwin::image_build::{self, Sensors};
 use loadtwin::machine::{Machine, Senses};
 use loadtwin::replay::Samples;
 use loadtwin::simulate::{AppliedUnbalance, RotorScenario};
@@ -238,7 +238,7 @@ fn a_new_start_resets_the_mismatch_alarm() {
     record(&off(&described, 0.2), paper(1.0, 21), &path);
     let raw = Recorded::read(&described, &path).raw;
     let sensors = Sensors::choose(&described, None).unwrap();
-    let payload = build::image(&described, &sensors).unwrap();
+    let payload = image_build::image(&described, &sensors).unwrap();
     let line = || {
         let mut image = Image::from_bytes(&payload).unwrap();
         let Model::Rotor(model) = &mut image.model else {

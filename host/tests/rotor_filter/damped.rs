@@ -2,7 +2,7 @@
 //! couple x and y): the reduced model loses less than 1.5 % of a start, and settled displacements
 //! err by at most 0.2 µm (unbalances) or 2.4 µm (random walks).
 
-use loadtwin::build::Sensors;
+use loadtwin::image_build::Sensors;
 use loadtwin::machine::{Coefficients, LoadKind, Machine};
 use loadtwin::rotor::RotorFilterDesign;
 

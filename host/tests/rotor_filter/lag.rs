@@ -2,7 +2,7 @@
 //! their error falls with the lag.
 
 use faer::{Mat, Side};
-use loadtwin::build::{self, Sensors};
+use loadtwin::image_build::{self, Sensors};
 use loadtwin::machine::{LoadKind, Machine};
 use loadtwin::replay::run_line;
 use loadtwin::rotor::RotorFilterDesign;
@@ -76,7 +76,7 @@ fn an_estimate_is_of_the_sample_that_it_says() {
         let plan =
             RotorFilterDesign::new(&machine, machine.rotor.as_ref().unwrap(), &sensors.channels);
         let plan = plan.unwrap();
-        let payload = build::image(&machine, &sensors).unwrap();
+        let payload = image_build::image(&machine, &sensors).unwrap();
         let mut line = Estimator::try_build(Image::from_bytes(&payload).unwrap()).unwrap();
         let mut estimated = vec![0.0; 2 * plan.nodes()];
         let (mut worst, mut moved, mut steady) = (0.0_f64, 0.0_f64, 0);
@@ -132,7 +132,7 @@ fn the_reported_deviation_is_that_of_the_error() {
         let sensors = Sensors::choose(&machine, None).unwrap();
         let plan = RotorFilterDesign::new(&machine, rotor, &sensors.channels).unwrap();
         let f = &plan.transitions().unwrap()[0].1;
-        let payload = build::image(&machine, &sensors).unwrap();
+        let payload = image_build::image(&machine, &sensors).unwrap();
         let image = Image::from_bytes(&payload).unwrap();
         let Model::Rotor(model) = &image.model else {
             panic!("not a rotor");

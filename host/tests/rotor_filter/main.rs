@@ -13,7 +13,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use faer::Mat;
-use loadtwin::build::{self, Sensors};
+use loadtwin::image_build::{self, Sensors};
 use loadtwin::machine::{Drift, LoadKind, Machine};
 use loadtwin::replay::{Displacements, Figures, run_line};
 use loadtwin::rotor::discrete;
@@ -437,7 +437,7 @@ fn the_image_takes_a_second_and_a_full_step_three_microseconds() {
     let started = Instant::now();
     let machine = machine();
     let sensors = Sensors::choose(&machine, None).unwrap();
-    let payload = build::image(&machine, &sensors).unwrap();
+    let payload = image_build::image(&machine, &sensors).unwrap();
     let image_s = started.elapsed().as_secs_f64();
     let mut image = Image::from_bytes(&payload).unwrap();
     let Model::Rotor(model) = &mut image.model else {

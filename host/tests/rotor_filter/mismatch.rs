@@ -1,7 +1,7 @@
 //! Rotor filter with model error and with sensor faults: valid loads lie inside their band,
 //! faulty sensors are flagged.
 
-use loadtwin::build::{self, Sensors};
+use loadtwin::image_build::{self, Sensors};
 use loadtwin::machine::Machine;
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
@@ -46,7 +46,7 @@ pub fn estimates(
     mut each: impl FnMut(usize, &Estimate, &Estimator<'_>),
 ) {
     let sensors = Sensors::choose(machine, None).unwrap();
-    let payload = build::image(machine, &sensors).unwrap();
+    let payload = image_build::image(machine, &sensors).unwrap();
     let mut line = Estimator::try_build(Image::from_bytes(&payload).unwrap()).unwrap();
     for (k, raw) in raw.iter().enumerate() {
         let estimate = line.step(raw);

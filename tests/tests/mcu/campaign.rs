@@ -6,7 +6,7 @@ use std::fs;
 use std::process::Command;
 use std::time::Instant;
 
-use loadtwin::build::{self, Sensors};
+use loadtwin::image_build::{self, Sensors};
 use loadtwin::machine::Machine as Description;
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
@@ -89,7 +89,7 @@ fn a_fault_is_flagged_forgotten_and_never_becomes_a_number_that_is_none() {
     let path = root().join("tests/machines/campaign.toml");
     let description = Description::load(&path).unwrap();
     let sensors = Sensors::choose(&description, None).unwrap();
-    let image = build::image(&description, &sensors).unwrap();
+    let image = image_build::image(&description, &sensors).unwrap();
     let machine = Machine {
         channels: sensors.channels.len(),
         encoders: sensors.encoders.len(),

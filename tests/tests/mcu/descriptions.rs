@@ -4,7 +4,7 @@
 use std::thread;
 use std::time::Duration;
 
-use loadtwin::build::Filter;
+use loadtwin::image_build::Filter;
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
 use loadtwin_tests::descriptions::{Variant, variants};

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use loadtwin::build::{self, Filter, Sensors};
+use loadtwin::image_build::{self, Filter, Sensors};
 use loadtwin::machine::{Drift, Machine};
 use loadtwin::seal::seal;
 use loadtwin_common::counting::saved_counts::MAX_BYTES;
@@ -50,7 +50,7 @@ const STORED: [(&str, u32, u32); 25] = [
 const BEARING_S: f64 = 4.0;
 
 fn sealed(machine: &Machine, sensors: &Sensors, folder: &Path, name: &str) -> PathBuf {
-    let payload = build::image(machine, sensors).unwrap();
+    let payload = image_build::image(machine, sensors).unwrap();
     let path = folder.join(name);
     std::fs::write(&path, seal(&payload, machine.id(), 1, None, None).unwrap()).unwrap();
     path

@@ -13,7 +13,7 @@ use ed25519_compact::{KeyPair, Seed};
 use loadtwin_common::io::signed_image::{Identity, MachineId, PublicKey, SIGNED_LEN};
 use loadtwin_files::atomic_file::{AtomicFile, Complete, publish};
 use loadtwin_files::bounded;
-use loadtwin_files::content::Content;
+use loadtwin_files::file_kind::FileKind;
 use rand::TryRng;
 use rand::rngs::SysRng;
 use thiserror::Error;
@@ -21,8 +21,8 @@ use thiserror::Error;
 /// Largest file of a key (bytes); one has 120.
 const LARGEST_KEY: u64 = 1 << 20;
 
-/// Content type of a key file.
-pub const KEY: Content = Content {
+/// Kind of a key file.
+pub const KEY: FileKind = FileKind {
     noun: "key",
     suffixes: &["pem", "key", "pub", "page"],
     is_same: |_| Ok(false),

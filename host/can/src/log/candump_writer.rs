@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use loadtwin_files::content::Content;
+use loadtwin_files::file_kind::FileKind;
 
 use crate::CanError;
 use crate::bus::Received;
@@ -16,8 +16,8 @@ const LINES: usize = 8 << 10;
 /// Longest time for which a frame stays in memory (us).
 const LONGEST_US: u64 = 1_000_000;
 
-/// Content type of the log of a bus.
-pub const LOG: Content = Content {
+/// Kind of the log of a bus.
+pub const LOG: FileKind = FileKind {
     noun: "log of a bus",
     suffixes: &["log", "candump", "txt"],
     is_same: |_| Ok(false),

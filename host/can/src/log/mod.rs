@@ -23,7 +23,7 @@ use std::io::{self, BufRead, BufReader, Chain, Cursor, Read};
 use std::path::Path;
 use std::time::Duration;
 
-use loadtwin_files::content;
+use loadtwin_files::file_kind;
 
 use super::CanError;
 use super::bus::{Bus, BusError, Received};
@@ -158,7 +158,7 @@ impl<R: Read> Format<R> {
             .take(HEAD_LINES)
             .collect();
         let is_blf = head.starts_with(b"LOGG");
-        let name = content::named(&head);
+        let name = file_kind::named(&head);
         let is_empty = head.trim_ascii().is_empty();
         let source = BufReader::new(Cursor::new(head).chain(source));
         if is_blf {

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::bearing::baseline::Baseline;
 use crate::bearing::design_matrix::{COEFFICIENTS, DRIFT_TERMS};
 use crate::bearing::physical_parameters::PhysicalParameters;
-use loadtwin_files::content::Content;
+use loadtwin_files::file_kind::FileKind;
 use loadtwin_files::{bounded, mark};
 use loadtwin_machine::MachineError;
 
@@ -81,7 +81,7 @@ impl GaugeResponse {
 }
 
 /// What is written as the calibration of a bearing.
-pub const CALIBRATION: Content = Content {
+pub const CALIBRATION: FileKind = FileKind {
     noun: "calibration",
     suffixes: &["toml"],
     is_same: |file| {

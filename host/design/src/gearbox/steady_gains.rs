@@ -325,8 +325,8 @@ impl<'a> Recursion<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::build::image;
     use crate::gearbox::OperatingPoint;
+    use crate::image_build::image;
     use crate::sensor_set::Sensors;
     use loadtwin_common::image::{Image, Model};
     use loadtwin_machine::Machine;

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde::{Serialize, Serializer};
 
 use crate::filter_run::Filtered;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_math::metrics::{Autocorrelation, NisConsistency};
 use loadtwin_replay::ReplayError;

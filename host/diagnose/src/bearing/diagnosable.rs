@@ -26,7 +26,7 @@ use crate::residual_model::{Covariate, Nuisance, ResidualModel, Shaft};
 use crate::selection::relevance::RELEVANT_PART;
 use crate::selection::stepwise::Selection;
 use loadtwin_design::bearing::{Calibration, Rig, calibration};
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_replay::recorded;
 

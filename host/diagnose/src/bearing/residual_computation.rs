@@ -12,7 +12,7 @@ use crate::diagnosis::DiagnoseError;
 use crate::regression::projection::NuisanceProjection;
 use crate::residual_model::SignalSet;
 use loadtwin_design::bearing::{Calibration, DRIFT_TERMS, Prediction, Rig, predict_readings};
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::{Bearing, Machine};
 
 /// The part of a recording that no effect changes.

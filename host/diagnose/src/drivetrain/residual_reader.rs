@@ -22,8 +22,8 @@ use crate::drivetrain::residual_signals::{
 };
 use crate::filter_run::Filtered;
 use crate::smoothing::smooth;
-use loadtwin_design::build::Sensors;
 use loadtwin_design::gearbox::Torsion;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::{LATEST_S, Machine, MachineError};
 
 /// Samples a second on which effects are tested.

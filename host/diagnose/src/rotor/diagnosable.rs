@@ -23,7 +23,7 @@ use crate::rotor::{
 };
 use crate::selection::relevance::RELEVANT_PART;
 use crate::selection::stepwise::Selection;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::{LoadKind, Machine, RotorLoad};
 
 /// Blocks of the cross-validation that a recording is divided into.

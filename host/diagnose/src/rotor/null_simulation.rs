@@ -11,7 +11,7 @@ use crate::residual_model::SignalSet;
 use crate::rotor::RotorResiduals;
 use crate::rotor::recorded_samples::RotorRecording;
 use crate::rotor::uncertain_parameters::UncertainParameter;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_simulate::{AppliedUnbalance, RotorCourse, RotorScenario, RotorSimulation};
 

@@ -9,7 +9,7 @@ use faer::Mat;
 
 use crate::diagnosis::DiagnoseError;
 use crate::regression::normal_equations::solve_ridge;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_design::rotor::ShaftRotation;
 use loadtwin_machine::{Machine, Rotor};
 use loadtwin_replay::Samples;

@@ -10,8 +10,8 @@ use loadtwin_common::image::Image;
 use loadtwin_common::io::measurement::{EncoderScaling, IndexPulse, SignalConditioner};
 
 use crate::calibrate::CalibrateError;
-use loadtwin_design::build::{self, Filter, Sensors};
 use loadtwin_design::gearbox::Torsion;
+use loadtwin_design::image_build::{self, Filter, Sensors};
 use loadtwin_machine::{CREEP, Channel, Direction, Drivetrain, Inertia, Machine, Senses};
 use loadtwin_replay::{ReplayError, Samples};
 
@@ -68,7 +68,7 @@ fn angle_conversion(
     if sensors.encoders.is_empty() {
         return Ok((Vec::new(), None));
     }
-    let payload = build::image(machine, sensors).map_err(ReplayError::from)?;
+    let payload = image_build::image(machine, sensors).map_err(ReplayError::from)?;
     let image = Image::from_bytes(&payload).map_err(ReplayError::Image)?;
     let model = image.model.gearbox().ok_or(CalibrateError::NoDrivetrain)?;
     let counters = model.encoders.iter().map(|encoder| encoder.counter);

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_replay::{Displacements, Figures, ReplayError, run_line};
 

@@ -13,7 +13,7 @@ use loadtwin_common::io::raw::RawSample;
 use loadtwin_common::rotor::{PackedF32, RotorModel as ImageModel};
 
 use crate::tune::{Training, TuneError, starts};
-use loadtwin_design::build::{BuildError, Sensors};
+use loadtwin_design::image_build::{BuildError, Sensors};
 use loadtwin_design::rotor::RotorFilterDesign;
 use loadtwin_machine::{Machine, Rotor};
 use loadtwin_replay::ReplayError;

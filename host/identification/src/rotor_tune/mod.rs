@@ -10,7 +10,7 @@ pub use crate::rotor_tune::filter_trial::{Outcome, Trial};
 pub use crate::rotor_tune::report_page::page;
 
 use crate::tune::{Evolution, Training, TuneError, pattern_search};
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::{Machine, Rotor};
 
 /// Range of each number to either side of the described one [decades].
@@ -82,7 +82,7 @@ pub fn tune(
     if let Some(rotor) = &mut prompt.rotor {
         rotor.lag_samples = Some(0);
     }
-    let payload = loadtwin_design::build::image(&prompt, sensors)?;
+    let payload = loadtwin_design::image_build::image(&prompt, sensors)?;
     let trial = Trial::new(machine, rotor, sensors, &payload, training)?;
     let count = rotor.loads.len() + 2 + sensors.channels.len();
     let start = vec![0.0; count];

@@ -8,7 +8,7 @@ use loadtwin_common::io::estimate::Estimate;
 
 use crate::tune::TuneError;
 use crate::tune::training_recordings::{Start, Training, starts};
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::Machine;
 use loadtwin_replay::ReplayError;
 

@@ -12,8 +12,8 @@ use crate::tune::filter_trial::{Outcome, Trial};
 use crate::tune::frequency_response::{FrequencyResponse, Weighting};
 use crate::tune::pattern_search::pattern_search;
 use crate::tune::training_recordings::Training;
-use loadtwin_design::build::{self, Sensors};
 use loadtwin_design::gearbox::OperatingPoint;
+use loadtwin_design::image_build::{self, Sensors};
 use loadtwin_machine::{Drivetrain, Machine};
 use loadtwin_replay::ReplayError;
 
@@ -142,7 +142,7 @@ pub fn tune_loads(
         .drivetrain
         .as_ref()
         .ok_or(crate::calibrate::CalibrateError::NoDrivetrain)?;
-    let payload = build::image(machine, sensors)?;
+    let payload = image_build::image(machine, sensors)?;
     let Model::Gearbox(model) = Image::from_bytes(&payload)
         .map_err(ReplayError::Image)?
         .model

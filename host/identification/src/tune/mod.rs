@@ -27,7 +27,7 @@ pub use crate::tune::training_recordings::Training;
 pub(crate) use crate::tune::training_recordings::starts;
 
 use crate::calibrate::CalibrateError;
-use loadtwin_design::build::BuildError;
+use loadtwin_design::image_build::BuildError;
 use loadtwin_replay::ReplayError;
 
 /// Why nothing can be tuned.

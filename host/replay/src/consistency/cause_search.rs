@@ -15,7 +15,7 @@ use super::hypothesis::{self, Hypothesis, SHIFTS};
 use super::{CONTRADICTING, Cause, SensorConsistency, contradicts, reference_loads::Reference};
 use crate::samples::{IndexColumn, index_column};
 use crate::{ReplayError, Sample, Samples};
-use loadtwin_design::build::{self, Sensors};
+use loadtwin_design::image_build::{self, Sensors};
 use loadtwin_machine::Machine;
 
 /// Samples beyond the first contradiction by which all causes are compared.
@@ -141,7 +141,7 @@ impl Comparison<'_> {
                 let angle = index.angle_rad + hypothesis.index_rad;
                 index.angle_rad = (angle + PI).rem_euclid(TAU) - PI;
             }
-            payload = build::image(&other, sensors).ok()?;
+            payload = image_build::image(&other, sensors).ok()?;
             Image::from_bytes(&payload)
         };
         let mut estimator = Estimator::try_build(image.ok()?).ok()?;
@@ -198,7 +198,7 @@ pub(super) fn cause(
         sensors,
         path,
         index,
-        described: build::image(machine, sensors).ok()?,
+        described: image_build::image(machine, sensors).ok()?,
     };
     let described = all.first()?.clone();
     let until = from.unwrap_or(0) + FIRST;

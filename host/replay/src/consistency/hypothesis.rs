@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 
 use super::SensorConsistency;
 use crate::reading_correction::Correction;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::{Channel, Machine, Senses};
 
 /// Factors by which units, amplifiers and bridges are mistaken: decimal prefixes; quarter, half and

@@ -9,7 +9,7 @@ use loadtwin_common::io::fault::Fault;
 
 use super::{CONTRADICTING, Cause, TURNS};
 use crate::Sample;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::Machine;
 
 /// Distances between pulses that are kept.

@@ -24,7 +24,7 @@ use self::reference_loads::ReferenceConsistency;
 use self::sensor_consistency::contradicts;
 pub use self::sensor_consistency::{BIASED, SensorConsistency, SensorSums};
 use super::Sample;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::Machine;
 
 /// NIS of three standard deviations: a consistent filter exceeds it in 0.27 % of the readings.

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use loadtwin_common::io::estimate::SensorEstimate;
 use loadtwin_common::io::fault::Fault;
-use loadtwin_design::build::Sensors;
+use loadtwin_design::image_build::Sensors;
 use serde::Serialize;
 
 use super::{BEYOND, CONTRADICTING, Cause, SETTLED, percent};

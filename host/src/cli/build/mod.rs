@@ -18,11 +18,11 @@ use self::output::Built;
 use super::file_plan::{Plan, Replace};
 use super::layout_option::load;
 use crate::atomic_file::{AtomicFile, Complete, publish};
-use crate::build::{self, Filter, Sensors};
-use crate::files::content::Content;
+use crate::files::file_kind::FileKind;
 use crate::fmu::interface::Interface;
 use crate::fmu::library::Library;
 use crate::fmu::package::{FMU, FmiVersion, pack};
+use crate::image_build::{self, Filter, Sensors};
 use crate::key::SigningKey;
 use crate::seal::seal;
 
@@ -30,7 +30,7 @@ use crate::seal::seal;
 const LARGEST_IMAGE: u64 = 1 << 20;
 
 /// What is written as a model image.
-const IMAGE: Content = Content {
+const IMAGE: FileKind = FileKind {
     noun: "model image",
     suffixes: &["image", "img", "bin"],
     is_same: |file| Ok(signed_image::open(&file.whole(LARGEST_IMAGE)?).is_ok()),
@@ -156,7 +156,7 @@ impl Build {
         if self.output.is_some() {
             self.check_converters(&sensors)?;
         }
-        let payload = build::image(&machine, &sensors)?;
+        let payload = image_build::image(&machine, &sensors)?;
         let image = Image::from_bytes(&payload)?;
         if let Some(board) = self.board {
             let name = board.to_possible_value();

@@ -4,8 +4,8 @@
 use serde_json::json;
 
 use super::Build;
-use crate::build::Sensors;
 use crate::cli::printing::{say, shown};
+use crate::image_build::Sensors;
 use crate::machine::{Kind, Machine, Rotor};
 use crate::rotor::RotorFilterDesign;
 

@@ -18,12 +18,12 @@ use super::printing::{note, say, shown, shown_all};
 use super::progress::Progress;
 use crate::atomic_file::publish;
 use crate::bearing::{CALIBRATION, Rig};
-use crate::build::Sensors;
 use crate::calibrate::{
     self, Candidate, Description, Gauge, MapSource, Observations, Proposal, calibrated, fronts,
     page, select,
 };
 use crate::error_band::with_error_bands;
+use crate::image_build::Sensors;
 use crate::machine::{ErrorBand, Kind, Machine, resampled};
 use crate::origin::with_origin;
 use crate::report::PAGE;

@@ -19,7 +19,7 @@ use super::layout_option::{LayoutFile, load};
 use super::printing::{note, print as output, say};
 use super::progress::Progress;
 use super::spool::spooled;
-use crate::build::{self, Sensors};
+use crate::browser_monitor::{Labels, WebView};
 use crate::can::bus::Bus;
 use crate::can::dbc::{self, LoadScale};
 use crate::can::estimator_node::{self, NodeArgs};
@@ -33,11 +33,11 @@ use crate::can::paced_bus::Paced;
 use crate::can::sample_sender::{self, SendArgs};
 use crate::can::twin_and_prove::{self, ProveArgs, TwinArgs, TwinSummary};
 use crate::can::{CanError, LOG, Model, live_display, stop_on_signal, upload};
-use crate::files::{bounded, content};
+use crate::files::{bounded, file_kind};
+use crate::image_build::{self, Sensors};
 use crate::machine::Machine;
 use crate::replay::Samples;
 use crate::upload_protocol::Uploader;
-use crate::web::{Labels, WebView};
 
 /// Largest model image (bytes): the flash of the largest boards has 2 MiB.
 const LARGEST_IMAGE: u64 = 16 << 20;
@@ -64,7 +64,7 @@ impl ModelArgs {
         if self.machine.extension().is_some_and(|end| end == "toml") {
             let machine = load(&self.machine)?;
             let sensors = Sensors::choose(&machine, self.sensors.as_deref())?;
-            return Ok((build::image(&machine, &sensors)?, sensors.names()));
+            return Ok((image_build::image(&machine, &sensors)?, sensors.names()));
         }
         anyhow::ensure!(
             self.sensors.is_none(),
@@ -78,9 +78,9 @@ impl ModelArgs {
         let bytes = bounded::read(&self.machine, LARGEST_IMAGE)
             .with_context(|| self.machine.display().to_string())?;
         if !bytes.starts_with(&signed_image::MAGIC) {
-            let found = content::named(&bytes);
+            let found = file_kind::named(&bytes);
             anyhow::ensure!(
-                found == content::BINARY,
+                found == file_kind::BINARY,
                 "{}: found {found}, allowed: a description (.toml) or a model image; it comes before the source",
                 self.machine.display()
             );
@@ -247,7 +247,7 @@ impl Send {
         let recording = spooled(&self.recording)?;
         let machine = self.layout.machine(&self.machine)?;
         let sensors = Sensors::choose(&machine, self.sensors.as_deref())?;
-        let image = build::image(&machine, &sensors)?;
+        let image = image_build::image(&machine, &sensors)?;
         let model = Model::from_bytes(&image)?;
         let samples = RawSamples::open(&machine, &sensors, &recording.path)?;
         let stop = stop_on_signal()?;

@@ -10,9 +10,9 @@ use super::super::file_plan::{Plan, Replace};
 use super::super::layout_option::load;
 use super::super::printing::note;
 use super::{noted, print};
-use crate::build::{self, Sensors};
 use crate::can::frame_source::Source;
 use crate::can::{Model, stop_on_signal};
+use crate::image_build::{self, Sensors};
 use crate::record::recorder::{self, RecordArgs};
 
 /// Record a machine on a CAN bus into an archive, and publish its loads over MQTT.
@@ -36,7 +36,7 @@ impl Record {
             .check(as_json)?;
         let machine = load(&self.machine)?;
         let sensors = Sensors::choose(&machine, self.sensors.as_deref())?;
-        let image = build::image(&machine, &sensors)?;
+        let image = image_build::image(&machine, &sensors)?;
         let model = Model::from_bytes(&image)?;
         let stop = stop_on_signal()?;
         let bus = noted(source.open(Some(model.image.can_base), None)?);

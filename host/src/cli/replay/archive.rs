@@ -8,9 +8,9 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 use loadtwin_archive::{Columns, Options, Watch, run};
 
-use crate::build::Filter;
 use crate::cli::printing::say;
 use crate::cli::progress::Progress;
+use crate::image_build::Filter;
 
 /// Time between two looks at the progress.
 const LOOK: Duration = Duration::from_millis(20);

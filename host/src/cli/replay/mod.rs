@@ -16,14 +16,14 @@ use loadtwin_common::io::estimate::Estimate;
 use serde_json::{Value, json};
 
 use crate::atomic_file::{AtomicFile, publish};
-use crate::build::{self, Filter, Sensors};
 use crate::cli::file_plan::{Plan, Replace};
 use crate::cli::layout_option::LayoutFile;
 use crate::cli::printing::{say, shown};
 use crate::cli::progress::Progress;
 use crate::cli::spool::spooled;
 use crate::files::bounded::read;
-use crate::files::content::Content;
+use crate::files::file_kind::FileKind;
+use crate::image_build::{self, Filter, Sensors};
 use crate::machine::{Machine, Rotor};
 use crate::origin::{image_fact, with_origin};
 use crate::replay::{
@@ -86,7 +86,7 @@ pub struct Replay {
 }
 
 /// What is written as the state of a replay.
-const STATE: Content = Content {
+const STATE: FileKind = FileKind {
     noun: "saved state",
     suffixes: &["state"],
     is_same: |file| Ok(file.start().starts_with(STATE_MARK)),
@@ -309,7 +309,7 @@ fn one_set(
     let mut displacements = Displacements::new(machine, sensors)?;
     let mut phasor = Phasor::new(machine, sensors);
     let mut speeds = Speeds::new(machine);
-    let image = build::image(machine, sensors)?;
+    let image = image_build::image(machine, sensors)?;
     let mut run = match part.state {
         Some((path, state)) => Run::continued(machine, sensors, &image, recording, state).map_err(
             |error| match error {

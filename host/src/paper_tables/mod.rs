@@ -16,10 +16,10 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use thiserror::Error;
 
-use crate::build::Sensors;
 use crate::calibrate::{
     CalibrateError, MapSource, Observations, calibrate, calibrated, with_noise,
 };
+use crate::image_build::Sensors;
 use crate::machine::{Drift, Machine};
 use crate::recording::RecordingError;
 use crate::replay::{self, Figures, ReplayError};

@@ -2,8 +2,10 @@
 //! excluded, and names the kinds of their faults. The prediction of the filter is further evidence
 //! after the gauges have agreed for five windows.
 
+use crate::drivetrain::fault_isolation::{
+    ANCHORED, FaultIsolation, Gauge, Isolation, Prior, RETURN, pair,
+};
 use crate::drivetrain::fault_kind::Moments;
-use crate::drivetrain::vote::{ANCHORED, Gauge, Prior, RETURN, Vote, Voting, pair};
 use crate::io::fault::Fault;
 use crate::io::raw::MAX_CHANNELS;
 
@@ -33,7 +35,7 @@ fn set(members: &[u8]) -> u8 {
     members.iter().fold(0, |all, i| all | bit((*i).into()))
 }
 
-impl Voting {
+impl FaultIsolation {
     /// Takes the first hypothesis of direction `d` that explains the readings: all gauges sound;
     /// those at fault that contradict a sound prediction, where the others agree; one at fault; two
     /// exchanged; two at fault; all but one that the prediction confirms. Where none does, or the
@@ -41,42 +43,42 @@ impl Voting {
     /// contradicted.
     pub(crate) fn decide(
         &self,
-        vote: &mut Vote,
+        isolation: &mut Isolation,
         d: usize,
         members: &[u8],
         gauges: &[Gauge; MAX_CHANNELS],
     ) {
         let all = set(members);
-        let before = vote.left_out & all;
-        let limit = if before == 0 && vote.contradicted & bit(d) == 0 {
+        let before = isolation.left_out & all;
+        let limit = if before == 0 && isolation.contradicted & bit(d) == 0 {
             1.0
         } else {
             RETURN
         };
-        let sound = (members.iter()).all(|i| vote.none[d] - vote.single[at(*i)] <= limit)
-            && vote.none[d] <= limit * self.limit(members.len());
+        let sound = (members.iter()).all(|i| isolation.none[d] - isolation.single[at(*i)] <= limit)
+            && isolation.none[d] <= limit * self.limit(members.len());
         if sound && before == 0 {
-            vote.contradicted &= !bit(d);
-            vote.ambiguous &= !bit(d);
-            vote.sound[d] = vote.sound[d].saturating_add(1);
+            isolation.contradicted &= !bit(d);
+            isolation.ambiguous &= !bit(d);
+            isolation.sound[d] = isolation.sound[d].saturating_add(1);
             return;
         }
         let chosen = if sound {
             Some(Hypothesis::SOUND)
         } else {
-            self.culprits(vote, d, members, before)
+            self.culprits(isolation, d, members, before)
         };
-        vote.contradicted &= !bit(d);
+        isolation.contradicted &= !bit(d);
         let chosen = chosen.unwrap_or_else(|| {
-            vote.contradicted |= bit(d);
+            isolation.contradicted |= bit(d);
             Hypothesis::SOUND
         });
-        vote.left_out = vote.left_out & !all | chosen.left_out;
+        isolation.left_out = isolation.left_out & !all | chosen.left_out;
         for i in members {
             let i = at(*i);
-            self.name(vote, i, chosen, before, &gauges[i]);
+            self.name(isolation, i, chosen, before, &gauges[i]);
         }
-        test_alternative(vote, d, members, chosen, before);
+        test_alternative(isolation, d, members, chosen, before);
     }
 
     /// Latches which gauges departed from a sound prediction in the sample in which a direction
@@ -85,37 +87,40 @@ impl Voting {
     #[inline]
     pub(super) fn follow_jump(
         &self,
-        vote: &mut Vote,
+        isolation: &mut Isolation,
         d: usize,
         members: &[u8],
         cost: f32,
         (gauges, prior): (&[Gauge; MAX_CHANNELS], Prior),
     ) {
-        let agreed = vote.calm & bit(d) != 0;
+        let agreed = isolation.calm & bit(d) != 0;
         if cost <= CALM {
-            vote.calm |= bit(d);
-            if vote.jumped != 0 && vote.none[d] <= CALM && is_trusted(vote, d, members) {
-                vote.jumped &= !set(members);
+            isolation.calm |= bit(d);
+            if isolation.jumped != 0
+                && isolation.none[d] <= CALM
+                && is_trusted(isolation, d, members)
+            {
+                isolation.jumped &= !set(members);
             }
         } else {
-            vote.calm &= !bit(d);
+            isolation.calm &= !bit(d);
             let begins = agreed && cost > 1.0;
-            if begins && is_trusted(vote, d, members) && self.is_anchored(vote, d) {
+            if begins && is_trusted(isolation, d, members) && self.is_anchored(isolation, d) {
                 let departed = self.departed(members, gauges, prior);
-                vote.jumped = vote.jumped & !set(members) | departed;
+                isolation.jumped = isolation.jumped & !set(members) | departed;
             }
         }
     }
 
     /// Gauges that contradict a prediction that was sound.
-    fn against(&self, vote: &Vote, d: usize, members: &[u8]) -> u8 {
+    fn against(&self, isolation: &Isolation, d: usize, members: &[u8]) -> u8 {
         (members.iter())
-            .filter(|i| self.is_anchored(vote, d) && vote.prior[at(**i)] > RETURN)
+            .filter(|i| self.is_anchored(isolation, d) && isolation.prior[at(**i)] > RETURN)
             .fold(0, |set, i| set | bit((*i).into()))
     }
 
-    fn is_anchored(&self, vote: &Vote, d: usize) -> bool {
-        f32::from(vote.sound[d]) * self.consistency.forgetting >= ANCHORED
+    fn is_anchored(&self, isolation: &Isolation, d: usize) -> bool {
+        f32::from(isolation.sound[d]) * self.consistency.forgetting >= ANCHORED
     }
 
     /// The cost that `voters` gauges do not exceed: the first of their residuals is at the limit,
@@ -124,7 +129,13 @@ impl Voting {
         1.0 + voters.saturating_sub(2) as f32 / self.consistency.noise_bound
     }
 
-    fn culprits(&self, vote: &Vote, d: usize, members: &[u8], before: u8) -> Option<Hypothesis> {
+    fn culprits(
+        &self,
+        isolation: &Isolation,
+        d: usize,
+        members: &[u8],
+        before: u8,
+    ) -> Option<Hypothesis> {
         let n = members.len();
         let leave = |left_out: u8| {
             Some(Hypothesis {
@@ -133,26 +144,27 @@ impl Voting {
             })
         };
         // A jump away from a prediction that was sound.
-        let anchored = self.is_anchored(vote, d);
-        let against = self.against(vote, d, members);
+        let anchored = self.is_anchored(isolation, d);
+        let against = self.against(isolation, d, members);
         let rest = n - against.count_ones() as usize;
-        if against != 0 && rest > 1 && self.remain(vote, members, against) {
+        if against != 0 && rest > 1 && self.remain(isolation, members, against) {
             return leave(against);
         }
         // The prediction is no evidence where all, or none, are off it.
         let accused = |i: usize| against == 0 || rest == 0 || against & bit(i) != 0;
         if n > 2 {
-            let lowest = |a: &usize, b: &usize| vote.single[*a].total_cmp(&vote.single[*b]);
+            let lowest =
+                |a: &usize, b: &usize| isolation.single[*a].total_cmp(&isolation.single[*b]);
             // What explains the readings so far is kept as long as it does.
             let kept = (members.iter().map(|i| at(*i)))
-                .find(|i| bit(*i) == before && vote.single[*i] <= self.limit(n - 1));
+                .find(|i| bit(*i) == before && isolation.single[*i] <= self.limit(n - 1));
             let single = match kept {
                 Some(single) => single,
                 None => members.iter().map(|i| at(*i)).min_by(lowest)?,
             };
-            let explains = vote.single[single] <= self.limit(n - 1)
+            let explains = isolation.single[single] <= self.limit(n - 1)
                 && accused(single)
-                && agrees(vote, members, single);
+                && agrees(isolation, members, single);
             let pairs = || {
                 (members.iter().enumerate())
                     .flat_map(|(q, j)| members.iter().take(q).map(|i| (at(*i), at(*j))))
@@ -163,8 +175,8 @@ impl Voting {
                     cost(*a).total_cmp(&cost(*b))
                 })
             };
-            let (i, j) = cheapest(&vote.swap)?;
-            let exchanged = vote.swap[pair(i, j)] <= self.limit(n);
+            let (i, j) = cheapest(&isolation.swap)?;
+            let exchanged = isolation.swap[pair(i, j)] <= self.limit(n);
             // One gauge turned round, or two exchanged whose maps are opposite: the readings
             // are the same, the load is not.
             if explains && exchanged && against == 0 {
@@ -181,12 +193,12 @@ impl Voting {
             }
             if n > 3 {
                 let kept = pairs().find(|(i, j)| {
-                    bit(*i) | bit(*j) == before && vote.pair[pair(*i, *j)] <= self.limit(n - 2)
+                    bit(*i) | bit(*j) == before && isolation.pair[pair(*i, *j)] <= self.limit(n - 2)
                 });
-                let (i, j) = kept.or_else(|| cheapest(&vote.pair))?;
-                let cost = vote.pair[pair(i, j)];
+                let (i, j) = kept.or_else(|| cheapest(&isolation.pair))?;
+                let cost = isolation.pair[pair(i, j)];
                 let rival = |(k, l): &(usize, usize)| {
-                    (*k, *l) != (i, j) && vote.pair[pair(*k, *l)] - cost <= RETURN
+                    (*k, *l) != (i, j) && isolation.pair[pair(*k, *l)] - cost <= RETURN
                 };
                 let alone = kept.is_some() || !pairs().any(|other| rival(&other));
                 if cost <= self.limit(n - 2) && alone {
@@ -206,34 +218,41 @@ impl Voting {
     }
 
     /// Whether those that `against` leaves agree, as far as two at most are left out.
-    fn remain(&self, vote: &Vote, members: &[u8], against: u8) -> bool {
+    fn remain(&self, isolation: &Isolation, members: &[u8], against: u8) -> bool {
         let mut out = members
             .iter()
             .map(|i| at(*i))
             .filter(|i| against & bit(*i) != 0);
         let n = members.len();
         match (out.next(), out.next(), out.next()) {
-            (Some(i), None, None) => vote.single[i] <= self.limit(n - 1),
-            (Some(i), Some(j), None) => vote.pair[pair(i, j)] <= self.limit(n - 2),
+            (Some(i), None, None) => isolation.single[i] <= self.limit(n - 1),
+            (Some(i), Some(j), None) => isolation.pair[pair(i, j)] <= self.limit(n - 2),
             _ => false,
         }
     }
 
     /// Names the kind of fault of gauge `i`.
-    fn name(&self, vote: &mut Vote, i: usize, chosen: Hypothesis, before: u8, gauge: &Gauge) {
+    fn name(
+        &self,
+        isolation: &mut Isolation,
+        i: usize,
+        chosen: Hypothesis,
+        before: u8,
+        gauge: &Gauge,
+    ) {
         if chosen.left_out & bit(i) == 0 {
-            vote.kinds[i] = Fault::None;
+            isolation.kinds[i] = Fault::None;
             return;
         }
         if before & bit(i) == 0 {
-            vote.moments[i] = Moments::default();
+            isolation.moments[i] = Moments::default();
         }
         if gauge.value.is_some() {
             let reading = gauge.innovation + gauge.response;
             let tolerance = self.tolerance(i, gauge, 1.0);
-            let moments = &mut vote.moments[i];
+            let moments = &mut isolation.moments[i];
             moments.push(reading, gauge.response, self.consistency.forgetting);
-            vote.kinds[i] = if chosen.swapped {
+            isolation.kinds[i] = if chosen.swapped {
                 Fault::Swapped
             } else {
                 moments.kind(tolerance, self.consistency.forgetting)
@@ -244,27 +263,33 @@ impl Voting {
 
 /// Whether no gauge of direction `d` is left out, and they do not contradict each other.
 #[inline(never)]
-fn is_trusted(vote: &Vote, d: usize, members: &[u8]) -> bool {
-    vote.left_out & set(members) == 0 && vote.contradicted & bit(d) == 0
+fn is_trusted(isolation: &Isolation, d: usize, members: &[u8]) -> bool {
+    isolation.left_out & set(members) == 0 && isolation.contradicted & bit(d) == 0
 }
 
 /// Of three gauges, the same wrong gain in two fits as well as the inverse gain in the third: the
 /// fault is ambiguous unless the excluded gauge alone left the prediction in a jump.
-fn test_alternative(vote: &mut Vote, d: usize, members: &[u8], chosen: Hypothesis, before: u8) {
-    vote.ambiguous &= !bit(d);
+fn test_alternative(
+    isolation: &mut Isolation,
+    d: usize,
+    members: &[u8],
+    chosen: Hypothesis,
+    before: u8,
+) {
+    isolation.ambiguous &= !bit(d);
     if members.len() != 3 || chosen.left_out.count_ones() != 1 {
         return;
     }
     let out = chosen.left_out;
     if before != out {
-        let alone = vote.jumped & set(members) == out;
-        vote.outvoted = vote.outvoted & !out | if alone { 0 } else { out };
+        let alone = isolation.jumped & set(members) == out;
+        isolation.outvoted = isolation.outvoted & !out | if alone { 0 } else { out };
     }
     let gain = members
         .iter()
-        .any(|i| out & bit((*i).into()) != 0 && vote.kinds[at(*i)] == Fault::Gain);
-    if gain && vote.outvoted & out != 0 {
-        vote.ambiguous |= bit(d);
+        .any(|i| out & bit((*i).into()) != 0 && isolation.kinds[at(*i)] == Fault::Gain);
+    if gain && isolation.outvoted & out != 0 {
+        isolation.ambiguous |= bit(d);
     }
 }
 
@@ -273,12 +298,12 @@ fn at(i: u8) -> usize {
 }
 
 /// Whether no further gauge is at fault among those without `single`.
-fn agrees(vote: &Vote, members: &[u8], single: usize) -> bool {
+fn agrees(isolation: &Isolation, members: &[u8], single: usize) -> bool {
     members.len() <= 3
         || (members.iter().map(|i| at(*i)))
             .filter(|i| *i != single)
             .all(|i| {
                 let (low, high) = (i.min(single), i.max(single));
-                vote.single[single] - vote.pair[pair(low, high)] <= 1.0
+                isolation.single[single] - isolation.pair[pair(low, high)] <= 1.0
             })
 }

@@ -5,7 +5,7 @@
 use rayon::prelude::*;
 
 use super::{Individual, TablesError};
-use crate::build;
+use crate::image_build;
 use crate::tune::{Method, Training, Trial, TuneError, tune_loads};
 
 /// Decades of Qd around what eq. (23) gives at 10 Hz.
@@ -47,7 +47,7 @@ pub fn curve(individual: &Individual, set: &'static str) -> Result<Curve, Tables
         |_| (),
     )?;
     let middle = &tuned.methods[0].1;
-    let payload = build::image(machine, &sensors).map_err(TuneError::from)?;
+    let payload = image_build::image(machine, &sensors).map_err(TuneError::from)?;
     let trial = Trial::new(machine, &sensors, &payload, Training::whole(recordings))?;
     let loads: Vec<_> = machine.drivetrain.iter().flat_map(|d| &d.loads).collect();
     let points = (-2 * REACH..=2 * REACH)

@@ -1,5 +1,5 @@
 //! Excludes displacement sensors of a rotor whose readings are repeatedly outside of the gate,
-//! while they are a minority (`Votes`). Where more contradict the prediction, the model is taken to
+//! while they are a minority (`SensorExclusion`). Where more contradict the prediction, the model is taken to
 //! err and all readings are used.
 //!
 //! A reading outside of its gate is refused. A sensor whose readings are refused again and again is
@@ -26,7 +26,7 @@ const HELD: u8 = 3 * REFUSED - 2;
 
 /// Score of each sensor: how often its readings were outside of the gate lately.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
-pub struct Votes {
+pub struct SensorExclusion {
     scores: [u8; MAX_CHANNELS],
     /// Sensors outside of their gates in the sample under way, and in the one before.
     contradicting: usize,
@@ -37,7 +37,7 @@ pub struct Votes {
     admitted: bool,
 }
 
-impl Votes {
+impl SensorExclusion {
     /// A sample of `sensors` sensors begins; `established`: whether the prediction has been
     /// consistent for long.
     pub fn begin(&mut self, sensors: usize, established: bool) {
@@ -85,21 +85,25 @@ mod tests {
     use super::*;
 
     /// How many of `samples` samples use sensor 0 of four, of which `wrong` are outside.
-    fn used(votes: &mut Votes, samples: u32, wrong: impl Fn(usize, u32) -> bool) -> u32 {
-        used_where(votes, samples, false, wrong)
+    fn used(
+        exclusion: &mut SensorExclusion,
+        samples: u32,
+        wrong: impl Fn(usize, u32) -> bool,
+    ) -> u32 {
+        used_where(exclusion, samples, false, wrong)
     }
 
     fn used_where(
-        votes: &mut Votes,
+        exclusion: &mut SensorExclusion,
         samples: u32,
         established: bool,
         wrong: impl Fn(usize, u32) -> bool,
     ) -> u32 {
         let mut used = 0;
         for k in 0..samples {
-            votes.begin(4, established);
+            exclusion.begin(4, established);
             for i in 0..4 {
-                let admitted = votes.accepts(i, !wrong(i, k));
+                let admitted = exclusion.accepts(i, !wrong(i, k));
                 used += u32::from(i == 0 && admitted);
             }
         }
@@ -108,42 +112,42 @@ mod tests {
 
     #[test]
     fn one_outlier_costs_one_reading() {
-        let mut votes = Votes::default();
-        assert_eq!(used(&mut votes, 100, |i, k| i == 0 && k == 3), 99);
+        let mut exclusion = SensorExclusion::default();
+        assert_eq!(used(&mut exclusion, 100, |i, k| i == 0 && k == 3), 99);
     }
 
     #[test]
     fn a_sensor_that_contradicts_is_held_out_for_as_long_as_it_does() {
-        let mut votes = Votes::default();
+        let mut exclusion = SensorExclusion::default();
         // Right by chance for 20 samples of a turn of 100.
-        assert!(used(&mut votes, 100_000, |i, k| i == 0 && k % 100 >= 20) < 25);
-        assert_eq!(used(&mut votes, 1000, |_, _| false), 1000 - 83);
+        assert!(used(&mut exclusion, 100_000, |i, k| i == 0 && k % 100 >= 20) < 25);
+        assert_eq!(used(&mut exclusion, 1000, |_, _| false), 1000 - 83);
     }
 
     #[test]
     fn where_half_of_the_sensors_contradict_all_are_used() {
-        let mut votes = Votes::default();
-        assert!(used(&mut votes, 1000, |i, _| i < 2) >= 999);
+        let mut exclusion = SensorExclusion::default();
+        assert!(used(&mut exclusion, 1000, |i, _| i < 2) >= 999);
     }
 
     #[test]
-    fn an_established_prediction_outvotes_half_of_the_sensors_but_no_more() {
-        let mut votes = Votes::default();
-        assert_eq!(used_where(&mut votes, 1000, true, |i, _| i < 2), 0);
-        assert!(!votes.admitted());
-        let mut votes = Votes::default();
-        assert!(used_where(&mut votes, 1000, true, |i, _| i < 3) >= 999);
-        assert!(votes.admitted());
+    fn an_established_prediction_overrules_half_of_the_sensors_but_no_more() {
+        let mut exclusion = SensorExclusion::default();
+        assert_eq!(used_where(&mut exclusion, 1000, true, |i, _| i < 2), 0);
+        assert!(!exclusion.admitted());
+        let mut exclusion = SensorExclusion::default();
+        assert!(used_where(&mut exclusion, 1000, true, |i, _| i < 3) >= 999);
+        assert!(exclusion.admitted());
     }
 
     #[test]
     fn of_two_sensors_none_can_be_outvoted() {
-        let mut votes = Votes::default();
+        let mut exclusion = SensorExclusion::default();
         let mut used = 0;
         for _ in 0..100 {
-            votes.begin(2, false);
-            used += u32::from(votes.accepts(0, false));
-            votes.accepts(1, true);
+            exclusion.begin(2, false);
+            used += u32::from(exclusion.accepts(0, false));
+            exclusion.accepts(1, true);
         }
         assert!(used >= 99, "{used}");
     }

@@ -5,7 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use crate::drivetrain::vote::*;
+use crate::drivetrain::fault_isolation::*;
 
 /// Response of each gauge at nominal load; noise is 0.3, as of strain in micrometre a metre.
 const MAPS: [f32; 4] = [100.0, 80.0, 120.0, -60.0];
@@ -19,8 +19,8 @@ const CONSISTENCY: Consistency = Consistency {
 
 /// The gauges of one direction and their maps' errors.
 struct Rig {
-    voting: Voting,
-    vote: Vote,
+    fault_isolation: FaultIsolation,
+    isolation: Isolation,
     direction: Direction,
     rng: ChaCha8Rng,
     errors: [f32; 4],
@@ -40,8 +40,8 @@ impl Rig {
         });
         let error = |map: &f32| ([0.5, 0.03 * map.abs()], 1.0);
         Self {
-            voting: Voting::new(CONSISTENCY, MAPS.iter().map(error)),
-            vote: Vote::default(),
+            fault_isolation: FaultIsolation::new(CONSISTENCY, MAPS.iter().map(error)),
+            isolation: Isolation::default(),
             direction: Direction {
                 members: (0..gauges as u8).collect(),
             },
@@ -83,12 +83,12 @@ impl Rig {
                 variance: 1e-4,
             };
             let direction = self.direction.clone();
-            (self.voting).weigh(&mut self.vote, 0, &direction, &gauges, prior);
+            (self.fault_isolation).weigh(&mut self.isolation, 0, &direction, &gauges, prior);
         }
     }
 
     fn faults(&self) -> [Option<Fault>; 4] {
-        core::array::from_fn(|i| self.vote.fault(i))
+        core::array::from_fn(|i| self.isolation.fault(i))
     }
 }
 
@@ -99,7 +99,7 @@ fn gauges_whose_maps_are_roughly_right_are_not_flagged() {
         for _ in 0..25 {
             rig.run(100, |_, _| ());
             assert_eq!(rig.faults(), [None; 4], "{seed}");
-            assert!(!rig.vote.contradicted(), "{seed}");
+            assert!(!rig.isolation.contradicted(), "{seed}");
         }
     }
 }
@@ -162,9 +162,9 @@ fn where_nothing_isolates_the_culprit_the_direction_is_contradicted() {
     let mut rig = Rig::new(2, 1);
     // From the start: no prediction speaks for either.
     rig.run(200, |y, _| y[1] *= 0.5);
-    assert!(rig.vote.contradicted());
+    assert!(rig.isolation.contradicted());
     rig.run(500, |_, _| ());
-    assert!(!rig.vote.contradicted());
+    assert!(!rig.isolation.contradicted());
 }
 
 #[test]
@@ -174,9 +174,9 @@ fn of_three_gauges_one_gain_is_as_simple_as_two_unless_the_prediction_accuses_on
         rig.run(sound, |_, _| ());
         rig.run(500, |y, _| y[1] *= 0.6);
         assert_eq!(rig.faults()[..3], [None, Some(Fault::Gain), None]);
-        assert_eq!(rig.vote.contradicted(), sound == 0);
+        assert_eq!(rig.isolation.contradicted(), sound == 0);
         rig.run(1000, |_, _| ());
-        assert!(!rig.vote.contradicted());
+        assert!(!rig.isolation.contradicted());
     }
 }
 
@@ -191,9 +191,9 @@ fn two_of_three_gauges_with_one_gain_do_not_pass_for_the_third() {
             y[0] *= gain(k + 1);
             y[1] *= gain(k + 1);
         });
-        assert!(rig.vote.contradicted(), "{ramp} {:?}", rig.faults());
+        assert!(rig.isolation.contradicted(), "{ramp} {:?}", rig.faults());
         rig.run(1000, |_, _| ());
-        assert!(!rig.vote.contradicted());
+        assert!(!rig.isolation.contradicted());
     }
 }
 
@@ -202,12 +202,12 @@ fn disagreement_grows_the_deviation() {
     let mut rig = Rig::new(3, 1);
     rig.errors = [1.0; 4];
     rig.run(500, |_, _| ());
-    assert_eq!(rig.voting.inflation(&rig.vote, 0), 1.0);
-    assert_eq!(rig.voting.deviation(&rig.vote, 1).1, 0.0);
+    assert_eq!(rig.fault_isolation.inflation(&rig.isolation, 0), 1.0);
+    assert_eq!(rig.fault_isolation.deviation(&rig.isolation, 1).1, 0.0);
     rig.run(500, |y, _| y[1] *= 1.08);
-    let (_, added) = rig.voting.deviation(&rig.vote, 1);
+    let (_, added) = rig.fault_isolation.deviation(&rig.isolation, 1);
     // By hand: a spread of 8 % in one of three gauges of about equal weight, sqrt(2)/3 of it.
     let deviation = libm::sqrtf(added);
     assert!((0.02..0.05).contains(&deviation), "{deviation}");
-    assert!(rig.voting.inflation(&rig.vote, 0) > 10.0);
+    assert!(rig.fault_isolation.inflation(&rig.isolation, 0) > 10.0);
 }

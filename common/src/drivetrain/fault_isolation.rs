@@ -98,7 +98,7 @@ pub(crate) struct Prior {
 
 /// Windowed costs of the hypotheses, and the gauges that were excluded.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub(crate) struct Vote {
+pub(crate) struct Isolation {
     none: [f32; MAX_CHANNELS],
     single: [f32; MAX_CHANNELS],
     pair: [f32; PAIRS],
@@ -130,7 +130,7 @@ pub(crate) struct Vote {
     sound: [u16; MAX_CHANNELS],
 }
 
-impl Default for Vote {
+impl Default for Isolation {
     fn default() -> Self {
         Self {
             none: [0.0; MAX_CHANNELS],
@@ -155,7 +155,7 @@ impl Default for Vote {
     }
 }
 
-impl Vote {
+impl Isolation {
     /// Why gauge `i` is left out; none where it is used.
     pub(crate) fn fault(&self, i: usize) -> Option<Fault> {
         let out = self.left_out & (1 << (i % MAX_CHANNELS)) != 0;
@@ -182,7 +182,7 @@ pub(crate) struct Direction {
 
 /// The tests, fixed after start.
 #[derive(Clone, Debug)]
-pub(crate) struct Voting {
+pub(crate) struct FaultIsolation {
     consistency: Consistency,
     /// Mean square residual that a model error makes at the limit: of the zero, and in parts of
     /// the square of what is sensed.
@@ -251,22 +251,25 @@ fn pair(i: usize, j: usize) -> usize {
     (j * j.wrapping_sub(1) / 2 + i) % PAIRS
 }
 
-impl Voting {
+impl FaultIsolation {
     pub(crate) fn new(
         consistency: Consistency,
         errors: impl Iterator<Item = ([f32; 2], f32)>,
     ) -> Self {
-        let mut voting = Self {
+        let mut fault_isolation = Self {
             consistency,
             tolerances: [[0.0; 2]; MAX_CHANNELS],
             units: [1.0; MAX_CHANNELS],
         };
-        let slots = voting.tolerances.iter_mut().zip(&mut voting.units);
+        let slots = fault_isolation
+            .tolerances
+            .iter_mut()
+            .zip(&mut fault_isolation.units);
         for ((tolerance, unit), (error, of)) in slots.zip(errors) {
             *tolerance = error.map(|std| consistency.model_bound * std * std);
             *unit = of;
         }
-        voting
+        fault_isolation
     }
 
     fn smooth(&self, mean: &mut f32, value: f32) {
@@ -277,7 +280,7 @@ impl Voting {
     #[inline(never)]
     pub(crate) fn weigh(
         &self,
-        vote: &mut Vote,
+        isolation: &mut Isolation,
         d: usize,
         direction: &Direction,
         gauges: &[Gauge; MAX_CHANNELS],
@@ -297,27 +300,27 @@ impl Voting {
                     *slot = Sums::of(gauge.innovation, gauge.sensitivity, tolerance);
                     all = all.plus(*slot);
                     let against = self.against_prediction(gauge, prior, tolerance);
-                    self.smooth(&mut vote.prior[i], limited(against, most));
+                    self.smooth(&mut isolation.prior[i], limited(against, most));
                 }
             }
             let cost = all.cost(most);
-            self.follow_jump(vote, d, members, cost, (gauges, prior));
-            self.smooth(&mut vote.none[d], cost);
+            self.follow_jump(isolation, d, members, cost, (gauges, prior));
+            self.smooth(&mut isolation.none[d], cost);
             for (q, j) in members.iter().enumerate() {
                 let j = usize::from(*j) % MAX_CHANNELS;
                 let without = all.minus(sums[q % MAX_CHANNELS]);
-                self.smooth(&mut vote.single[j], without.cost(most));
+                self.smooth(&mut isolation.single[j], without.cost(most));
                 for (p, i) in members.iter().take(q).enumerate() {
                     let cost = without.minus(sums[p % MAX_CHANNELS]).cost(most);
-                    self.smooth(&mut vote.pair[pair(usize::from(*i), j)], cost);
+                    self.smooth(&mut isolation.pair[pair(usize::from(*i), j)], cost);
                 }
             }
             if members.len() > 2 {
-                self.swapped(vote, members, gauges, &sums, all);
+                self.swapped(isolation, members, gauges, &sums, all);
             }
-            self.decide(vote, d, members, gauges);
+            self.decide(isolation, d, members, gauges);
         }
-        self.grow(vote, d, members, gauges, prior);
+        self.grow(isolation, d, members, gauges, prior);
     }
 
     /// Squared innovation over its limit.
@@ -356,7 +359,7 @@ impl Voting {
     /// Cost of the next pair whose readings may be each other's, one pair a sample.
     fn swapped(
         &self,
-        vote: &mut Vote,
+        isolation: &mut Isolation,
         members: &[u8],
         gauges: &[Gauge; MAX_CHANNELS],
         sums: &[Sums; MAX_CHANNELS],
@@ -364,8 +367,8 @@ impl Voting {
     ) {
         let n = members.len();
         let pairs = n * (n - 1) / 2;
-        let turn = usize::from(vote.turn).checked_rem(pairs).unwrap_or(0);
-        vote.turn = (turn + 1) as u8;
+        let turn = usize::from(isolation.turn).checked_rem(pairs).unwrap_or(0);
+        isolation.turn = (turn + 1) as u8;
         let (mut q, mut first) = (1, 0);
         while first + q <= turn {
             first += q;
@@ -395,14 +398,14 @@ impl Voting {
             .plus(exchanged(b, sb, ya * from_a - yb));
         let forgetting = (self.consistency.forgetting * pairs as f32).min(1.0);
         let cost = swapped.cost(MOST_OF_LIMIT / self.consistency.forgetting);
-        let mean = &mut vote.swap[pair(i, j)];
+        let mean = &mut isolation.swap[pair(i, j)];
         *mean += forgetting * (cost - *mean);
     }
 
     /// Follows the factors by which the disagreement of the gauges in use inflates the variances.
     fn grow(
         &self,
-        vote: &mut Vote,
+        isolation: &mut Isolation,
         d: usize,
         members: &[u8],
         gauges: &[Gauge; MAX_CHANNELS],
@@ -413,7 +416,7 @@ impl Voting {
         for i in members {
             let i = usize::from(*i) % MAX_CHANNELS;
             let gauge = &gauges[i];
-            if gauge.value.is_none() || vote.left_out & (1 << i) != 0 {
+            if gauge.value.is_none() || isolation.left_out & (1 << i) != 0 {
                 continue;
             }
             used += 1;
@@ -424,27 +427,27 @@ impl Voting {
         }
         if used > 1 {
             let ratio = by_noise.cost(MOST_RATIO) / f32::from(used - 1);
-            self.smooth(&mut vote.ratio[d], ratio);
+            self.smooth(&mut isolation.ratio[d], ratio);
             if by_tolerance.information > 0.0 {
                 let spread = by_tolerance.cost(MOST_RATIO) / by_tolerance.information;
-                self.smooth(&mut vote.spread[d], spread.min(MOST_RATIO));
+                self.smooth(&mut isolation.spread[d], spread.min(MOST_RATIO));
             }
         } else {
-            vote.ratio[d] = 1.0;
-            vote.spread[d] = 0.0;
+            isolation.ratio[d] = 1.0;
+            isolation.spread[d] = 0.0;
         }
         if by_noise.information > 0.0 {
             let nu = by_noise.mean / by_noise.information;
-            let s = prior.variance + self.inflation(vote, d) / by_noise.information;
+            let s = prior.variance + self.inflation(isolation, d) / by_noise.information;
             let most = MOST_OF_LIMIT / self.consistency.forgetting;
-            self.smooth(&mut vote.nis[d], limited(nu * nu / s, most));
+            self.smooth(&mut isolation.nis[d], limited(nu * nu / s, most));
         }
     }
 
     /// Factor of the variances of the readings of direction `d`: 1 where noise explains their
     /// disagreement.
-    pub(crate) fn inflation(&self, vote: &Vote, d: usize) -> f32 {
-        let ratio = vote.ratio[d % MAX_CHANNELS];
+    pub(crate) fn inflation(&self, isolation: &Isolation, d: usize) -> f32 {
+        let ratio = isolation.ratio[d % MAX_CHANNELS];
         if ratio > self.consistency.noise_bound {
             ratio
         } else {
@@ -453,14 +456,14 @@ impl Voting {
     }
 
     /// Factor of a load's variance, and what is added to it [parts of nominal squared].
-    pub(crate) fn deviation(&self, vote: &Vote, directions: usize) -> (f32, f32) {
+    pub(crate) fn deviation(&self, isolation: &Isolation, directions: usize) -> (f32, f32) {
         let (mut factor, mut added) = (1.0_f32, 0.0_f32);
         for d in 0..directions.min(MAX_CHANNELS) {
-            if vote.nis[d] > self.consistency.noise_bound {
-                factor = factor.max(vote.nis[d]);
+            if isolation.nis[d] > self.consistency.noise_bound {
+                factor = factor.max(isolation.nis[d]);
             }
-            if vote.ratio[d] > self.consistency.noise_bound {
-                added = added.max(vote.spread[d]);
+            if isolation.ratio[d] > self.consistency.noise_bound {
+                added = added.max(isolation.spread[d]);
             }
         }
         (factor, added)

@@ -1,4 +1,4 @@
-//! Describes a kind of output file (`Content`): its name, its suffixes, and whether an existing
+//! Describes a kind of output file (`FileKind`): its name, its suffixes, and whether an existing
 //! file is of the same kind and may be replaced. Also names the kind of any file by its first
 //! bytes.
 
@@ -16,7 +16,7 @@ const CHUNK: usize = 1 << 20;
 
 /// A kind of output.
 #[derive(Clone, Copy, Debug)]
-pub struct Content {
+pub struct FileKind {
     /// What it is called in messages, as `estimates`.
     pub noun: &'static str,
     /// Suffixes that its name may have, besides none.
@@ -26,7 +26,7 @@ pub struct Content {
     pub is_same: fn(&mut Existing) -> io::Result<bool>,
 }
 
-impl Content {
+impl FileKind {
     /// Whether `path` may be the name of such a file.
     pub(crate) fn may_be_called(&self, path: &Path) -> bool {
         let Some(suffix) = path.extension() else {
