@@ -1,6 +1,7 @@
 //! Uploads a signed model image over a bus, for `loadtwin upload`: sends the frames of the state
 //! machine in `image/upload_protocol.rs`, passes it the answers of the board, and returns bytes,
-//! frames and time. Ends when the board has accepted or refused the image.
+//! frames and time. Ends when the board has accepted or refused the image or
+//! does not answer, or when a stop is asked for.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;

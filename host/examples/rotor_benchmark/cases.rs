@@ -1,5 +1,6 @@
-//! Random cases of the rotor benchmark: rotor, sensors, effect and strength; the simulation and
-//! diagnosis of its recordings.
+//! Cases of the rotor benchmark: random rotors, sensors and strengths; 12 recordings of each rotor
+//! by a fixed plan, with one, two or no effects. Simulates and diagnoses each, and decides whether
+//! the result is the expected one (`Asked`).
 
 use std::error::Error;
 use std::path::Path;

@@ -1,6 +1,6 @@
 //! Lists the variables of an FMU from the machine's `Interface`: time, outputs named as columns of
-//! estimates, inputs named as columns of recordings, each with unit, nominal value and description.
-//! The place in the list is the value reference.
+//! estimates, inputs named as columns of recordings; where a name is taken, with a suffix. Real
+//! variables have a unit, loads a nominal value. The place in the list is the value reference.
 
 use std::collections::HashSet;
 

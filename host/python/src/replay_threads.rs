@@ -1,5 +1,6 @@
-//! Registry of the threads that replay: all are stopped and joined before the interpreter ends, and
-//! none is known to a forked process.
+//! Registry of the threads that replay. `end_all` stops and joins them, `forget_all` drops them
+//! without waiting; the Python package calls these at exit of the interpreter and in a forked
+//! process. `Stop` ends one replay.
 
 use std::mem;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,6 +1,7 @@
-//! Computes the errors of a rotor's estimated displacements at every node against the true
-//! displacements in a recording: maximum and RMS for each segment, as figures for `--json` and as
-//! plots. Also counts the samples with a raised noise level.
+//! Computes the errors of a rotor's estimated displacements at every node against the true ones in
+//! a recording: maximum and RMS for each segment, for `--json` and as plots over the nodes. Also
+//! counts the samples with a raised noise level, notes an unstable rotor, and passes the
+//! displacements to `orbits.rs`.
 
 use std::collections::BTreeMap;
 

@@ -1,6 +1,7 @@
-//! Computes the torque and twist of each shaft of a torsional chain, with or without backlash or a
-//! further gear, from the torques known from a recording (`DrivenChain`). Also the change of this
-//! response with uncertain stiffness, damping and inertia, and by vibrations at the start.
+//! Defines a torsional chain with what a recording says of it (`DrivenChain`: outside torques,
+//! speed, encoders), its variants with backlash or a further gear, and the torque and twist of its
+//! shafts (`ShaftResponse`, by `chain_simulation.rs`). Computes how these change with uncertain
+//! stiffness, damping and inertia, and by vibrations at the start.
 
 use crate::drivetrain::chain_simulation::BacklashSimulation;
 use crate::drivetrain::inserted_gear::with_gear;

@@ -1,5 +1,6 @@
-//! Computes the 95 % prediction interval of an error on other recordings, from the variance of the
-//! error over stretches of the measured ones.
+//! Computes the 95 % prediction interval of a root mean square error on other recordings
+//! (`prediction_interval`, a factor by Fisher's F) from the relative variance of its square over
+//! stretches of the measured ones, correlation of neighbours included (`relative_variance`).
 
 use special::Beta;
 

@@ -1,5 +1,6 @@
-//! Injects a bending load that the model lacks: adds to every gauge a constant and a slow random
-//! reading, whatever the torque.
+//! Injects a bending load that the model lacks: one load, constant and with slow random parts
+//! (below 0.5 Hz), that every gauge reads in addition, each with its own factor, whatever the
+//! torque.
 
 use std::sync::Arc;
 

@@ -1,6 +1,7 @@
 //! The command `loadtwin calibrate`: fits offset, sensitivity, position and noise of gauges to
-//! recordings with reference loads, proposes sets of gauges, and writes the calibrated description
-//! and a page. A bearing goes to `calibrate_bearing.rs`.
+//! recordings with reference loads, proposes sets of gauges, and writes the calibrated description,
+//! on request with measured error bands, and a page. A bearing goes to `bearing.rs`; known loads at
+//! standstill (`--static`) to `static_loads.rs`.
 
 mod bearing;
 mod static_loads;

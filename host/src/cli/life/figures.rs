@@ -1,6 +1,6 @@
 //! Computes the results of `loadtwin life` from the counts of a load (`Figures`): damage-equivalent
-//! loads, damage by an S-N curve, equivalent torque of a gear and rating life of a bearing; also
-//! without the noise of the estimates, with a 90 % interval.
+//! loads and damage by an S-N curve, both also without the noise of the estimates, with a 90 %
+//! interval; equivalent torque of a gear and rating life of a bearing.
 
 use super::Life;
 use super::count::Counted;
