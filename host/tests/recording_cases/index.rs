@@ -4,7 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use super::table::{Estimates, INDEX, Table, machine};
+use super::table::{ENCODER, Estimates, INDEX, Table, machine};
 use loadtwin::machine::IndexSignal;
 
 fn base() -> Table {
@@ -190,6 +190,18 @@ fn counts_beside_those_of_the_encoder_are_refused() {
             row[INDEX] += off;
         }
         refused(&table, "another zero, or another counter");
+    }
+}
+
+#[test]
+fn latched_counts_beside_an_encoder_that_stopped_counting_are_read() {
+    for from in [0, 15_000] {
+        let mut table = base();
+        let stuck = table.rows[from][ENCODER];
+        for row in table.rows.iter_mut().skip(from) {
+            row[ENCODER] = stuck;
+        }
+        table.replay(&machine("")).unwrap();
     }
 }
 

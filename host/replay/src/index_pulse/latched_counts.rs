@@ -67,21 +67,31 @@ impl IndexColumn {
     }
 
     /// Whether most new values are counts that the encoder passed lately; an error where some
-    /// are, or where they are counts beside those of the encoder.
+    /// are, or where they are counts beside those of the encoder. A new value while the encoder
+    /// stands tells nothing: no pulse can come then, the encoder has failed.
     pub(super) fn latches(&self, latched: Latched) -> Result<bool, String> {
         let changes = self.changes(latched);
-        if self.encoder.is_none() {
+        let Some(encoder) = self.encoder else {
             return Ok(false);
-        }
-        let known = |c: &&Change| self.step(c.row).is_finite();
-        let new = changes.iter().filter(known).count();
-        if new == 0 {
-            let other = |c: &Change| c.value != changes[0].value;
-            return Ok(changes.iter().any(other));
-        }
+        };
         let positions = self.positions();
-        let passed = changes.iter().filter(|c| self.has_passed(c, &positions));
-        let passed = passed.count();
+        let moves = |c: &&Change| {
+            let (least, most) = self.range_before(c.row, &positions);
+            self.step(c.row).is_finite() && least < most
+        };
+        let new = changes.iter().filter(moves).count();
+        if new == 0 {
+            let turns =
+                |pair: &[Change]| self.wrapped(pair[1].value - pair[0].value) / encoder.turn;
+            let is_whole =
+                |turns: f64| turns.round() != 0.0 && (turns - turns.round()).abs() < ALIKE;
+            let stands = changes.iter().any(|c| self.step(c.row).is_finite());
+            let other = |c: &Change| c.value != changes[0].value;
+            return Ok(changes.iter().any(other)
+                && (!stands || changes.windows(2).all(|pair| is_whole(turns(pair)))));
+        }
+        let passed = changes.iter().filter(moves);
+        let passed = passed.filter(|c| self.has_passed(c, &positions)).count();
         // A level agrees with the encoder at single rows by chance, counts throughout.
         if 2 * passed <= new && passed >= 3 {
             return Err(format!(
@@ -125,16 +135,21 @@ impl IndexColumn {
         (0..self.counts.len()).map(step).collect()
     }
 
+    /// Lowest and highest position of the encoder within [`LATE_S`] before row `row` [counts].
+    fn range_before(&self, row: usize, positions: &[f64]) -> (f64, f64) {
+        let from = row.saturating_sub((LATE_S * self.rate_hz) as usize);
+        let lately = positions[from..=row].iter().copied();
+        let start = (f64::INFINITY, f64::NEG_INFINITY);
+        lately.fold(start, |(least, most), p| (least.min(p), most.max(p)))
+    }
+
     /// Whether the encoder passed the value in this row or within [`LATE_S`] before it.
     fn has_passed(&self, change: &Change, positions: &[f64]) -> bool {
         let Change { row, value } = *change;
         let behind = self.wrapped(self.counts[row] - value);
         let allowed = 2.0 * self.step(row).abs() + 2.0;
-        let from = row.saturating_sub((LATE_S * self.rate_hz) as usize);
-        let lately = &positions[from..=row];
         let at = positions[row] - behind;
-        let least = lately.iter().copied().fold(f64::INFINITY, f64::min);
-        let most = lately.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let (least, most) = self.range_before(row, positions);
         (least - allowed..=most + allowed).contains(&at)
     }
 
