@@ -34,6 +34,9 @@ fn a_pair_is_saved_once_and_signs_what_its_public_half_accepts() {
         Identity::from_page(&fs::read(&files.page).unwrap()),
         Some(identity(public, "plant"))
     );
+    let page_of_another = |machine| SigningKey::page_of_another_machine(&path, machine);
+    assert_eq!(page_of_another("plant"), None);
+    assert_eq!(page_of_another("mill"), Some(files.page.clone()));
     let image = seal(
         b"model",
         "plant",

@@ -171,6 +171,15 @@ impl SigningKey {
         }
     }
 
+    /// The key page beside the key in `private`, where it is that of another machine than
+    /// `machine`: a board with this page refuses the machine's images.
+    pub fn page_of_another_machine(private: &Path, machine: &str) -> Option<PathBuf> {
+        let page = Self::files(private).page;
+        let bytes = bounded::read(&page, LARGEST_KEY).ok()?;
+        let other = Identity::from_page(&bytes)?.machine != MachineId::of(machine);
+        other.then_some(page)
+    }
+
     /// Writes the pair to `private` and `private`.pub, and the key page of the board on
     /// `machine` to `private`.page.
     ///

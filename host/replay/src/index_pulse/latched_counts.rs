@@ -68,7 +68,7 @@ impl IndexColumn {
 
     /// Whether most new values are counts that the encoder passed lately; an error where some
     /// are, or where they are counts beside those of the encoder. A new value while the encoder
-    /// stands tells nothing: no pulse can come then, the encoder has failed.
+    /// stands shows nothing of the format: no pulse can come then, the encoder has failed.
     pub(super) fn latches(&self, latched: Latched) -> Result<bool, String> {
         let changes = self.changes(latched);
         let Some(encoder) = self.encoder else {

@@ -17,6 +17,7 @@ use loadtwin_common::io::signed_image;
 use self::output::Built;
 use super::file_plan::{Plan, Replace};
 use super::layout_option::load;
+use super::printing::note;
 use crate::atomic_file::{AtomicFile, Complete, publish};
 use crate::files::file_kind::FileKind;
 use crate::fmu::interface::Interface;
@@ -148,6 +149,19 @@ impl Build {
         })
     }
 
+    /// Notes on standard error that the key page beside the key is that of another machine.
+    fn note_page_of_another_machine(&self, machine: &str) {
+        let Some(key) = &self.key else { return };
+        if let Some(page) = SigningKey::page_of_another_machine(key, machine) {
+            note(format_args!(
+                "{}: key page of another machine; a board with it refuses this image; make the page of this \
+                 machine's board: loadtwin key --public {}.pub --machine {machine:?} -o FILE.page\n",
+                page.display(),
+                key.display()
+            ));
+        }
+    }
+
     /// Builds and writes.
     fn build(&self) -> anyhow::Result<Built> {
         let started = std::time::Instant::now();
@@ -187,6 +201,7 @@ impl Build {
             fmu = Some(packed.len());
         }
         publish(files)?;
+        self.note_page_of_another_machine(machine.id());
         Ok(Built {
             seconds: started.elapsed().as_secs_f64(),
             is_signed: key.is_some(),

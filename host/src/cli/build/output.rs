@@ -116,7 +116,7 @@ impl Built {
         let Built { machine, issue, .. } = self;
         if let Some(path) = &asked.output {
             let signed = if self.is_signed {
-                format!("signed for the board of machine {:?}", machine.id())
+                format!("signed for machine {:?}", machine.id())
             } else {
                 "not signed: for the host only".into()
             };
