@@ -367,7 +367,7 @@ fn an_encoder_that_counts_the_other_way_is_reported() {
             let machine = Machine::load(machine).unwrap();
             let recordings = std::slice::from_ref(&recording);
             let observed = Observations::read(&machine, recordings, |_| ()).unwrap();
-            observed.balance.note(&machine)
+            observed.balance.direction_note(&machine)
         };
         assert_eq!(note(&right), None, "{name}");
         let said = note(&reversed).unwrap_or_default();
@@ -383,4 +383,42 @@ fn an_encoder_that_counts_the_other_way_is_reported() {
             "{name}: {said}"
         );
     }
+}
+
+/// A flange with another gain fits as well: only the balance with the other flange shows it.
+#[test]
+fn references_that_contradict_each_other_are_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let described = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../examples/bench/machine.toml"
+    );
+    let text = std::fs::read_to_string(described).unwrap();
+    let bench = Machine::load(Path::new(described)).unwrap();
+    let recording = folder.path().join("ramps.parquet");
+    let mut scenario = Scenario::by_name("torque-ramps").unwrap();
+    scenario.duration_s = 60.0;
+    Simulation::new(&bench, &scenario, 3, Some(3), &[])
+        .unwrap()
+        .write(&recording, |_| ())
+        .unwrap();
+    let note = |gain: &str| {
+        let flange = "name = \"brake_flange\"\n";
+        let path = folder.path().join("machine.toml");
+        std::fs::write(
+            &path,
+            text.replace(flange, &format!("{flange}gain = {gain}\n")),
+        )
+        .unwrap();
+        let machine = Machine::load(&path).unwrap();
+        let recordings = std::slice::from_ref(&recording);
+        let observed = Observations::read(&machine, recordings, |_| ()).unwrap();
+        observed.balance.reference_note(&machine)
+    };
+    assert_eq!(note("1.0"), None);
+    let said = note("0.95").unwrap();
+    assert!(
+        said.contains("the reference of brake_torque times 1.05"),
+        "{said}"
+    );
 }

@@ -6,7 +6,6 @@
 
 mod calibrated_machine;
 mod channel_moments;
-mod counting_direction;
 mod description_edits;
 mod fit_inputs;
 mod gauge_fault;
@@ -17,6 +16,7 @@ mod measurement_noise;
 mod recorded_motion;
 mod report_page;
 mod surface_fit;
+mod torque_balance;
 
 use std::path::{Path, PathBuf};
 
@@ -25,7 +25,6 @@ use thiserror::Error;
 
 pub use crate::calibrate::calibrated_machine::{calibrated, maps_beside, with_noise};
 pub use crate::calibrate::channel_moments::{BINS, Moments, Sums};
-pub use crate::calibrate::counting_direction::TorqueBalance;
 pub use crate::calibrate::description_edits::{Description, DescriptionError, map_file};
 pub use crate::calibrate::gauge_fault::GaugeFault;
 pub use crate::calibrate::gauge_selection::{Candidate, fronts, select};
@@ -34,6 +33,7 @@ pub use crate::calibrate::map_selection::MapSource;
 pub use crate::calibrate::recorded_motion::Motion;
 pub use crate::calibrate::report_page::{Proposal, page};
 pub use crate::calibrate::surface_fit::Surface;
+pub use crate::calibrate::torque_balance::TorqueBalance;
 pub use measurement_noise::{MeasurementNoise, NOISE_BINS, measure_noise, rms, step_function};
 
 use self::fit_inputs::FitInputs;
@@ -82,7 +82,7 @@ pub struct Observations {
     pub channels: Vec<Option<Moments>>,
     /// The same of the even and of the odd turns of the carrier.
     pub turn_parity: Vec<Option<[Moments; 2]>>,
-    /// Balance of all loads, for the counting direction of the encoder.
+    /// Balance of all loads, for the references and the counting direction of the encoder.
     pub balance: TorqueBalance,
     /// Samples read.
     pub samples: u64,

@@ -349,13 +349,17 @@ impl Motion {
         }
     }
 
-    /// Torque of all loads, and that of inertia, drag and dry friction, about the main shaft [N m]:
-    /// of each usable sample in which every load has a reference.
-    pub(crate) fn driven_and_lost(&self, machine: &Machine) -> Option<Vec<(f64, f64)>> {
+    /// The balance of torques about the main shaft in each usable sample in which every load has a
+    /// reference.
+    pub(crate) fn balance(&self, machine: &Machine) -> Option<Vec<BalanceSample>> {
         let all = Side::of(machine.drivetrain.as_ref()?, |_| true, 1.0, self);
-        let of = |i: usize| (all.driven(self, i), all.lost(self, i));
+        let of = |i: usize| BalanceSample {
+            driven: all.driven(self, i),
+            of_last_load: (all.loads.last()).map_or(0.0, |(j, factor)| factor * self.loads[*j][i]),
+            lost: all.lost(self, i),
+        };
         let usable = (0..self.len()).filter(|&i| self.usable[i]).map(of);
-        Some(usable.filter(|(driven, _)| driven.is_finite()).collect())
+        Some(usable.filter(|sample| sample.driven.is_finite()).collect())
     }
 
     /// Torque of the shaft beside `side`, at a shaft that turns `ratio` times as fast.
@@ -369,6 +373,16 @@ impl Motion {
         // The loss of the torque carried is a part of the torque itself.
         torque / (1.0 + side.sign * side.losses[i] * torque.signum())
     }
+}
+
+/// Torques of one sample about the main shaft [N m].
+pub(crate) struct BalanceSample {
+    /// Of all loads.
+    pub(crate) driven: f64,
+    /// Of the load that is described last, part of `driven`.
+    pub(crate) of_last_load: f64,
+    /// Of inertia, drag and dry friction.
+    pub(crate) lost: f64,
 }
 
 /// Everything on one side of a shaft, referred to the main shaft.

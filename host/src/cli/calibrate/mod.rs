@@ -162,7 +162,8 @@ impl Calibrate {
         }
         publish(files)?;
         let selection = selection(&machine, &proposals);
-        let direction_note = observations.balance.note(&machine);
+        let direction_note = observations.balance.direction_note(&machine);
+        let reference_note = observations.balance.reference_note(&machine);
         let seconds = started.elapsed().as_secs_f64();
         if as_json {
             let channels: Vec<Value> = gauges.iter().map(|g| report(&machine, g, source)).collect();
@@ -170,7 +171,8 @@ impl Calibrate {
             let out = json!({
                 "machine": machine.name, "recordings": recordings, "samples": observations.samples,
                 "turns": observations.turns, "channels": channels, "selection": selection,
-                "error_bands": bands, "direction_note": direction_note, "machine_out": self.output.as_ref().map(shown), "seconds": seconds,
+                "error_bands": bands, "direction_note": direction_note,
+                "reference_note": reference_note, "machine_out": self.output.as_ref().map(shown), "seconds": seconds,
             });
             say!("{out}");
         } else {
@@ -179,7 +181,7 @@ impl Calibrate {
                 say!("{group}: {}", sets.as_str().unwrap_or(&sets.to_string()));
             }
             print_bands(&machine, &bands);
-            if let Some(text) = direction_note {
+            for text in [direction_note, reference_note].iter().flatten() {
                 note(format_args!("{text}\n"));
             }
             say!("{:.0} turns, {:.1} s", observations.turns, seconds);
