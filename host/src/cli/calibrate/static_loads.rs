@@ -71,7 +71,7 @@ fn print(machine: &Machine, calibration: &StaticCalibration) {
         digits(high)
     );
     let own = |estimate: &Estimate| {
-        let scaled = estimate.times(channel.unit.from_si(1.0));
+        let scaled = in_unit(channel, estimate);
         let [low, high] = scaled.interval();
         let places = places(scaled.std);
         format!(
@@ -127,6 +127,11 @@ fn print(machine: &Machine, calibration: &StaticCalibration) {
     for note in &calibration.model.notes {
         say!("  {note}");
     }
+}
+
+/// A reading (SI) in the unit of its channel.
+fn in_unit(channel: &Channel, reading: &Estimate) -> Estimate {
+    reading.times(channel.unit.from_si(1.0))
 }
 
 fn percent(figure: Option<f64>) -> String {
@@ -192,7 +197,7 @@ fn sentence(finding: &Finding) -> String {
 fn report(machine: &Machine, calibration: &StaticCalibration) -> Value {
     let channel = &machine.channels[calibration.channel];
     let own = |estimate: &Estimate| {
-        let scaled = estimate.times(channel.unit.from_si(1.0));
+        let scaled = in_unit(channel, estimate);
         json!({ "value": scaled.value, "interval": scaled.interval() })
     };
     let found: Vec<Value> = calibration.found.iter().map(finding).collect();
