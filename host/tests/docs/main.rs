@@ -1,9 +1,10 @@
 //! Test program of the documentation: commands are run and their output compared, links and
-//! lists are checked; what `explain` finds in it.
+//! lists are checked; what `explain` finds in it; keys of `--json`.
 
 mod commands;
 mod explained;
 mod fragment;
+mod json_keys;
 mod links;
 mod markdown_page;
 
