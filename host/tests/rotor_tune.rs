@@ -23,13 +23,18 @@ fn example() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/rotor/machine.toml")
 }
 
-fn recording(machine: &Machine, folder: &Path, seed: u64, speeds_rad_s: [f64; 2]) -> PathBuf {
+fn recording(
+    machine: &Machine,
+    folder: &Path,
+    (seed, duration_s): (u64, f64),
+    speeds_rad_s: [f64; 2],
+) -> PathBuf {
     let path = folder.join(format!("{seed}.parquet"));
     let rotor = machine.rotor.as_ref().unwrap();
     let scenario = RotorScenario {
         noise: NOISE,
         speeds_rad_s,
-        ..RotorScenario::by_name("constant", rotor, seed, Some(0.5)).unwrap()
+        ..RotorScenario::by_name("constant", rotor, seed, Some(duration_s)).unwrap()
     };
     let simulation = RotorSimulation::new(machine, rotor, scenario).unwrap();
     simulation.write(&path, |_| ()).unwrap();
@@ -78,7 +83,9 @@ fn likelihood_finds_the_noise_and_evolution_follows_it() {
     let machine = Machine::load(&example()).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let speeds = [machine.rotor.as_ref().unwrap().speed_rad_s; 2];
-    let [tuned_on, unseen] = [21, 22].map(|seed| recording(&machine, folder.path(), seed, speeds));
+    // What is held out is compared after 2 s.
+    let [tuned_on, unseen] =
+        [(21, 0.5), (22, 3.0)].map(|of_noise| recording(&machine, folder.path(), of_noise, speeds));
     let (out, page) = (
         folder.path().join("tuned.toml"),
         folder.path().join("page.html"),
@@ -133,6 +140,24 @@ fn likelihood_finds_the_noise_and_evolution_follows_it() {
     appearance::check_report(&mut browser, &page, "tune-rotor");
 }
 
+/// Noise that was compared with nothing is not written.
+#[test]
+fn recordings_too_short_to_compare_write_nothing() {
+    let machine = Machine::load(&example()).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let speeds = [machine.rotor.as_ref().unwrap().speed_rad_s; 2];
+    let short = recording(&machine, folder.path(), (23, 0.5), speeds);
+    let out = folder.path().join("tuned.toml");
+    let options = ["tune", "-o", out.to_str().unwrap()];
+    let output = loadtwin(&options, &[&example(), &short]);
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(
+        text.contains("nothing to compare after its first 2 s") && !out.exists(),
+        "{text}"
+    );
+}
+
 #[test]
 fn what_a_rotor_has_no_use_for_is_refused_in_one_line() {
     let missing = Path::new("none.csv");
@@ -166,7 +191,7 @@ fn a_replay_shows_orbits_and_says_where_the_speed_leaves_the_schedule() {
     let machine = Machine::load(&described).unwrap();
     let page = folder.path().join("page.html");
     for (seed, last, outside) in [(1, 98.0, false), (2, 130.0, true)] {
-        let path = recording(&machine, folder.path(), seed, [82.0, last]);
+        let path = recording(&machine, folder.path(), (seed, 0.5), [82.0, last]);
         let options = ["replay", "--json", "--report", page.to_str().unwrap()];
         let output = loadtwin(&options, &[&described, &path]);
         assert!(output.status.success(), "{output:?}");

@@ -17,7 +17,7 @@ use loadtwin_math::metrics::PairedDifference;
 const BLOCK_S: f64 = 0.25;
 
 /// Time at the start that does not count, in which the filter converges [s].
-const SETTLING_S: f64 = 2.0;
+pub const SETTLING_S: f64 = 2.0;
 
 /// Rise of the NMAE of a load that counts as worse [% of its nominal load]: a third of the
 /// effect on the load that matters by default (0.3 %).
@@ -230,8 +230,15 @@ impl Comparison {
         let highest = |c: &Change| c.interval.map_or(c.after - c.before, |[_, high]| high);
         let mut loads = self.nmae_percent.values();
         !self.is_worse()
+            && !self.is_empty()
             && self.steady_load().is_none()
             && loads.all(|c| highest(c) <= WORSE_PERCENT)
+    }
+
+    /// Whether nothing could be compared: neither an NMAE nor a likelihood, as of recordings that end
+    /// before the filter has settled.
+    pub fn is_empty(&self) -> bool {
+        self.nmae_percent.is_empty() && self.log_likelihood.is_none()
     }
 
     /// A load that varies too little to show whether it is followed, and its standard deviation [% of nominal].
@@ -341,6 +348,8 @@ mod tests {
         let uneven: Vec<f64> = (0..32).map(|i| 1.0 + f64::from(u8::from(i < 16))).collect();
         let unsure = Comparison::new("set", &[course(&[1.5; 32])], &[course(&uneven)]);
         assert!(!unsure.is_worse() && !unsure.is_shown_no_worse());
+        let empty = Comparison::new("set", &[course(&[])], &[course(&[])]);
+        assert!(empty.is_empty() && !empty.is_shown_no_worse());
         assert!((compared(0.0).variation_percent["shaft"] - 20.0).abs() < 1e-9);
         let mut steady = compared(0.0);
         steady.variation_percent.insert("shaft".into(), 1.5);

@@ -48,7 +48,7 @@ pub use bearing_baselines::Baselines;
 pub use consistency::{
     BIASED, CONTRADICTING, Cause, Consistency, SETTLED, SensorConsistency, SensorSums,
 };
-pub use description_comparison::{Change, Comparison, Course, Tendency};
+pub use description_comparison::{Change, Comparison, Course, SETTLING_S, Tendency};
 pub use displacement_errors::{Displacements, NodeFigures, displacement_columns};
 pub use error_figures::{Figures, LoadFigures, Whiteness};
 pub use estimate_table::{ESTIMATES, EstimateRows, EstimateWriter};

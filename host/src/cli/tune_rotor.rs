@@ -15,7 +15,7 @@ use crate::calibrate::Description;
 use crate::image_build::Sensors;
 use crate::machine::{Machine, Rotor, RotorLoad, six_digits};
 use crate::origin::with_origin;
-use crate::replay::Comparison;
+use crate::replay::{Comparison, SETTLING_S};
 use crate::rotor_tune::{Choice, Evaluation, Method, evaluate, page, tune};
 
 impl Tune {
@@ -53,6 +53,13 @@ impl Tune {
                  that are more alike those of use, another --method, or leave the description as it is",
                 self.holdout_text(),
                 comparison.line()
+            );
+        }
+        if comparison.as_ref().is_some_and(Comparison::is_empty) && self.output.is_some() {
+            anyhow::bail!(
+                "nothing is written ({}): it has nothing to compare after its first {SETTLING_S} s; give longer \
+                 recordings",
+                self.holdout_text()
             );
         }
         let mut files = Vec::new();
