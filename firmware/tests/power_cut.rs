@@ -68,6 +68,28 @@ fn operations(flash: &Flash) -> u32 {
     store.flash().operations() - before
 }
 
+/// Where neither slot can be read at a start, what is accepted then runs at the next one, also
+/// where the older image can be read again.
+#[test]
+fn an_image_that_is_read_again_does_not_supersede_a_newer_one() {
+    let word_of =
+        |slot: usize, at: usize| (LAYOUT.start + slot as u32 * LAYOUT.slot_bytes) as usize / 8 + at;
+    // In the header, so that no record is valid, and in the payload.
+    for at in [1, HEADER_LEN / 8 + 4] {
+        let mut flash = in_service();
+        for slot in 0..2 {
+            flash.flip(word_of(slot, at), 3);
+        }
+        let mut store = boot(flash);
+        assert_eq!(running(&store), None);
+        upload(&mut store, &image(3)).unwrap();
+        let written = usize::from(store.active().unwrap().slot == Slot::B);
+        let mut flash = store.release();
+        flash.flip(word_of(1 - written, at), 3);
+        assert_eq!(running(&boot(flash)), Some(3));
+    }
+}
+
 /// A board in service and what may run on it.
 struct Board {
     flash: Flash,

@@ -306,12 +306,11 @@ impl<F: NorFlash> Store<F> {
         if !self.is_intact(incoming.slot, &incoming.header) {
             return Err(ImageError::Flash);
         }
-        let newest = self.active.iter().chain(&self.kept).map(|a| a.counter);
         let active = Active {
             slot: incoming.slot,
             header: incoming.header,
             payload: self.start(incoming.slot) + HEADER_LEN as u32,
-            counter: newest.max().unwrap_or(0).saturating_add(1),
+            counter: self.newest_counter(incoming.slot)?.saturating_add(1),
         };
         if self.append(&active, 0).is_err() {
             // A record that could not be read back now must not be found later.
@@ -321,6 +320,23 @@ impl<F: NorFlash> Store<F> {
         self.active = Some(active);
         self.restart_pending = true;
         Ok(active)
+    }
+
+    /// Highest counter of a record that may start an image beside the one in `written`.
+    ///
+    /// Where no image is in force, the other slot may hold one that cannot be read now and can be
+    /// later. Its counter is exceeded; where that cannot be read either, its records are erased.
+    fn newest_counter(&mut self, written: Slot) -> Result<u32, ImageError> {
+        let known = self.active.iter().chain(&self.kept).map(|a| a.counter);
+        if let Some(newest) = known.max() {
+            return Ok(newest);
+        }
+        let other = written.other();
+        if let Some(unusable) = self.candidate(other) {
+            return Ok(unusable.counter);
+        }
+        self.erase(self.records_at(other))?;
+        Ok(0)
     }
 
     /// The slot that an installation under way, or the last one, writes.
