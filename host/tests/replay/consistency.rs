@@ -216,6 +216,21 @@ fn a_gearbox_names_sign_unit_swap_and_counts() {
     );
 }
 
+/// Without the angle another place of the index pulse may fit by chance.
+#[test]
+fn an_encoder_that_stops_counting_is_named_before_any_other_cause() {
+    let bench = Bench::new();
+    let mut columns = bench.simulated("gearbox/machine.toml", "turbulent", "60");
+    let at = columns.place("encoder_main");
+    let from = columns.rows.len() / 3;
+    let stuck = columns.rows[from][at].clone();
+    for row in columns.rows.iter_mut().skip(from) {
+        row[at].clone_from(&stuck);
+    }
+    let found = bench.replayed(&example("gearbox/machine.toml"), &columns);
+    assert_cause(&found, "sensor", "encoder_main is stuck");
+}
+
 /// The description before `loadtwin calibrate`, on the recording that the project ships.
 #[test]
 fn a_description_that_is_not_calibrated_is_named() {

@@ -140,6 +140,12 @@ impl Consistency {
         if let Some(cause) = by_counter.or_else(by_index) {
             return Some(cause);
         }
+        // Without the encoder's angle no other cause can be tested.
+        let encoders = self.sensors.iter().skip(sensors.channels.len());
+        let by_encoder = encoders.filter_map(SensorConsistency::mostly_faulty).next();
+        if by_encoder.is_some() {
+            return by_encoder;
+        }
         let contradicted = !self.contradicting().is_empty();
         let by_reference = self.by_reference(machine);
         let mostly_faulty = self
