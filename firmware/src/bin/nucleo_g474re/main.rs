@@ -51,7 +51,7 @@ use embassy_time::{Delay, Instant, Timer};
 use embedded_hal_bus::spi::{ExclusiveDevice, NoDelay};
 use heapless::spsc::{Consumer, Producer, Queue};
 use loadtwin_common::hardware::NUCLEO_G474RE;
-use loadtwin_common::io::frame::Frame;
+use loadtwin_common::io::frame::{FdFrame, Frame};
 use loadtwin_common::io::raw::RawSample;
 use loadtwin_common::io::signed_image::OVERHEAD;
 use loadtwin_firmware::app::App;
@@ -60,6 +60,7 @@ use loadtwin_firmware::board_counters::{BusState, Counters};
 use loadtwin_firmware::driver::ads131m04::{Ads131m04, Config, Error, Gain, Oversampling};
 use loadtwin_firmware::interrupt_owned::Owned;
 use loadtwin_firmware::progress_check::Progress;
+use loadtwin_firmware::raw_burst::{Burst, RawFrame, RawLink, RawReader, RawWriter};
 use loadtwin_firmware::running_model::Models;
 use loadtwin_firmware::upload::BLOCK_OVERHEAD;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -84,12 +85,16 @@ const IMAGE: usize = 24 * 1024;
 /// Frames that may wait for the bus.
 const OUTBOX: usize = 64;
 
+/// Bytes of raw samples that may wait for the bus: with four words and a counter, 325 samples.
+const RAW_BYTES: usize = 7 * 1024;
+
 /// Frames from the bus that may wait.
 const INBOX: usize = 32;
 /// Set in `LATCHED` above the 16 bits of the count.
 const CAME: u32 = 1 << 31;
 
 static COUNTERS: Counters = Counters::new();
+static RAW_LINK: RawLink = RawLink::new();
 static SAMPLER: Owned<Sampler> = Owned::new();
 /// Count at the index pulse since the last sample, with `CAME`.
 static LATCHED: AtomicU32 = AtomicU32::new(0);
@@ -119,6 +124,7 @@ struct Nucleo {
     converter: Ads131m04<Bus>,
     ready: ExtiInput<'static, Blocking>,
     outbox: Producer<'static, Frame>,
+    raw: RawWriter<'static>,
     tick: u32,
 }
 
@@ -153,6 +159,10 @@ impl Board for Nucleo {
 
     fn overrun(&mut self) -> bool {
         self.ready.is_pending()
+    }
+
+    fn raw_writer(&mut self) -> Option<&mut RawWriter<'static>> {
+        Some(&mut self.raw)
     }
 
     fn counters(&self) -> &Counters {
@@ -241,6 +251,7 @@ fn bit_timing(config: FdCanConfig) -> FdCanConfig {
 #[embassy_executor::main]
 async fn main(thread: Spawner) {
     static OUTBOX_QUEUE: StaticCell<Queue<Frame, OUTBOX>> = StaticCell::new();
+    static RAW_QUEUE: ConstStaticCell<Queue<u8, RAW_BYTES>> = ConstStaticCell::new(Queue::new());
     static INBOX_QUEUE: StaticCell<Queue<Frame, INBOX>> = StaticCell::new();
     static REPLIES_QUEUE: StaticCell<Queue<Frame, INBOX>> = StaticCell::new();
     static RUNNING: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
@@ -296,14 +307,17 @@ async fn main(thread: Spawner) {
     let (outbox_in, outbox) = OUTBOX_QUEUE.init(Queue::new()).split();
     let (inbox_in, inbox) = INBOX_QUEUE.init(Queue::new()).split();
     let (replies_in, replies) = REPLIES_QUEUE.init(Queue::new()).split();
+    let (raw_in, raw_out) = RAW_QUEUE.take().split();
     let board = Nucleo {
         converter,
         ready,
         outbox: outbox_in,
+        raw: RawWriter::new(&RAW_LINK, raw_in),
         tick: 0,
     };
     let app = APP.take();
     models.start(app, RUNNING.take());
+    let raw = RawReader::new(&RAW_LINK, raw_out, app.base());
     REFUSED.store(app.refused(), Relaxed);
     watchdog.pet();
     SAMPLER.give(SAMPLER_CELL.init(Sampler { app, board }));
@@ -312,7 +326,7 @@ async fn main(thread: Spawner) {
     interrupt::UART5.set_priority(Priority::P9);
     let above = ABOVE_THREAD.start(interrupt::UART5);
     let tasks = (
-        send(tx, outbox, replies),
+        send(tx, outbox, replies, raw),
         receive(rx, inbox_in),
         watch(watchdog, properties),
         take_models(models, inbox, replies_in),
@@ -352,21 +366,35 @@ fn start_interrupts() {
     }
 }
 
-/// Frames to the bus: replies to an upload first, the sender of an image waits.
+/// Frames to the bus: replies to an upload first, the sender of an image waits; raw samples where
+/// nothing else is to be sent.
 #[embassy_executor::task]
 async fn send(
     mut tx: CanTx<'static>,
     mut outbox: Consumer<'static, Frame>,
     mut replies: Consumer<'static, Frame>,
+    mut raw: RawReader<'static>,
 ) {
     loop {
-        let Some(frame) = replies.dequeue().or_else(|| outbox.dequeue()) else {
-            Timer::after_micros(100).await;
-            continue;
-        };
-        let frame = can::frame::Frame::new_standard(frame.id, &frame.data);
-        if let Ok(frame) = frame {
-            tx.write(&frame).await;
+        let frame = replies.dequeue().or_else(|| outbox.dequeue());
+        let now_us = Instant::now().as_micros() as u32;
+        match frame.map(RawFrame::Classic).or_else(|| raw.next(now_us)) {
+            Some(RawFrame::Classic(frame)) => {
+                let frame = can::frame::Frame::new_standard(frame.id, &frame.data);
+                if let Ok(frame) = frame {
+                    tx.write(&frame).await;
+                }
+            }
+            Some(RawFrame::Fd(FdFrame { id, data })) => {
+                let Some(id) = embedded_can::StandardId::new(id) else {
+                    continue;
+                };
+                let header = can::frame::Header::new_fd(id.into(), data.len() as u8, false, true);
+                if let Ok(frame) = can::frame::FdFrame::new(header, &data) {
+                    tx.write_fd(&frame).await;
+                }
+            }
+            None => Timer::after_micros(100).await,
         }
     }
 }
@@ -407,14 +435,29 @@ async fn take_models(
                 let _ = replies.enqueue(reply);
             }
         }
-        let (reply, refused) = models.poll();
-        if let Some(reply) = reply {
+        let turn = models.poll();
+        if let Some(reply) = turn.reply {
             let _ = replies.enqueue(reply);
         }
-        if let Some(refused) = refused {
+        if let Some(refused) = turn.refused {
             REFUSED.store(refused, Relaxed);
         }
+        if let Some(burst) = turn.burst {
+            begin(burst);
+        }
         Timer::after_millis(1).await;
+    }
+}
+
+/// Begins a burst, and the estimator anew. Data-ready waits: its handler would find the estimator
+/// in use, leave the line pending, and come again at once for ever.
+fn begin(burst: Burst) {
+    NVIC::mask(pac::Interrupt::EXTI9_5);
+    SAMPLER.with(|Sampler { app, board }| app.begin_burst(burst, board));
+    #[allow(unsafe_code)]
+    // SAFETY: it was enabled before, and no critical section is open.
+    unsafe {
+        interrupt::EXTI9_5.enable();
     }
 }
 
