@@ -101,7 +101,7 @@ impl<'a> RawWriter<'a> {
 
     /// Begins a burst with the next sample, of tick 0; `false` while another one is under way.
     pub fn begin(&mut self, burst: Burst) -> bool {
-        if self.left > 0 || self.queue.len() > 0 || self.link.is_dropped.load(Relaxed) {
+        if self.left > 0 || !self.queue.is_empty() || self.link.is_dropped.load(Relaxed) {
             return false;
         }
         self.link.fd.store(burst.fd, Relaxed);
@@ -199,7 +199,7 @@ impl<'a> RawReader<'a> {
 
     /// Whether nothing waits for the bus.
     pub fn is_empty(&self) -> bool {
-        self.frames.is_empty() && self.queue.len() == 0
+        self.frames.is_empty() && self.queue.is_empty()
     }
 
     /// The next frame, where one is due; to be asked when nothing else is to be sent.
@@ -214,7 +214,7 @@ impl<'a> RawReader<'a> {
         if let Some(frame) = self.frames.pop() {
             return Some(RawFrame::Classic(frame));
         }
-        if self.queue.len() == 0 {
+        if self.queue.is_empty() {
             return None;
         }
         if self.link.begins.swap(false, Relaxed) {

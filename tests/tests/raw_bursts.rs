@@ -269,7 +269,7 @@ fn bursts_of_the_real_boards_machine_are_as_long_as_documented() {
                 let noise = (tick * 4 + channel).wrapping_mul(2_654_435_761) >> 18;
                 sample.set_word(channel as usize, 40_000 + noise as i32);
             }
-            sample.set_encoder(0, tick * 8 & 0xFFFF);
+            sample.set_encoder(0, (tick * 8) & 0xFFFF);
             sample
         })
         .collect();
