@@ -6,9 +6,9 @@ use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;
 use loadtwin_firmware::board::Board;
 use loadtwin_firmware::board_counters::Counters;
+use loadtwin_firmware::raw_burst::RawWriter;
 
 /// The board.
-#[derive(Debug)]
 pub struct Bench {
     /// What the converter latched.
     pub sample: Option<RawSample>,
@@ -16,6 +16,8 @@ pub struct Bench {
     pub late: bool,
     /// Frames that wait for the bus.
     pub outbox: VecDeque<Frame>,
+    /// Where bursts of raw samples wait.
+    pub raw: Option<RawWriter<'static>>,
     /// What its parts count.
     pub counters: Counters,
     room: usize,
@@ -28,6 +30,7 @@ impl Bench {
             sample: None,
             late: false,
             outbox: VecDeque::new(),
+            raw: None,
             counters: Counters::new(),
             room: frames,
         }
@@ -49,6 +52,10 @@ impl Board for Bench {
 
     fn overrun(&mut self) -> bool {
         self.late
+    }
+
+    fn raw_writer(&mut self) -> Option<&mut RawWriter<'static>> {
+        self.raw.as_mut()
     }
 
     fn counters(&self) -> &Counters {

@@ -40,7 +40,10 @@ pub fn build_with(features: &str, program: &str, environment: &[(&str, &Path)]) 
         .status()
         .expect("cargo starts");
     assert!(status.success(), "{program} for {features} does not build");
-    let target =
-        std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from);
-    target.join(TARGET).join("firmware").join(program)
+    target().join(TARGET).join("firmware").join(program)
+}
+
+/// Where cargo puts what it builds.
+pub fn target() -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
 }

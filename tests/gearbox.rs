@@ -24,9 +24,11 @@ pub fn image() -> Vec<u8> {
     image_build::image(&machine, &sensors).expect("the machine fits an image")
 }
 
-/// Whether the frame is the same wherever it is computed: all but the status.
+/// Whether the frame is the same wherever it is computed: all but the status and what a board says
+/// of itself.
 pub fn is_estimate(frame: &Frame) -> bool {
-    frame.id % loadtwin_common::io::frame::IDS_PER_MACHINE != signal_layout::status::OFFSET
+    let offset = frame.id % loadtwin_common::io::frame::IDS_PER_MACHINE;
+    ![signal_layout::status::OFFSET, signal_layout::board::OFFSET].contains(&offset)
 }
 
 /// A torque that ramps and swings, a shaft that turns, and the faults that

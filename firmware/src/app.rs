@@ -8,15 +8,33 @@ use core::sync::atomic::Ordering::Relaxed;
 use loadtwin_common::Error;
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::Image;
-use loadtwin_common::io::frame::{Frame, FrameEncoder, State, Status};
+use loadtwin_common::io::frame::{
+    BoardInfo, BoardPage, Frame, FrameEncoder, RawOutput, State, Status,
+};
 use loadtwin_common::io::raw::RawSample;
 
 use crate::board::Board;
 use crate::board_counters::{Counters, count};
+use crate::raw_burst::Burst;
 
 /// Most frames that one data-ready queues: a raw sample, the loads, a sensor,
-/// the status.
-pub const MAX_FRAMES: usize = 7 + loadtwin_common::io::estimate::MAX_LOADS + 1 + 1;
+/// the status, a page about the board.
+pub const MAX_FRAMES: usize = 7 + loadtwin_common::io::estimate::MAX_LOADS + 1 + 1 + 1;
+
+/// Version of the firmware: that of the package.
+const FIRMWARE: [u8; 3] = [
+    number(env!("CARGO_PKG_VERSION_MAJOR")),
+    number(env!("CARGO_PKG_VERSION_MINOR")),
+    number(env!("CARGO_PKG_VERSION_PATCH")),
+];
+
+/// The number that the digits are.
+const fn number(digits: &str) -> u8 {
+    match u8::from_str_radix(digits, 10) {
+        Ok(number) => number,
+        Err(_) => panic!("a part of the version is above 255"),
+    }
+}
 
 /// The estimator of one machine and the frames it sends.
 ///
@@ -27,6 +45,11 @@ pub struct App<'a> {
     line: Option<Estimator<'a>>,
     encoder: FrameEncoder,
     status: Status,
+    /// The image that runs, and its name.
+    image: Option<(&'a [u8], u32)>,
+    /// Tick of the board at tick 0 of the estimator; not yet known after it began anew.
+    first_tick: Option<u32>,
+    raw: RawOutput,
     rate_hz: f32,
     /// Whether the raw samples are sent too, so that somebody on the bus can
     /// recompute the estimates.
@@ -51,6 +74,9 @@ impl<'a> App<'a> {
             line: None,
             encoder: FrameEncoder::without_image(),
             status: Status::new(),
+            image: None,
+            first_tick: Some(0),
+            raw: RawOutput::None,
             rate_hz: 1000.0,
             sends_raw: false,
         }
@@ -62,7 +88,44 @@ impl<'a> App<'a> {
     /// # Errors
     /// Why the image is refused; the application is as it was then.
     pub fn load(&mut self, image: &'a [u8], image_hash: u32) -> Result<(), Error> {
-        Image::from_bytes(image).and_then(|image| self.take(image, image_hash))
+        Image::from_bytes(image).and_then(|image| self.take(image, image_hash))?;
+        self.image = Some((image, image_hash));
+        Ok(())
+    }
+
+    /// Begins a burst of raw samples, and the estimator anew, so that a host knows its state: the
+    /// next sample is that of tick 0. Not from the sample clock: it takes as long as a start.
+    ///
+    /// While another burst is under way, or without an image, nothing changes.
+    pub fn begin_burst(&mut self, burst: Burst, board: &mut impl Board) {
+        let Some((image, image_hash)) = self.image else {
+            return;
+        };
+        if !board.raw_writer().is_some_and(|raw| raw.begin(burst)) {
+            return;
+        }
+        // It was taken before.
+        if self.load(image, image_hash).is_err() {
+            return;
+        }
+        self.first_tick = None;
+        self.raw = RawOutput::Burst(burst.samples);
+        self.announce(board);
+        let info = self.info(board);
+        let frame = self.encoder.board_page(&info, BoardPage::Raw);
+        queue(board, frame);
+    }
+
+    fn info(&self, board: &mut impl Board) -> BoardInfo {
+        BoardInfo {
+            firmware: FIRMWARE,
+            raw: if self.sends_raw {
+                RawOutput::All
+            } else {
+                self.raw
+            },
+            dropped_bursts: board.raw_writer().map_or(0, |raw| raw.dropped()),
+        }
     }
 
     #[inline(never)]
@@ -101,13 +164,21 @@ impl<'a> App<'a> {
     ///
     /// What goes wrong around the estimator is counted and never stops it.
     pub fn on_data_ready(&mut self, board: &mut impl Board) {
-        let Some(raw) = board.acquire() else { return };
+        let Some(mut raw) = board.acquire() else {
+            return;
+        };
+        let first_tick = *self.first_tick.get_or_insert(raw.tick);
+        raw.tick = raw.tick.wrapping_sub(first_tick);
         self.step(&raw, board);
         if board.overrun() {
             count(&board.counters().overruns);
         }
         self.count(board.counters());
         if let Some(frame) = self.encoder.heartbeat(&self.status) {
+            queue(board, frame);
+        }
+        let info = self.info(board);
+        if let Some(frame) = self.encoder.about_board(&info) {
             queue(board, frame);
         }
     }
@@ -124,6 +195,9 @@ impl<'a> App<'a> {
         self.status.tick = raw.tick;
         if self.sends_raw {
             self.encoder.raw(raw, |frame| queue(board, frame));
+        }
+        if let Some(writer) = board.raw_writer() {
+            writer.take(raw);
         }
         let Some(line) = &mut self.line else { return };
         let estimate = line.step(raw);

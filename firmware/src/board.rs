@@ -5,6 +5,7 @@ use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;
 
 use crate::board_counters::Counters;
+use crate::raw_burst::RawWriter;
 
 /// A board at the priority of the sample clock; no call waits.
 ///
@@ -24,6 +25,9 @@ pub trait Board {
 
     /// Whether data-ready has come again since [`Self::acquire`].
     fn overrun(&mut self) -> bool;
+
+    /// Where bursts of raw samples wait for the bus; `None` on a board that sends none.
+    fn raw_writer(&mut self) -> Option<&mut RawWriter<'static>>;
 
     /// The counters that the board's other parts count in.
     fn counters(&self) -> &Counters;

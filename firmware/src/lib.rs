@@ -19,6 +19,7 @@ pub mod driver;
 pub mod interrupt_owned;
 pub mod progress_check;
 pub mod ram_flash;
+pub mod raw_burst;
 pub mod running_model;
 pub mod simulated_flash;
 pub mod slcan;

@@ -9,6 +9,7 @@ use loadtwin_common::io::signed_image::{Header, Identity, ImageError};
 use loadtwin_common::io::uds;
 
 use crate::app::App;
+use crate::raw_burst::Burst;
 use crate::store::{Layout, Store};
 use crate::upload::{Event, Upload};
 
@@ -22,6 +23,17 @@ pub struct Models<F, const N: usize> {
     upload: Upload<N>,
     room: &'static mut [u8],
     hardware: Hardware,
+}
+
+/// What a turn of the work on uploads led to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Turn {
+    /// Frame to send.
+    pub reply: Option<Frame>,
+    /// Code of the refusal for the status frame, where an image was checked; 0: accepted.
+    pub refused: Option<u8>,
+    /// Raw samples that were asked for.
+    pub burst: Option<Burst>,
 }
 
 impl<F: NorFlash, const N: usize> Models<F, N> {
@@ -72,9 +84,8 @@ impl<F: NorFlash, const N: usize> Models<F, N> {
         self.upload.on_frame(&frame.data, now_us).map(answer)
     }
 
-    /// Works on the upload; gives the frame to send, and the refusal's code
-    /// for the status frame where an image was checked (0: accepted).
-    pub fn poll(&mut self) -> (Option<Frame>, Option<u8>) {
+    /// Works on the upload.
+    pub fn poll(&mut self) -> Turn {
         let hardware = self.hardware;
         let accept = |image: &[u8]| accept(image, &hardware);
         let progress = self.upload.poll(&mut self.store, self.room, accept);
@@ -82,7 +93,11 @@ impl<F: NorFlash, const N: usize> Models<F, N> {
             Event::Accepted(_) => 0,
             Event::Refused(refusal) => refusal.code(),
         });
-        (progress.answer.map(answer), refused)
+        Turn {
+            reply: progress.answer.map(answer),
+            refused,
+            burst: progress.burst,
+        }
     }
 }
 

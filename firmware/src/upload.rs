@@ -17,6 +17,7 @@ use loadtwin_common::io::isotp::{FrameData, Received, Receiver, TIMEOUT_US, sing
 use loadtwin_common::io::signed_image::ImageError;
 use loadtwin_common::io::uds;
 
+use crate::raw_burst::Burst;
 use crate::store::Store;
 
 /// What a transfer request adds to a block: service and counter (bytes).
@@ -51,6 +52,8 @@ pub struct Progress {
     pub answer: Option<FrameData>,
     /// Whether an image was accepted or refused, for the status frame.
     pub event: Option<Event>,
+    /// Raw samples were asked for.
+    pub burst: Option<Burst>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -180,11 +183,12 @@ impl<const N: usize> Upload<N> {
                 let answer = single_frame(&[uds::NEGATIVE, service, uds::PENDING]);
                 return Progress {
                     answer,
-                    event: None,
+                    ..Progress::default()
                 };
             }
             Request::Ready => {}
         }
+        let mut burst = None;
         let outcome = match service {
             uds::REQUEST_DOWNLOAD => announce(&mut self.phase, message, store, room.len()),
             uds::TRANSFER_DATA => transfer(&mut self.phase, body, store, room),
@@ -198,16 +202,29 @@ impl<const N: usize> Upload<N> {
                 }
                 _ => exit(&mut self.phase, body, store, room, accept),
             },
+            uds::ROUTINE_CONTROL => match start_burst(message) {
+                Ok(begun) => {
+                    burst = Some(begun);
+                    let [service, rest @ ..] = uds::BURST_ROUTINE;
+                    let [kind, high, low] = rest;
+                    Ok(Yes::answer(&[service + uds::POSITIVE, kind, high, low]))
+                }
+                Err(code) => Err(No::Request(code)),
+            },
             _ => Err(No::Request(uds::SERVICE_NOT_SUPPORTED)),
         };
         if !matches!(outcome, Ok(Yes { answer: None, .. })) {
             self.request = Request::None;
         }
         match outcome {
-            Ok(Yes { answer, event }) => Progress { answer, event },
+            Ok(Yes { answer, event }) => Progress {
+                answer,
+                event,
+                burst,
+            },
             Err(No::Request(code)) => Progress {
                 answer: single_frame(&[uds::NEGATIVE, service, code]),
-                event: None,
+                ..Progress::default()
             },
             Err(No::Image(refusal)) => {
                 store.abandon();
@@ -215,6 +232,7 @@ impl<const N: usize> Upload<N> {
                 Progress {
                     answer: single_frame(&[uds::NEGATIVE, service, refusal.code()]),
                     event: Some(Event::Refused(refusal)),
+                    burst: None,
                 }
             }
         }
@@ -282,6 +300,17 @@ fn announce<F: NorFlash>(
         high,
         low,
     ]))
+}
+
+/// The burst of a request to start the routine that sends one; the code of its refusal.
+fn start_burst(message: &[u8]) -> Result<Burst, u8> {
+    let record = message
+        .strip_prefix(&uds::BURST_ROUTINE)
+        .ok_or(uds::OUT_OF_RANGE)?;
+    if record.len() != 3 {
+        return Err(uds::INCORRECT_LENGTH);
+    }
+    Burst::from_request(record).ok_or(uds::OUT_OF_RANGE)
 }
 
 /// Takes a block; all but the last are as long as a page.

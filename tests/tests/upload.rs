@@ -11,7 +11,7 @@ use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::isotp::FrameData;
 use loadtwin_common::io::signed_image::ImageError;
 use loadtwin_common::io::uds;
-use loadtwin_firmware::running_model::Models;
+use loadtwin_firmware::running_model::{Models, Turn};
 use loadtwin_firmware::simulated_flash::SimulatedFlash;
 use loadtwin_firmware::store::{Layout, Store};
 use loadtwin_firmware::upload::{BLOCK_OVERHEAD, Event, Upload};
@@ -178,7 +178,11 @@ fn offered(hardware: Hardware, image: Vec<u8>, key: &SigningKey) -> (Result<(), 
             }
             Next::Wait(_) => (0..POLLS)
                 .filter_map(|_| {
-                    let (answer, code) = models.poll();
+                    let Turn {
+                        reply: answer,
+                        refused: code,
+                        ..
+                    } = models.poll();
                     refused = code.unwrap_or(refused);
                     answer
                 })
@@ -213,6 +217,7 @@ fn a_board_refuses_an_image_that_its_hardware_does_not_serve() {
     for change in [
         |machine: &mut Machine| machine.rate_hz = 500.0,
         |machine: &mut Machine| machine.encoders[0].bits = 32,
+        |machine: &mut Machine| machine.encoders[0].bits = 12,
         |machine: &mut Machine| {
             let mut fifth = machine.channels[0].clone();
             fifth.name = "fifth".to_owned();

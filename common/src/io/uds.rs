@@ -1,13 +1,15 @@
-//! Constants of the image upload by the UDS download services (ISO 14229-1) over ISO-TP: CAN
-//! identifiers, services, response codes.
+//! Constants of the image upload by the UDS download services (ISO 14229-1) over ISO-TP, and of the
+//! request for raw samples: CAN identifiers, services, response codes.
 //!
 //! | request                                       | answer              |
 //! |-----------------------------------------------|---------------------|
 //! | `34 00 44 address[4] size[4]` request download | `74 20 block[2]`    |
 //! | `36 counter data` transfer data               | `76 counter`        |
 //! | `37` request transfer exit                    | `77`                |
+//! | `31 01 02 00 samples[2] share` start routine  | `71 01 02 00`       |
 //!
-//! Big endian. The address is 0, the size that of the sealed image. `block` is the longest transfer
+//! Big endian. The routine sends a burst of raw samples, 1 to 65534; share of the bus (%) in bits 0
+//! to 6, as FD frames with bit 7. The address is 0, the size that of the sealed image. `block` is the longest transfer
 //! request with its two leading bytes; every block but the last is that long. The counter starts at
 //! 1 and wraps from 255 to 0. A refused request is answered `7F service code`; code 0x78 means
 //! "still at work". What is wrong with an image comes as
@@ -25,6 +27,12 @@ pub const REQUEST_DOWNLOAD: u8 = 0x34;
 pub const TRANSFER_DATA: u8 = 0x36;
 /// Service: ends the transfer; the answer accepts or refuses the image.
 pub const TRANSFER_EXIT: u8 = 0x37;
+
+/// Service: starts a routine.
+pub const ROUTINE_CONTROL: u8 = 0x31;
+/// The start of a request for a burst of raw samples: start the first routine of the range that the
+/// standard leaves to makers.
+pub const BURST_ROUTINE: [u8; 4] = [ROUTINE_CONTROL, 0x01, 0x02, 0x00];
 
 /// A positive answer starts with the service plus this.
 pub const POSITIVE: u8 = 0x40;

@@ -1,7 +1,7 @@
 //! Link-time check that no panic is reachable from a data-ready: the panic handler calls an
 //! undefined symbol, so that the program links only where the optimiser removes the handler.
 //!
-//! The queue to the bus is left out. heapless's `spsc` takes a remainder by its
+//! The queues to the bus are left out. heapless's `spsc` takes a remainder by its
 //! length, which its type-erased ends no longer know; it is a constant of the
 //! boards, and that division the only panic that stays.
 //!
@@ -19,6 +19,7 @@ use loadtwin_common::io::raw::RawSample;
 use loadtwin_firmware::app::{App, MAX_FRAMES};
 use loadtwin_firmware::board::Board;
 use loadtwin_firmware::board_counters::Counters;
+use loadtwin_firmware::raw_burst::RawWriter;
 
 struct Bare<'a> {
     sample: Option<RawSample>,
@@ -37,6 +38,10 @@ impl Board for Bare<'_> {
 
     fn overrun(&mut self) -> bool {
         false
+    }
+
+    fn raw_writer(&mut self) -> Option<&mut RawWriter<'static>> {
+        None
     }
 
     fn counters(&self) -> &Counters {

@@ -10,12 +10,14 @@ use loadtwin_common::io::estimate::Estimate;
 use loadtwin_common::io::frame;
 use loadtwin_common::io::frame::e2e::{Counter, Sequence};
 use loadtwin_common::io::frame::{
-    Frame, FrameEncoder, Message, RawAssembler, Rejected, State, Status, StatusPage, signal_layout,
+    BoardInfo, BoardPage, Frame, FrameEncoder, Message, RawAssembler, Rejected, State, Status,
+    StatusPage, signal_layout,
 };
 use loadtwin_common::io::raw::RawSample;
-use serde::Serialize;
 
 use super::bus::Received;
+pub use super::comparison_figures::{Difference, Figures, Progress, Verdict};
+use super::raw_coverage::RawCoverage;
 use super::{CanError, Model, standard};
 
 /// Number of identifiers with frames that are a function of the raw samples: loads and sensors.
@@ -24,105 +26,19 @@ const COMPARED: usize = signal_layout::sensor_health::OFFSET as usize;
 /// Recomputed frames of one identifier that wait for the machine's at most.
 const MOST_WAITING: usize = 1 << 20;
 
-/// What the comparison says.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Verdict {
-    /// Every frame that came was compared, none lost, every bit equal.
-    Identical,
-    /// A bit differs although the machine's state is known.
-    Different,
-    /// Nothing that was compared differs, but not everything could be compared.
-    Incomplete,
-    /// The machine runs another model.
-    OtherModel,
-    /// There was nothing to compare.
-    Nothing,
-}
-
-/// The first frame that differs.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Difference {
-    /// Tick of the sample.
-    pub tick: u32,
-    /// Identifier.
-    pub id: u16,
-    /// What differs, in words.
-    pub what: String,
-    /// Payload by this recomputation.
-    pub expected: String,
-    /// Payload on the bus.
-    pub received: String,
-}
-
-/// What was found so far.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Figures {
-    /// Whole raw samples.
-    pub samples: u64,
-    /// Load and sensor frames compared.
-    pub compared_frames: u64,
-    /// Payload bits compared.
-    pub compared_bits: u64,
-    /// Frames that differ.
-    pub differing_frames: u64,
-    /// Bits that differ.
-    pub differing_bits: u64,
-    /// Frames that differ where the machine's state is not known: it had samples
-    /// that were not received, before the first one here or lost, and has not started anew.
-    pub unsettled_frames: u64,
-    /// The first frame that differs.
-    pub first_difference: Option<Difference>,
-    /// Recomputed frames that the machine did not send, or that were lost.
-    pub lost_frames: u64,
-    /// Frames of the machine without raw sample to recompute them from.
-    pub unverifiable_frames: u64,
-    /// Recomputed frames still waiting for the machine's.
-    pub waiting_frames: u64,
-    /// Ticks missing between raw samples.
-    pub missing_ticks: u64,
-    /// Raw samples of which a frame was lost or out of order.
-    pub incomplete_samples: u64,
-    /// Frames whose check or content is wrong.
-    pub damaged_frames: u64,
-    /// Frames with an identifier of the machine but another length or format.
-    pub malformed_frames: u64,
-    /// Frames sent twice.
-    pub repeated_frames: u64,
-    /// Frames of others.
-    pub foreign_frames: u64,
-    /// Error frames of the controller.
-    pub error_frames: u64,
-    /// Status frames missing by their counter.
-    pub lost_status: u64,
-    /// Times that the machine started anew.
-    pub restarts: u64,
-    /// Name of the model that the machine runs, where it was reported.
-    pub machine_model: Option<u32>,
-    /// Time from a raw sample to a load or sensor frame that the machine made from it, mean (ms).
-    /// The delay of the estimates in samples is not part of it.
-    pub lag_mean_ms: f64,
-    /// The largest such time (ms).
-    pub lag_max_ms: f64,
-    /// Frames compared, for the mean.
-    #[serde(skip)]
-    lags: u64,
-}
-
-/// How far a comparison is.
-#[derive(Clone, Copy, Debug)]
-pub struct Progress {
-    /// Whole raw samples.
-    pub samples: u64,
-    /// Recomputed frames still waiting for the machine's.
-    pub waiting_frames: u64,
-}
-
 /// A frame that is to come.
 struct Expected {
+    number: u32,
     tick: u32,
     t_us: u64,
     frame: Frame,
+}
+
+/// A frame that came before its raw sample.
+struct Early {
+    number: u32,
+    t_us: u64,
+    payload: [u8; 8],
 }
 
 /// State of one identifier.
@@ -130,8 +46,10 @@ struct Expected {
 struct Channel {
     expected: VecDeque<Expected>,
     /// Frames that came before the raw sample they were made from.
-    early: VecDeque<(u64, [u8; 8])>,
+    early: VecDeque<Early>,
     counter: Counter,
+    /// Number of the last frame: its counter, continued.
+    last: u32,
 }
 
 /// Recomputation of a machine's frames, and its comparison with the frames received.
@@ -145,6 +63,11 @@ pub struct Comparison<'a> {
     /// Whether every sample that the machine has had was received. Two states that
     /// once differed converge, but it is not known when they agree to the last bit.
     known: bool,
+    /// No sample since the machine started.
+    is_fresh: bool,
+    coverage: RawCoverage,
+    /// Frames for which no raw sample came, since the start.
+    unverified: u64,
     answered: bool,
     figures: Figures,
     status: Option<Status>,
@@ -153,6 +76,12 @@ pub struct Comparison<'a> {
 
 fn number(payload: [u8; 8]) -> u8 {
     payload[2]
+}
+
+/// Whether two numbers are those of one frame: of a burst as they are, else by the 8 bits that a
+/// frame has of them.
+fn is_same(one: u32, other: u32, is_exact: bool) -> bool {
+    one == other || (!is_exact && one as u8 == other as u8)
 }
 
 fn hex(payload: [u8; 8]) -> String {
@@ -174,6 +103,9 @@ impl<'a> Comparison<'a> {
             channels: std::array::from_fn(|_| Channel::default()),
             status_counter: Counter::default(),
             known: true,
+            is_fresh: true,
+            coverage: RawCoverage::default(),
+            unverified: 0,
             answered: false,
             figures: Figures::default(),
             status: None,
@@ -190,13 +122,16 @@ impl<'a> Comparison<'a> {
         figures.incomplete_samples = raw.incomplete;
         figures.damaged_frames += raw.damaged;
         figures.waiting_frames = self.channels.iter().map(|c| c.expected.len() as u64).sum();
-        figures.unverifiable_frames += self
-            .channels
-            .iter()
-            .map(|c| c.early.len() as u64)
-            .sum::<u64>();
+        figures.unverifiable_frames += self.unverified + self.early_frames();
+        figures.bursts = self.coverage.bursts;
+        figures.dropped_bursts = self.coverage.dropped_bursts;
         figures.lag_mean_ms /= figures.lags.max(1) as f64;
         figures
+    }
+
+    /// Frames that came before their raw sample.
+    fn early_frames(&self) -> u64 {
+        self.channels.iter().map(|c| c.early.len() as u64).sum()
     }
 
     /// Samples and waiting frames so far, without a copy of all figures.
@@ -212,13 +147,16 @@ impl<'a> Comparison<'a> {
     pub fn verdict(&self, ended: bool) -> Verdict {
         let f = self.figures();
         let waiting = if ended { f.waiting_frames } else { 0 };
+        let is_in_burst = !ended && self.coverage.is_in_burst();
+        let unverifiable =
+            f.unverifiable_frames - if is_in_burst { self.early_frames() } else { 0 };
         if f.machine_model.is_some_and(|hash| hash != self.model.hash) {
             Verdict::OtherModel
         } else if f.differing_frames > 0 {
             Verdict::Different
         } else if f.compared_frames == 0 {
             Verdict::Nothing
-        } else if f.unsettled_frames + f.lost_frames + f.unverifiable_frames + waiting > 0
+        } else if f.unsettled_frames + f.lost_frames + unverifiable + waiting > 0
             || f.incomplete_samples + f.damaged_frames > 0
         {
             Verdict::Incomplete
@@ -268,6 +206,7 @@ impl<'a> Comparison<'a> {
                 self.follow_status(&status, page, counter.unwrap_or(0));
             }
             Ok((Message::Raw, _)) => {}
+            Ok((Message::Board(info, page), _)) => self.follow_board(&info, page),
             Err(Rejected::Foreign) => self.figures.foreign_frames += 1,
             Err(Rejected::Length) => {
                 self.figures.malformed_frames += 1;
@@ -279,7 +218,9 @@ impl<'a> Comparison<'a> {
 
     /// Steps the recomputation and matches what came before its sample.
     fn sample(&mut self, sample: &RawSample, t_us: u64) {
-        let joined_late = self.assembler.counts().samples == 1 && sample.tick != 0;
+        let joined_late = self.is_fresh && sample.tick != 0;
+        self.is_fresh = false;
+        self.coverage.sample(sample.tick);
         self.estimate = self.line.step(sample);
         // The machine may have the same gap, which is no loss then. From here on a difference does
         // not prove a fault.
@@ -289,11 +230,15 @@ impl<'a> Comparison<'a> {
         let mut due = Vec::new();
         self.encoder
             .estimate(&self.estimate, |frame| due.push(frame));
+        let is_exact = self.coverage.has_burst();
         for frame in due {
+            let every = self.every_log2(frame.id);
             let Some(channel) = self.channel(frame.id) else {
                 continue;
             };
+            let number = sample.tick >> every;
             channel.expected.push_back(Expected {
+                number,
                 tick: sample.tick,
                 t_us,
                 frame,
@@ -301,18 +246,27 @@ impl<'a> Comparison<'a> {
             let found = channel
                 .early
                 .iter()
-                .position(|(_, p)| number(*p) == number(frame.data));
+                .position(|early| is_same(early.number, number, is_exact));
             if let Some(found) = found {
                 let unverifiable = found as u64;
                 let taken = channel.early.drain(..=found).next_back();
                 self.figures.unverifiable_frames += unverifiable;
-                if let Some((t_us, payload)) = taken {
-                    self.matched(frame.id, t_us, payload);
+                if let Some(early) = taken {
+                    self.matched(frame.id, early);
                 }
             } else if channel.expected.len() > MOST_WAITING {
                 channel.expected.pop_front();
                 self.figures.lost_frames += 1;
             }
+        }
+    }
+
+    /// Which samples frames of an identifier are sent for.
+    fn every_log2(&self, id: u16) -> u32 {
+        if id.wrapping_sub(self.encoder.base()) == signal_layout::sensor_health::OFFSET {
+            self.encoder.sensor_every_log2()
+        } else {
+            self.encoder.load_every_log2()
         }
     }
 
@@ -328,35 +282,61 @@ impl<'a> Comparison<'a> {
         let Some(channel) = self.channel(id) else {
             return;
         };
-        if channel.counter.follow(number(payload)) == Sequence::Repeated {
-            self.figures.repeated_frames += 1;
-            return;
+        let counter = number(payload);
+        let number = match channel.counter.follow(counter) {
+            Sequence::Repeated => {
+                self.figures.repeated_frames += 1;
+                return;
+            }
+            Sequence::First => u32::from(counter),
+            Sequence::Next => channel.last.wrapping_add(1),
+            Sequence::Lost(lost) => channel.last.wrapping_add(1 + u32::from(lost)),
+        };
+        channel.last = number;
+        if self.coverage.covers(number << self.every_log2(id)) {
+            self.matched(
+                id,
+                Early {
+                    number,
+                    t_us,
+                    payload,
+                },
+            );
+        } else {
+            self.figures.outside_frames += 1;
         }
-        self.matched(id, t_us, payload);
     }
 
     /// Finds the recomputed frame with the machine's number: the first, since
     /// frames of one identifier keep their order.
-    fn matched(&mut self, id: u16, t_us: u64, payload: [u8; 8]) {
+    fn matched(&mut self, id: u16, frame: Early) {
+        let is_exact = self.coverage.has_burst();
+        // The raw samples of a burst follow as the bus has time.
+        let most = if self.coverage.is_in_burst() {
+            MOST_WAITING
+        } else {
+            128
+        };
         let Some(channel) = self.channel(id) else {
             return;
         };
         let found = channel
             .expected
             .iter()
-            .position(|e| number(e.frame.data) == number(payload));
+            .position(|e| is_same(e.number, frame.number, is_exact));
         let Some(found) = found else {
-            channel.early.push_back((t_us, payload));
+            channel.early.push_back(frame);
             // Its raw sample would have come by now.
-            if channel.early.len() > 128 {
+            if channel.early.len() > most {
                 channel.early.pop_front();
-                self.figures.unverifiable_frames += 1;
+                self.unverified += 1;
                 self.known = false;
             }
             return;
         };
-        let unverifiable = channel.early.len();
-        channel.early.clear();
+        let is_before = |early: &Early| !is_exact || early.number < frame.number;
+        let unverifiable = channel.early.iter().filter(|e| is_before(e)).count();
+        channel.early.retain(|early| !is_before(early));
         let lost = found as u64;
         let Some(expected) = channel.expected.drain(..=found).next_back() else {
             return;
@@ -366,7 +346,7 @@ impl<'a> Comparison<'a> {
         if unverifiable > 0 {
             self.known = false;
         }
-        self.compare_frame(&expected, t_us, payload);
+        self.compare_frame(&expected, frame.t_us, frame.payload);
     }
 
     fn compare_frame(&mut self, expected: &Expected, t_us: u64, payload: [u8; 8]) {
@@ -429,7 +409,36 @@ impl<'a> Comparison<'a> {
         }
     }
 
+    /// Takes what the board says of itself: frames of samples that do not come wait no longer.
+    fn follow_board(&mut self, info: &BoardInfo, page: BoardPage) {
+        if page == BoardPage::Firmware {
+            let [major, minor, patch] = info.firmware;
+            self.figures.firmware = Some(format!("{major}.{minor}.{patch}"));
+        }
+        if !self.coverage.follow(info, page) {
+            return;
+        }
+        self.figures.outside_frames += std::mem::take(&mut self.unverified);
+        let coverage = self.coverage;
+        let first = self.encoder.base() + signal_layout::load::OFFSET;
+        let every: [u32; COMPARED] =
+            std::array::from_fn(|index| self.every_log2(first + index as u16));
+        for (channel, every) in self.channels.iter_mut().zip(every) {
+            let before = channel.early.len();
+            channel
+                .early
+                .retain(|early| coverage.covers(early.number << every));
+            self.figures.outside_frames += (before - channel.early.len()) as u64;
+        }
+    }
+
     fn follow_status(&mut self, status: &Status, page: StatusPage, counter: u8) {
+        // The machine has not had a sample since it started. Where it had answered before, it is a new
+        // start, and so it is here.
+        if status.state == State::Waiting && self.answered {
+            self.restart();
+            self.status_counter = Counter::default();
+        }
         match self.status_counter.follow(counter) {
             Sequence::Lost(lost) => self.figures.lost_status += u64::from(lost),
             Sequence::Repeated => {
@@ -444,11 +453,6 @@ impl<'a> Comparison<'a> {
         {
             self.figures.machine_model = Some(hash);
         }
-        // The machine has not had a sample since it started. Where it had
-        // answered before, it is a new start, and so it is here.
-        if status.state == State::Waiting && self.answered {
-            self.restart();
-        }
     }
 
     fn restart(&mut self) {
@@ -460,9 +464,19 @@ impl<'a> Comparison<'a> {
         self.figures.restarts += 1;
         self.answered = false;
         self.known = true;
+        // Before the first raw sample, nobody may have asked for one; what the board says next
+        // decides it.
+        let unverified = self.unverified + self.early_frames();
+        if self.is_fresh {
+            self.unverified = unverified;
+        } else {
+            self.unverified = 0;
+            self.figures.unverifiable_frames += unverified;
+        }
+        self.is_fresh = true;
+        self.coverage.restart();
         for channel in &mut self.channels {
             self.figures.lost_frames += channel.expected.len() as u64;
-            self.figures.unverifiable_frames += channel.early.len() as u64;
             *channel = Channel::default();
         }
     }

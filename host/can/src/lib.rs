@@ -23,6 +23,7 @@
 
 pub mod bus;
 pub mod bus_frame;
+mod comparison_figures;
 pub mod dbc;
 pub mod estimator_node;
 pub mod frame_comparison;
@@ -33,6 +34,7 @@ pub mod log;
 pub mod logging_bus;
 pub mod monitor;
 pub mod paced_bus;
+mod raw_coverage;
 pub mod sample_sender;
 pub mod simulated_controller;
 mod slcan;

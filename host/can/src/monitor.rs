@@ -10,7 +10,7 @@ use std::time::Duration;
 use loadtwin_common::io::frame;
 use loadtwin_common::io::frame::e2e::{Counter, Sequence};
 use loadtwin_common::io::frame::{
-    DEFAULT_BASE, Message, RawAssembler, Rejected, Status, StatusPage,
+    BoardPage, DEFAULT_BASE, Message, RawAssembler, Rejected, Status, StatusPage,
 };
 use serde::Serialize;
 
@@ -98,6 +98,8 @@ pub struct MonitorSummary {
     pub machine_model: Option<u32>,
     /// Name of the model that was given, by which loads and sensors are named and scaled.
     pub given_model: Option<u32>,
+    /// Version of the board's firmware.
+    pub firmware: Option<String>,
     /// State of the machine.
     pub state: Option<&'static str>,
     /// What the bus did.
@@ -246,7 +248,11 @@ impl Watch<'_> {
                     self.summary.machine_model = Some(hash);
                 }
             }
-            Message::Raw => {}
+            Message::Board(info, BoardPage::Firmware) => {
+                let [major, minor, patch] = info.firmware;
+                self.summary.firmware = Some(format!("{major}.{minor}.{patch}"));
+            }
+            Message::Raw | Message::Board(..) => {}
         }
     }
 

@@ -15,6 +15,10 @@ use super::bus_frame::{BUS_OFF, BusFrame, FrameKind, RESTARTED};
 /// Bits of a standard frame without its data and stuff bits: start to interframe space (ISO
 /// 11898-1).
 const OVERHEAD_BITS: u32 = 47;
+/// Bits of an FD frame before and after its data phase, and in it beside the data: CRC of 21 bits
+/// with its stuff bits, stuff count, length (ISO 11898-1).
+const FD_NOMINAL_BITS: u32 = 30;
+const FD_DATA_BITS: u32 = 37;
 /// Bits of an error: flag of 6 to 12, delimiter of 8, interframe space of 3 (ISO 11898-1).
 const ERROR_BITS: u32 = 23;
 /// Recessive bits after which a controller that is bus-off comes back (ISO 11898-1).
@@ -24,6 +28,7 @@ const RECOVERY_BITS: u32 = 128 * 11;
 #[derive(Debug)]
 pub struct SimulatedController {
     bit: Duration,
+    data_bit: Duration,
     now: Duration,
     disturbed: Vec<Range<Duration>>,
     transmit_errors: u32,
@@ -39,6 +44,7 @@ impl SimulatedController {
     pub fn new(bitrate: u32, disturbed: Vec<Range<Duration>>) -> Self {
         Self {
             bit: Duration::from_secs(1) / bitrate,
+            data_bit: Duration::from_secs(1) / bitrate,
             now: Duration::ZERO,
             disturbed,
             transmit_errors: 0,
@@ -46,6 +52,13 @@ impl SimulatedController {
             wire: Vec::new(),
             incoming: VecDeque::new(),
         }
+    }
+
+    /// The same with another bit rate in the data phase of FD frames (bit/s).
+    #[must_use]
+    pub fn with_data_rate(self, bitrate: u32) -> Self {
+        let data_bit = Duration::from_secs(1) / bitrate;
+        Self { data_bit, ..self }
     }
 
     fn is_disturbed(&self) -> bool {
@@ -82,7 +95,12 @@ impl Bus for SimulatedController {
                 return Err(BusError::Off);
             }
         }
-        self.now += self.bit * (OVERHEAD_BITS + 8 * frame.data().len() as u32);
+        let data_bits = 8 * frame.data().len() as u32;
+        self.now += if matches!(frame.kind(), FrameKind::Fd { .. }) {
+            self.bit * FD_NOMINAL_BITS + self.data_bit * (FD_DATA_BITS + data_bits)
+        } else {
+            self.bit * (OVERHEAD_BITS + data_bits)
+        };
         self.transmit_errors = self.transmit_errors.saturating_sub(1);
         self.wire.push(*frame);
         Ok(())

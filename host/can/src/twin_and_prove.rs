@@ -7,6 +7,9 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use loadtwin_common::io::frame::Frame;
+use loadtwin_common::io::isotp::single_frame;
+use loadtwin_common::io::uds;
 use serde::Serialize;
 
 use super::bus::{Bus, BusError, Link, LinkCounts};
@@ -14,7 +17,7 @@ use super::frame_comparison::{Comparison, Figures, Verdict};
 use super::frame_source::Source;
 use super::live_display::{Page, View};
 use super::log::LogWriter;
-use super::{CanError, Model};
+use super::{CanError, Model, to_bus};
 
 /// How long the loop sleeps at most without a frame.
 const POLL: Duration = Duration::from_millis(100);
@@ -34,6 +37,29 @@ pub struct TwinArgs {
     /// End after so many raw samples
     #[arg(long, value_name = "N")]
     pub samples: Option<u64>,
+    /// Ask the board for a burst of so many raw samples and end with it; its estimator starts anew
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=65534))]
+    pub burst: Option<u16>,
+    /// Share of the bus that the burst may take (%)
+    #[arg(long, value_name = "PERCENT", default_value_t = 50, requires = "burst",
+          value_parser = clap::value_parser!(u8).range(1..=100))]
+    pub share: u8,
+    /// The burst as FD frames, on a bus where every node takes them
+    #[arg(long, requires = "burst")]
+    pub fd: bool,
+}
+
+impl TwinArgs {
+    /// The request for a burst.
+    fn request(&self) -> Option<Frame> {
+        let [high, low] = self.burst?.to_be_bytes();
+        let [service, kind, routine_high, routine_low] = uds::BURST_ROUTINE;
+        let share = self.share | if self.fd { 0x80 } else { 0 };
+        let message = [service, kind, routine_high, routine_low, high, low, share];
+        let data = single_frame(&message)?;
+        let id = uds::REQUEST_ID;
+        Some(Frame { id, data })
+    }
 }
 
 /// How a log is proved.
@@ -85,7 +111,11 @@ pub fn run<B: Bus>(
         None => None,
     };
     let mut link = Link::new(bus, POLL);
+    if let Some(request) = args.request() {
+        link.send(&to_bus(&request), stop)?;
+    }
     let mut last = None;
+    let most = args.samples.or(args.burst.map(u64::from));
     let summary = compare(model, &mut link, view, |link, received, figures| {
         let now = link.bus().now();
         if let Some(received) = received {
@@ -98,9 +128,8 @@ pub fn run<B: Bus>(
         let quiet = idle
             .zip(last)
             .is_some_and(|(idle, last)| now.saturating_sub(last) > idle);
-        let enough = args
-            .samples
-            .is_some_and(|most| figures.samples >= most && figures.waiting_frames == 0);
+        let enough =
+            most.is_some_and(|most| figures.samples >= most && figures.waiting_frames == 0);
         Ok(!quiet && !enough && !stop.load(Ordering::Relaxed))
     })?;
     if let Some(writer) = writer {

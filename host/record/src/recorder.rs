@@ -360,7 +360,7 @@ impl Recorder<'_> {
                     telemetry.status(&status, page);
                 }
             }
-            Message::Raw => {}
+            Message::Raw | Message::Board(..) => {}
         }
     }
 }

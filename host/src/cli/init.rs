@@ -1,27 +1,32 @@
-//! The command `loadtwin init`: has `init::draft` generate the draft of a machine description from
-//! a recording, writes or prints it, and reports the kind of machine and the number of places to
-//! fill in.
+//! The command `loadtwin init`: has `init` generate the draft of a machine description from a
+//! recording or for the channels of a board, writes or prints it, and reports the kind of machine
+//! and the number of places to fill in.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde_json::json;
 
+use super::build::BoardName;
 use super::file_plan::{Plan, Replace};
 use super::printing::{note, print, say, shown};
 use crate::atomic_file::AtomicFile;
-use crate::init::{Draft, MARK, MachineKind, draft};
+use crate::init::{Draft, MARK, MachineKind, draft, draft_for_board};
 use crate::machine::DESCRIPTION;
 
-/// Begin a machine description from a recording.
+/// Begin a machine description from a recording, or for the channels of a board.
 ///
-/// Columns are described by their units, names and values. What a recording does not show stands
-/// below a line `# TO FILL IN: ...`. The description is valid as it is.
+/// Columns are described by their units, names and values. What a recording or a board does not show
+/// stands below a line `# TO FILL IN: ...`. The description is valid as it is.
 #[derive(Debug, Args)]
 pub struct Init {
     /// The recording: CSV, Parquet or MDF4.
-    recording: PathBuf,
+    #[arg(required_unless_present = "board")]
+    recording: Option<PathBuf>,
+    /// The board whose channels, rate and counters are described, of a drivetrain.
+    #[arg(long, value_name = "BOARD", conflicts_with_all = ["recording", "kind"])]
+    board: Option<BoardName>,
     /// The description; printed where absent.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -35,24 +40,52 @@ pub struct Init {
 impl Init {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
         Plan::new(self.replace)
-            .reads([&self.recording])
+            .reads(&self.recording)
             .writes("--output", self.output.as_deref(), DESCRIPTION)
             .check(as_json)?;
-        let draft = draft(&self.recording, self.kind)?;
+        if let Some(board) = self.board {
+            return self.for_board(board, as_json);
+        }
+        let Some(recording) = &self.recording else {
+            return Ok(());
+        };
+        let draft = draft(recording, self.kind)?;
         for line in &draft.survey.notes {
             note(format_args!("{line}\n"));
         }
         if let Some(refused) = &draft.survey.refused {
-            note(format_args!("{}: {refused}\n", self.recording.display()));
+            note(format_args!("{}: {refused}\n", recording.display()));
         }
         match &self.output {
             Some(path) => {
-                (AtomicFile::marked(path, &DESCRIPTION, &draft.text).and_then(AtomicFile::finish))
-                    .with_context(|| path.display().to_string())?;
+                written(path, &draft.text)?;
                 self.summarise(&draft, path, as_json);
             }
             None if as_json => self.summarise(&draft, Path::new("-"), as_json),
             None => print(format_args!("{}", draft.text)),
+        }
+        Ok(())
+    }
+
+    fn for_board(&self, board: BoardName, as_json: bool) -> anyhow::Result<()> {
+        let name = board.to_possible_value();
+        let name = name.as_ref().map_or("", |name| name.get_name());
+        let (text, marks) = draft_for_board(name, &board.hardware())?;
+        if let Some(path) = &self.output {
+            written(path, &text)?;
+        }
+        let machine_out = self.output.as_ref().map(shown);
+        match &self.output {
+            _ if as_json => say!(
+                "{}",
+                json!({ "kind": "drivetrain", "board": name, "to_fill_in": marks, "machine_out": machine_out })
+            ),
+            Some(path) => say!(
+                "{}: drivetrain on {name}; {marks} places to fill in (`{}`)",
+                path.display(),
+                MARK.trim_end_matches([':', ' '])
+            ),
+            None => print(format_args!("{text}")),
         }
         Ok(())
     }
@@ -81,4 +114,10 @@ impl Init {
             );
         }
     }
+}
+
+/// Writes the description.
+fn written(path: &Path, text: &str) -> anyhow::Result<()> {
+    (AtomicFile::marked(path, &DESCRIPTION, text).and_then(AtomicFile::finish))
+        .with_context(|| path.display().to_string())
 }

@@ -14,7 +14,7 @@ const CHANNELS: usize = loadtwin_common::io::raw::MAX_CHANNELS;
 const ENCODERS: usize = loadtwin_common::io::raw::MAX_ENCODERS;
 
 /// The two inertias, until the machine's are filled in.
-const ENDS: [&str; 2] = ["input", "output"];
+pub(super) const ENDS: [&str; 2] = ["input", "output"];
 
 impl Source<'_> {
     pub(super) fn drivetrain(&self, text: &mut Text) {
@@ -79,7 +79,12 @@ impl Source<'_> {
     }
 }
 
-fn chain(text: &mut Text, speeds: &[&ClassifiedColumn], references: &[&ClassifiedColumn]) {
+/// Two inertias, the shaft between them and their loads, for the most part to be filled in.
+pub(super) fn chain(
+    text: &mut Text,
+    speeds: &[&ClassifiedColumn],
+    references: &[&ClassifiedColumn],
+) {
     text.table("[drivetrain]");
     let speed = speeds
         .first()

@@ -1,4 +1,5 @@
-//! Generates the draft of a machine description from a recording, for `loadtwin init` (`draft`):
+//! Generates the draft of a machine description for `loadtwin init`, from the sensors of a board
+//! (`draft_for_board`) or from a recording (`draft`):
 //! classifies the columns, chooses the kind of machine, writes the TOML text, and checks that it
 //! loads.
 //!
@@ -6,6 +7,7 @@
 //! `# TO FILL IN: ...` with a value that is allowed. The description is valid as it is.
 
 mod bearing;
+mod board;
 mod column_kind;
 mod column_statistics;
 mod drive;
@@ -25,6 +27,7 @@ use loadtwin_recording::{RecordingError, Survey, survey};
 use loadtwin_replay::{ReplayError, Samples};
 use thiserror::Error;
 
+pub use board::draft_for_board;
 pub use column_kind::{ClassifiedColumn, ColumnKind};
 pub use toml_text::MARK;
 

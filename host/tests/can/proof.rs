@@ -185,7 +185,7 @@ fn what_is_not_the_machines_is_counted_and_changes_nothing() {
         ours(1, "#00112233445566"),
         ours(1, "##00011223344556677AABBCCDD"),
         ours(1, "#0011223344556677"),
-        ours(16, "#0011223344556677"),
+        ours(17, "#0011223344556677"),
     ];
     let mut frames = Vec::new();
     for frame in &clean {

@@ -64,6 +64,9 @@ fn a_minute_of_a_machine_over_a_terminal_is_identical() {
             log: None,
             idle: Some(Duration::from_secs(2)),
             samples: None,
+            burst: None,
+            share: 50,
+            fd: false,
         };
         let summary = thread::scope(|scope| {
             scope.spawn(|| {

@@ -454,3 +454,44 @@ fn descriptions_of_troublesome_files_are_valid() {
     let refused = run(folder.path(), &["init", "rec.csv"]);
     assert!(String::from_utf8_lossy(&refused.stderr).contains("gzip"));
 }
+
+/// What `init --board` writes for each board is valid at once, and an image that the board serves.
+#[test]
+fn a_description_for_a_board_is_an_image_that_it_serves() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (board, gauges, encoders) in [("nucleo-g474re", 4, 1), ("emulated", 8, 2)] {
+        let said = done(
+            folder.path(),
+            &["init", "--board", board, "-o", "mine.toml"],
+        );
+        let text = std::fs::read_to_string(folder.path().join("mine.toml")).expect("written");
+        let marks = text.matches(MARK).count();
+        assert!(
+            said.contains(&format!("{marks} places to fill in")),
+            "{said}"
+        );
+        assert_eq!(text.matches("[[channel]]").count(), gauges);
+        assert_eq!(text.matches("[[encoder]]").count(), encoders);
+        let arguments = ["build", "mine.toml", "--board", board, "-o", "mine.image"];
+        done(folder.path(), &arguments);
+        // As it stands, and with the commented index pulse.
+        let with_index = text
+            .replace("# [index]", "[index]")
+            .replace("# name = \"index\"", "name = \"index\"")
+            .replace("# encoder = ", "encoder = ")
+            .replace("# angle_rad", "angle_rad");
+        assert_ne!(with_index, text);
+        std::fs::write(folder.path().join("index.toml"), with_index).expect("written");
+        let arguments = ["build", "index.toml", "--board", board, "-o", "index.image"];
+        done(folder.path(), &arguments);
+        for name in ["mine.toml", "mine.image", "index.image"] {
+            std::fs::remove_file(folder.path().join(name)).expect("ours");
+        }
+    }
+    let both = run(
+        folder.path(),
+        &["init", "a.csv", "--board", "nucleo-g474re"],
+    );
+    assert_eq!(both.status.code(), Some(2));
+    assert_eq!(run(folder.path(), &["init"]).status.code(), Some(2));
+}

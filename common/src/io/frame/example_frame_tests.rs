@@ -4,7 +4,7 @@ use core::fmt::Write;
 
 use crate::io::estimate::{Estimate, LoadEstimate, SensorEstimate};
 use crate::io::fault::Fault;
-use crate::io::frame::{FrameEncoder, State, Status};
+use crate::io::frame::{BoardInfo, BoardPage, FrameEncoder, RawOutput, State, Status};
 use crate::io::raw::RawSample;
 
 const SPECIFICATION: &str = include_str!("../../../../docs/wire-format.md");
@@ -100,6 +100,16 @@ fn the_examples_of_the_specification_are_what_is_sent() {
     encoder.raw(&raw, |frame| keep(frame.id, &frame.data));
     let frame = encoder.raw_fd(&raw);
     keep(frame.id, &frame.data);
+
+    let info = BoardInfo {
+        firmware: [0, 1, 0],
+        raw: RawOutput::Burst(4000),
+        dropped_bursts: 2,
+    };
+    for page in [BoardPage::Firmware, BoardPage::Raw] {
+        let frame = encoder.board_page(&info, page);
+        keep(frame.id, &frame.data);
+    }
 
     assert_eq!(frames.len(), examples().count());
     for (ours, theirs) in frames.iter().zip(examples()) {

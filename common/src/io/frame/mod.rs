@@ -6,6 +6,7 @@
 //! of the layout. A load or sensor frame is a pure function of the estimate
 //! and of its tick: every bit can be recomputed from the raw samples.
 
+mod board_frame;
 pub mod e2e;
 #[cfg(test)]
 mod example_frame_tests;
@@ -17,8 +18,9 @@ mod status_frame;
 
 use heapless::Vec;
 
+pub use crate::io::frame::board_frame::{BoardInfo, BoardPage, RawOutput};
 pub use crate::io::frame::load_frame::LoadFrame;
-pub use crate::io::frame::raw_frame::{RawAssembler, RawCounts};
+pub use crate::io::frame::raw_frame::{RawAssembler, RawCounts, raw_fd_frame, raw_frames};
 pub use crate::io::frame::sensor_frame::SensorFrame;
 pub use crate::io::frame::status_frame::{State, Status, StatusPage};
 
@@ -125,6 +127,8 @@ pub enum Message {
     Sensor(usize, SensorFrame),
     /// One of the frames of a raw sample; [`RawAssembler`] takes it.
     Raw,
+    /// What a board says of itself.
+    Board(BoardInfo, BoardPage),
 }
 
 /// Why a frame was not taken.
@@ -149,12 +153,13 @@ pub fn decode(base: u16, id: u16, data: &[u8]) -> Result<(Message, Option<u8>), 
     let offset = id.wrapping_sub(base);
     if !matches!(
         offset,
-        signal_layout::status::OFFSET..=signal_layout::raw_index::OFFSET
+        signal_layout::status::OFFSET
+            ..=signal_layout::raw_index::OFFSET | signal_layout::board::OFFSET
     ) {
         return Err(Rejected::Foreign);
     }
     let data: [u8; 8] = data.try_into().map_err(|_| Rejected::Length)?;
-    if offset >= signal_layout::raw_head::OFFSET {
+    if (signal_layout::raw_head::OFFSET..=signal_layout::raw_index::OFFSET).contains(&offset) {
         return Ok((Message::Raw, None));
     }
     let counter = e2e::check(e2e::data_id(id), &data).ok_or(Rejected::Check)?;
@@ -165,6 +170,9 @@ pub fn decode(base: u16, id: u16, data: &[u8]) -> Result<(Message, Option<u8>), 
         }
         signal_layout::sensor_health::OFFSET => {
             SensorFrame::decode(payload).map(|(k, frame)| Message::Sensor(k, frame))
+        }
+        signal_layout::board::OFFSET => {
+            BoardInfo::decode(payload).map(|(info, page)| Message::Board(info, page))
         }
         _ => LoadFrame::decode(payload)
             .map(|frame| Message::Load(usize::from(offset - signal_layout::load::OFFSET), frame)),
@@ -214,6 +222,17 @@ pub struct FrameEncoder {
     status_every: u32,
     since_status: u32,
     status: status_frame::Pages,
+    board: BoardFrames,
+}
+
+/// When a board says what it is.
+#[derive(Clone, Copy, Debug, Default)]
+struct BoardFrames {
+    counter: u8,
+    /// Samples from one page to the next: half a second.
+    every: u32,
+    since: u32,
+    says_raw: bool,
 }
 
 impl FrameEncoder {
@@ -262,6 +281,12 @@ impl FrameEncoder {
             sensors_every,
             status_every: libm::fmaxf(libm::rintf(rate_hz / STATUS_PAGES_PER_S), 1.0) as u32,
             since_status: 0,
+            board: BoardFrames {
+                counter: 0,
+                every: libm::fmaxf(libm::rintf(0.5 * rate_hz), 1.0) as u32,
+                since: 0,
+                says_raw: false,
+            },
             status: status_frame::Pages {
                 counter: 0,
                 page: 0,
@@ -284,6 +309,12 @@ impl FrameEncoder {
             sensors_every: Decimation { log2: 0 },
             status_every: 1,
             since_status: 0,
+            board: BoardFrames {
+                counter: 0,
+                every: 500,
+                since: 0,
+                says_raw: false,
+            },
             status: status_frame::Pages::new(),
         }
     }
@@ -296,6 +327,11 @@ impl FrameEncoder {
     /// Load frames come for every sample whose tick is a multiple of 2 to this power.
     pub fn load_every_log2(&self) -> u32 {
         self.loads_every.log2
+    }
+
+    /// Sensor frames come for every sample whose tick is a multiple of 2 to this power.
+    pub fn sensor_every_log2(&self) -> u32 {
+        self.sensors_every.log2
     }
 
     /// The load and sensor frames that are due for this estimate, in the order
@@ -333,13 +369,37 @@ impl FrameEncoder {
         protected(self.base + signal_layout::status::OFFSET, counter, payload)
     }
 
+    /// To be asked once a sample by a board: the page about it that is due, two a second in turn.
+    pub fn about_board(&mut self, info: &BoardInfo) -> Option<Frame> {
+        self.board.since = self.board.since.saturating_add(1);
+        (self.board.since >= self.board.every).then(|| {
+            self.board.since = 0;
+            let says_raw = self.board.says_raw;
+            self.board.says_raw = !says_raw;
+            let page = if says_raw {
+                BoardPage::Raw
+            } else {
+                BoardPage::Firmware
+            };
+            self.board_page(info, page)
+        })
+    }
+
+    /// A page about the board, due or not.
+    pub fn board_page(&mut self, info: &BoardInfo, page: BoardPage) -> Frame {
+        let counter = self.board.counter;
+        self.board.counter = counter.wrapping_add(1);
+        let id = self.base + signal_layout::board::OFFSET;
+        protected(id, counter, info.encode(page))
+    }
+
     /// The classic frames of a raw sample, 1 to 7.
     pub fn raw(&self, sample: &RawSample, send: impl FnMut(Frame)) {
-        raw_frame::split(self.base, sample, send);
+        raw_frames(self.base, sample, send);
     }
 
     /// The FD frame of a raw sample.
     pub fn raw_fd(&self, sample: &RawSample) -> FdFrame {
-        raw_frame::to_fd(self.base, sample)
+        raw_fd_frame(self.base, sample)
     }
 }

@@ -79,7 +79,7 @@ fn assemble(tick: u32, valid: u16, has_index: bool, parts: [u64; PARTS]) -> RawS
 }
 
 /// CRC over the head after its CRC and the parts that are there.
-fn check(id: u16, head: u64, parts: u8, payloads: &[u64; PARTS]) -> u16 {
+fn sample_crc(id: u16, head: u64, parts: u8, payloads: &[u64; PARTS]) -> u16 {
     let [_, _, after @ ..] = head.to_le_bytes();
     let mut check = Check::new().with(&after);
     for (i, payload) in payloads.iter().enumerate() {
@@ -90,7 +90,8 @@ fn check(id: u16, head: u64, parts: u8, payloads: &[u64; PARTS]) -> u16 {
     check.finish(e2e::data_id(id))
 }
 
-pub(crate) fn split(base: u16, sample: &RawSample, mut send: impl FnMut(Frame)) {
+/// The classic frames of a raw sample of the machine at `base`, 1 to 7.
+pub fn raw_frames(base: u16, sample: &RawSample, mut send: impl FnMut(Frame)) {
     use signal_layout::raw_head as field;
     let sample = delivered(sample);
     let id = base + field::OFFSET;
@@ -99,7 +100,7 @@ pub(crate) fn split(base: u16, sample: &RawSample, mut send: impl FnMut(Frame)) 
     let head = field::TICK.put(sample.tick)
         | field::VALID.put(sample.valid.into())
         | field::HAS_INDEX.put(sample.index.is_some().into());
-    let crc = check(id, head, parts, &payloads);
+    let crc = sample_crc(id, head, parts, &payloads);
     let head = head | field::SAMPLE_CRC.put(crc.into());
     send(Frame {
         id,
@@ -119,7 +120,8 @@ pub(crate) fn split(base: u16, sample: &RawSample, mut send: impl FnMut(Frame)) 
 /// Where the fields of an FD frame lie: a byte after the other from the tick on.
 const FD_BODY: usize = 7;
 
-pub(crate) fn to_fd(base: u16, sample: &RawSample) -> FdFrame {
+/// The FD frame of a raw sample of the machine at `base`.
+pub fn raw_fd_frame(base: u16, sample: &RawSample) -> FdFrame {
     const {
         // The bytes below follow the layout; a change of the DBC must come here too.
         use signal_layout::raw_fd as field;
@@ -293,7 +295,7 @@ impl RawAssembler {
         );
         let parts = parts_of(valid, has_index);
         let id = self.base + field::OFFSET;
-        let crc = check(id, self.head, parts, &self.payloads);
+        let crc = sample_crc(id, self.head, parts, &self.payloads);
         let fits = u32::from(crc) == field::SAMPLE_CRC.get(self.head);
         let reserved = self.head >> 58 & 0x1F != 0;
         let sample = (fits && !reserved)

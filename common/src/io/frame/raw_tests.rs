@@ -19,7 +19,7 @@ fn sample(tick: u32) -> RawSample {
 
 fn frames(sample: &RawSample) -> heapless::Vec<Frame, 7> {
     let mut frames = heapless::Vec::new();
-    split(DEFAULT_BASE, sample, |frame| {
+    raw_frames(DEFAULT_BASE, sample, |frame| {
         frames.push(frame).expect("at most seven");
     });
     frames
@@ -72,7 +72,7 @@ fn every_pattern_of_delivery_survives_both_ways() {
                 }
             }
             assert_eq!(push_all(&mut classic, &frames(&sample)), Some(sample));
-            let frame = to_fd(DEFAULT_BASE, &sample);
+            let frame = raw_fd_frame(DEFAULT_BASE, &sample);
             assert_eq!(fd.push(frame.id, &frame.data), Some(sample));
         }
     }

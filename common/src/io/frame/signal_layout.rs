@@ -174,3 +174,27 @@ pub mod raw_fd {
     /// Signal `Latched`.
     pub const LATCHED: Field = Field::unsigned(392, 32);
 }
+
+/// `Board`.
+pub mod board {
+    use crate::io::frame::Field;
+
+    /// Identifier, from the base.
+    pub const OFFSET: u16 = 16;
+    /// Signal `Crc`.
+    pub const CRC: Field = Field::unsigned(0, 16);
+    /// Signal `Counter`.
+    pub const COUNTER: Field = Field::unsigned(16, 8);
+    /// Signal `Page`.
+    pub const PAGE: Field = Field::unsigned(24, 4);
+    /// Signal `Major`.
+    pub const MAJOR: Field = Field::unsigned(32, 8);
+    /// Signal `Minor`.
+    pub const MINOR: Field = Field::unsigned(40, 8);
+    /// Signal `Patch`.
+    pub const PATCH: Field = Field::unsigned(48, 8);
+    /// Signal `RawSamples`.
+    pub const RAW_SAMPLES: Field = Field::unsigned(32, 16);
+    /// Signal `DroppedBursts`.
+    pub const DROPPED_BURSTS: Field = Field::unsigned(48, 16);
+}

@@ -32,6 +32,7 @@ use loadtwin_firmware::board_counters::Counters;
 use loadtwin_firmware::interrupt_owned::Owned;
 use loadtwin_firmware::progress_check::Progress;
 use loadtwin_firmware::ram_flash::{LAYOUT, PAGE};
+use loadtwin_firmware::raw_burst::{RawFrame, RawLink, RawReader, RawWriter};
 use loadtwin_firmware::running_model::Models;
 use loadtwin_firmware::slcan;
 use loadtwin_firmware::stimulus::{self, Stimulus};
@@ -43,12 +44,15 @@ use static_cell::{ConstStaticCell, StaticCell};
 const OUTBOX: usize = 64;
 /// Conversions that may wait for their tick of the sample clock.
 const ARRIVED: usize = 16;
+/// Bytes of raw samples that may wait for the bus.
+const RAW_BYTES: usize = 64 * 1024;
 /// Room for frames from the bus.
 const INBOX: usize = 32;
 /// Longest payload of an image [bytes].
 const IMAGE: usize = 64 * 1024;
 
 static COUNTERS: Counters = Counters::new();
+static RAW_LINK: RawLink = RawLink::new();
 static CONVERTER: Owned<Converter> = Owned::new();
 static SENSORS: Owned<Sensors> = Owned::new();
 static BUS: Owned<Bus> = Owned::new();
@@ -74,6 +78,7 @@ struct Converter {
 struct Emulated {
     arrived: Consumer<'static, Stimulus>,
     outbox: Producer<'static, Frame>,
+    raw: RawWriter<'static>,
     waits: bool,
 }
 
@@ -102,6 +107,10 @@ impl Board for Emulated {
 
     fn overrun(&mut self) -> bool {
         TIMER0.expired()
+    }
+
+    fn raw_writer(&mut self) -> Option<&mut RawWriter<'static>> {
+        Some(&mut self.raw)
     }
 
     fn counters(&self) -> &Counters {
@@ -157,6 +166,7 @@ impl Bus {
 fn main() -> ! {
     static ARRIVED_QUEUE: StaticCell<Queue<Stimulus, ARRIVED>> = StaticCell::new();
     static OUTBOX_QUEUE: StaticCell<Queue<Frame, OUTBOX>> = StaticCell::new();
+    static RAW_QUEUE: ConstStaticCell<Queue<u8, RAW_BYTES>> = ConstStaticCell::new(Queue::new());
     static INBOX_QUEUE: StaticCell<Queue<Frame, INBOX>> = StaticCell::new();
     static RUNNING: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
     static ROOM: ConstStaticCell<[u8; IMAGE + OVERHEAD]> =
@@ -194,9 +204,12 @@ fn main() -> ! {
         lines: slcan::Decoder::default(),
         inbox: inbox_in,
     }));
+    let (raw_in, raw_out) = RAW_QUEUE.take().split();
+    let mut raw = RawReader::new(&RAW_LINK, raw_out, app.base());
     let mut board = Emulated {
         arrived: arrived_out,
         outbox: outbox_in,
+        raw: RawWriter::new(&RAW_LINK, raw_in),
         waits: true,
     };
     app.announce(&mut board);
@@ -214,20 +227,28 @@ fn main() -> ! {
         while let Some(frame) = outbox.dequeue() {
             send(&frame, &mut progress);
         }
+        let now_us = (TICKS.load(Relaxed)).wrapping_mul(ticks / (cmsdk::CLOCK_HZ / 1_000_000));
+        // This bus carries classic frames only.
+        while let Some(RawFrame::Classic(frame)) = raw.next(now_us) {
+            send(&frame, &mut progress);
+        }
         while let Some(frame) = inbox.dequeue() {
-            let now_us = (TICKS.load(Relaxed)).wrapping_mul(ticks / (cmsdk::CLOCK_HZ / 1_000_000));
             if let Some(reply) = models.on_frame(&frame, now_us) {
                 send(&reply, &mut progress);
             }
         }
-        let (reply, refused) = models.poll();
-        if let Some(reply) = reply {
+        let turn = models.poll();
+        if let Some(reply) = turn.reply {
             send(&reply, &mut progress);
         }
-        if let Some(refused) = refused {
+        if let Some(refused) = turn.refused {
             REFUSED.store(refused, Relaxed);
         }
-        if outbox.is_empty() {
+        if let Some(burst) = turn.burst {
+            // The sample clock lets its ticks pass meanwhile; conversions wait for it.
+            CONVERTER.with(|Converter { app, board }| app.begin_burst(burst, board));
+        }
+        if outbox.is_empty() && raw.is_empty() {
             if ENDED.load(Relaxed) {
                 while !UART1.idle() {}
                 defmt::info!("ended: {}", defmt::Debug2Format(&COUNTERS));

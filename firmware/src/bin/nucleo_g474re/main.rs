@@ -22,14 +22,19 @@
 #![no_main]
 
 mod flash;
+mod panic;
 #[path = "../boards/stack_guard.rs"]
 mod stack_guard;
 
+use core::num::{NonZeroU8, NonZeroU16};
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering::Relaxed};
 
 use cortex_m::peripheral::NVIC;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_stm32::can::config::{
+    DataBitTiming, FdCanConfig, FrameTransmissionConfig, NominalBitTiming, TxBufferMode,
+};
 use embassy_stm32::can::enums::BusErrorMode;
 use embassy_stm32::can::{self, CanConfigurator, CanRx, CanTx, Properties};
 use embassy_stm32::exti::{ExtiInput, TriggerEdge};
@@ -46,7 +51,7 @@ use embassy_time::{Delay, Instant, Timer};
 use embedded_hal_bus::spi::{ExclusiveDevice, NoDelay};
 use heapless::spsc::{Consumer, Producer, Queue};
 use loadtwin_common::hardware::NUCLEO_G474RE;
-use loadtwin_common::io::frame::Frame;
+use loadtwin_common::io::frame::{FdFrame, Frame};
 use loadtwin_common::io::raw::RawSample;
 use loadtwin_common::io::signed_image::OVERHEAD;
 use loadtwin_firmware::app::App;
@@ -55,9 +60,9 @@ use loadtwin_firmware::board_counters::{BusState, Counters};
 use loadtwin_firmware::driver::ads131m04::{Ads131m04, Config, Error, Gain, Oversampling};
 use loadtwin_firmware::interrupt_owned::Owned;
 use loadtwin_firmware::progress_check::Progress;
+use loadtwin_firmware::raw_burst::{Burst, RawFrame, RawLink, RawReader, RawWriter};
 use loadtwin_firmware::running_model::Models;
 use loadtwin_firmware::upload::BLOCK_OVERHEAD;
-use panic_probe as _;
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// 8.192 MHz at the converter's clock input / 2 / 2048: 2 kHz, the rate of [`NUCLEO_G474RE`].
@@ -66,8 +71,9 @@ const CONVERTER: Config = Config {
     gain: [Gain::X32; 4],
 };
 
-/// Bit rate of the CAN bus (bit/s).
-const BITRATE: u32 = 500_000;
+/// Time quanta of a bit: 170 MHz at the controller / 20 / 17 = 500 kbit/s, and / 5 / 17 = 2 Mbit/s
+/// in the data phase of FD frames.
+const QUANTA: u8 = 17;
 
 /// Time without progress after which the watchdog restarts the board [us].
 const WATCHDOG_US: u32 = 500_000;
@@ -79,12 +85,16 @@ const IMAGE: usize = 24 * 1024;
 /// Frames that may wait for the bus.
 const OUTBOX: usize = 64;
 
+/// Bytes of raw samples that may wait for the bus: with four words and a counter, 325 samples.
+const RAW_BYTES: usize = 7 * 1024;
+
 /// Frames from the bus that may wait.
 const INBOX: usize = 32;
 /// Set in `LATCHED` above the 16 bits of the count.
 const CAME: u32 = 1 << 31;
 
 static COUNTERS: Counters = Counters::new();
+static RAW_LINK: RawLink = RawLink::new();
 static SAMPLER: Owned<Sampler> = Owned::new();
 /// Count at the index pulse since the last sample, with `CAME`.
 static LATCHED: AtomicU32 = AtomicU32::new(0);
@@ -114,6 +124,7 @@ struct Nucleo {
     converter: Ads131m04<Bus>,
     ready: ExtiInput<'static, Blocking>,
     outbox: Producer<'static, Frame>,
+    raw: RawWriter<'static>,
     tick: u32,
 }
 
@@ -148,6 +159,10 @@ impl Board for Nucleo {
 
     fn overrun(&mut self) -> bool {
         self.ready.is_pending()
+    }
+
+    fn raw_writer(&mut self) -> Option<&mut RawWriter<'static>> {
+        Some(&mut self.raw)
     }
 
     fn counters(&self) -> &Counters {
@@ -189,7 +204,7 @@ fn clocks() -> embassy_stm32::Config {
         prediv: rcc::PllPreDiv::DIV6,
         mul: rcc::PllMul::MUL85,
         divp: None,
-        divq: Some(rcc::PllQDiv::DIV4),
+        divq: Some(rcc::PllQDiv::DIV2),
         divr: Some(rcc::PllRDiv::DIV2),
     });
     config.rcc.sys = rcc::Sysclk::PLL1_R;
@@ -198,9 +213,45 @@ fn clocks() -> embassy_stm32::Config {
     config
 }
 
+/// 500 kbit/s, sampled at 88 % of a bit, and 2 Mbit/s, at 76 %; frames leave in the
+/// order in which they were queued. A queue by priority would let the head of a raw sample overtake
+/// the end of the one before, and returns a frame that it takes back.
+fn bit_timing(config: FdCanConfig) -> FdCanConfig {
+    const fn quanta(quanta: u8) -> NonZeroU8 {
+        NonZeroU8::new(quanta).expect("not 0")
+    }
+    const fn prescaler(prescaler: u16) -> NonZeroU16 {
+        NonZeroU16::new(prescaler).expect("not 0")
+    }
+    let nominal = const {
+        NominalBitTiming {
+            prescaler: prescaler(20),
+            seg1: quanta(QUANTA - 3),
+            seg2: quanta(2),
+            sync_jump_width: quanta(1),
+        }
+    };
+    let data = const {
+        DataBitTiming {
+            // The driver does not set it up on this family; 2 Mbit/s do without.
+            transceiver_delay_compensation: false,
+            prescaler: prescaler(5),
+            seg1: quanta(QUANTA - 5),
+            seg2: quanta(4),
+            sync_jump_width: quanta(4),
+        }
+    };
+    config
+        .set_nominal_bit_timing(nominal)
+        .set_data_bit_timing(data)
+        .set_frame_transmit(FrameTransmissionConfig::AllowFdCanAndBRS)
+        .set_tx_buffer_mode(TxBufferMode::Fifo)
+}
+
 #[embassy_executor::main]
 async fn main(thread: Spawner) {
     static OUTBOX_QUEUE: StaticCell<Queue<Frame, OUTBOX>> = StaticCell::new();
+    static RAW_QUEUE: ConstStaticCell<Queue<u8, RAW_BYTES>> = ConstStaticCell::new(Queue::new());
     static INBOX_QUEUE: StaticCell<Queue<Frame, INBOX>> = StaticCell::new();
     static REPLIES_QUEUE: StaticCell<Queue<Frame, INBOX>> = StaticCell::new();
     static RUNNING: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
@@ -221,8 +272,12 @@ async fn main(thread: Spawner) {
         defmt::error!("no key in its page: no model runs");
     }
     let models = MODELS.init_with(|| {
-        BoardModels::boot(flash, flash::LAYOUT, (identity, NUCLEO_G474RE), ROOM.take())
-            .expect("the layout is constant and fits the flash")
+        let booted =
+            BoardModels::boot(flash, flash::LAYOUT, (identity, NUCLEO_G474RE), ROOM.take());
+        let Ok(models) = booted else {
+            defmt::panic!("the layout is constant and fits the flash")
+        };
+        models
     });
     watchdog.pet();
 
@@ -246,20 +301,23 @@ async fn main(thread: Spawner) {
     let ready = ExtiInput::new_blocking(p.PC7, p.EXTI7, Pull::Up, TriggerEdge::Falling);
 
     let mut can = CanConfigurator::new(p.FDCAN1, p.PA11, p.PA12, Irqs);
-    can.set_bitrate(BITRATE);
+    can.set_config(bit_timing(can.config()));
     let (tx, rx, properties) = can.into_normal_mode().split();
 
     let (outbox_in, outbox) = OUTBOX_QUEUE.init(Queue::new()).split();
     let (inbox_in, inbox) = INBOX_QUEUE.init(Queue::new()).split();
     let (replies_in, replies) = REPLIES_QUEUE.init(Queue::new()).split();
+    let (raw_in, raw_out) = RAW_QUEUE.take().split();
     let board = Nucleo {
         converter,
         ready,
         outbox: outbox_in,
+        raw: RawWriter::new(&RAW_LINK, raw_in),
         tick: 0,
     };
     let app = APP.take();
     models.start(app, RUNNING.take());
+    let raw = RawReader::new(&RAW_LINK, raw_out, app.base());
     REFUSED.store(app.refused(), Relaxed);
     watchdog.pet();
     SAMPLER.give(SAMPLER_CELL.init(Sampler { app, board }));
@@ -267,10 +325,19 @@ async fn main(thread: Spawner) {
     // An interrupt of a peripheral that this board does not use.
     interrupt::UART5.set_priority(Priority::P9);
     let above = ABOVE_THREAD.start(interrupt::UART5);
-    above.spawn(send(tx, outbox, replies).expect("spawned once"));
-    above.spawn(receive(rx, inbox_in).expect("spawned once"));
-    above.spawn(watch(watchdog, properties).expect("spawned once"));
-    thread.spawn(take_models(models, inbox, replies_in).expect("spawned once"));
+    let tasks = (
+        send(tx, outbox, replies, raw),
+        receive(rx, inbox_in),
+        watch(watchdog, properties),
+        take_models(models, inbox, replies_in),
+    );
+    let (Ok(send), Ok(receive), Ok(watch), Ok(take_models)) = tasks else {
+        defmt::panic!("each task is spawned once")
+    };
+    above.spawn(send);
+    above.spawn(receive);
+    above.spawn(watch);
+    thread.spawn(take_models);
 }
 
 #[interrupt]
@@ -299,21 +366,35 @@ fn start_interrupts() {
     }
 }
 
-/// Frames to the bus: replies to an upload first, the sender of an image waits.
+/// Frames to the bus: replies to an upload first, the sender of an image waits; raw samples where
+/// nothing else is to be sent.
 #[embassy_executor::task]
 async fn send(
     mut tx: CanTx<'static>,
     mut outbox: Consumer<'static, Frame>,
     mut replies: Consumer<'static, Frame>,
+    mut raw: RawReader<'static>,
 ) {
     loop {
-        let Some(frame) = replies.dequeue().or_else(|| outbox.dequeue()) else {
-            Timer::after_micros(100).await;
-            continue;
-        };
-        let frame = can::frame::Frame::new_standard(frame.id, &frame.data);
-        if let Ok(frame) = frame {
-            tx.write(&frame).await;
+        let frame = replies.dequeue().or_else(|| outbox.dequeue());
+        let now_us = Instant::now().as_micros() as u32;
+        match frame.map(RawFrame::Classic).or_else(|| raw.next(now_us)) {
+            Some(RawFrame::Classic(frame)) => {
+                let frame = can::frame::Frame::new_standard(frame.id, &frame.data);
+                if let Ok(frame) = frame {
+                    tx.write(&frame).await;
+                }
+            }
+            Some(RawFrame::Fd(FdFrame { id, data })) => {
+                let Some(id) = embedded_can::StandardId::new(id) else {
+                    continue;
+                };
+                let header = can::frame::Header::new_fd(id.into(), data.len() as u8, false, true);
+                if let Ok(frame) = can::frame::FdFrame::new(header, &data) {
+                    tx.write_fd(&frame).await;
+                }
+            }
+            None => Timer::after_micros(100).await,
         }
     }
 }
@@ -354,14 +435,29 @@ async fn take_models(
                 let _ = replies.enqueue(reply);
             }
         }
-        let (reply, refused) = models.poll();
-        if let Some(reply) = reply {
+        let turn = models.poll();
+        if let Some(reply) = turn.reply {
             let _ = replies.enqueue(reply);
         }
-        if let Some(refused) = refused {
+        if let Some(refused) = turn.refused {
             REFUSED.store(refused, Relaxed);
         }
+        if let Some(burst) = turn.burst {
+            begin(burst);
+        }
         Timer::after_millis(1).await;
+    }
+}
+
+/// Begins a burst, and the estimator anew. Data-ready waits: its handler would find the estimator
+/// in use, leave the line pending, and come again at once for ever.
+fn begin(burst: Burst) {
+    NVIC::mask(pac::Interrupt::EXTI9_5);
+    SAMPLER.with(|Sampler { app, board }| app.begin_burst(burst, board));
+    #[allow(unsafe_code)]
+    // SAFETY: it was enabled before, and no critical section is open.
+    unsafe {
+        interrupt::EXTI9_5.enable();
     }
 }
 

@@ -86,7 +86,7 @@ pub struct Build {
 
 /// Boards that there is firmware for.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum BoardName {
+pub(super) enum BoardName {
     /// NUCLEO-G474RE with an ADS131M04: 2 kHz, four channels, one encoder of 16 bits
     #[value(name = "nucleo-g474re")]
     NucleoG474re,
@@ -95,7 +95,7 @@ enum BoardName {
 }
 
 impl BoardName {
-    fn hardware(self) -> Hardware {
+    pub(super) fn hardware(self) -> Hardware {
         match self {
             Self::NucleoG474re => NUCLEO_G474RE,
             Self::Emulated => EMULATED,
