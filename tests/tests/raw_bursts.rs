@@ -4,11 +4,11 @@
 use std::time::Duration;
 
 use heapless::spsc::Queue;
-use loadtwin::image_build::{self, Sensors};
 use loadtwin::can::bus::{Bus, Received};
 use loadtwin::can::frame_comparison::{Comparison, Figures, Verdict};
 use loadtwin::can::simulated_controller::SimulatedController;
 use loadtwin::can::{Model, standard, to_bus, to_bus_fd};
+use loadtwin::image_build::{self, Sensors};
 use loadtwin::machine::Machine;
 use loadtwin_common::hardware::NUCLEO_G474RE;
 use loadtwin_common::io::frame::{Frame, e2e, signal_layout};

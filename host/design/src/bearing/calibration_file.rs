@@ -25,6 +25,10 @@ pub struct Calibration {
     pub load_mean: [f64; LOADS],
     /// Their covariance.
     pub load_covariance: [[f64; LOADS]; LOADS],
+    /// Part by which each cage goes faster on the rig than predicted from its contacts: by sizes that
+    /// differ from the description, and by slip that the bearing always has.
+    #[serde(default)]
+    pub cage_slip: [f64; ROWS],
     /// The bearing against its description.
     pub physical: PhysicalParameters,
     /// Its standard deviation.
@@ -103,6 +107,7 @@ impl Calibration {
         Self {
             load_mean: [0.0; LOADS],
             load_covariance: [[0.0; LOADS]; LOADS],
+            cage_slip: [0.0; ROWS],
             physical: PhysicalParameters::default(),
             physical_std: PhysicalParameters::default(),
             gauge: vec![

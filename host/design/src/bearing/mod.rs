@@ -3,6 +3,7 @@
 //! items.
 
 pub mod baseline;
+mod cage_slip;
 mod calibration_file;
 mod design_matrix;
 mod gauge_calibration;
@@ -13,6 +14,7 @@ mod physical_fit;
 mod physical_parameters;
 mod rig_calibration;
 
+pub use crate::bearing::cage_slip::cage_slip;
 pub use crate::bearing::calibration_file::{CALIBRATION, Calibration, GaugeResponse};
 pub use crate::bearing::design_matrix::DRIFT_TERMS;
 pub use crate::bearing::gauge_prediction::{Prediction, predict_readings};

@@ -13,6 +13,7 @@ use loadtwin_common::bearing::{GAUGES, LOADS};
 use loadtwin_common::io::raw::RawSample;
 
 use crate::bearing::baseline::Baseline;
+use crate::bearing::cage_slip::mean_cage_slip;
 use crate::bearing::calibration_file::Calibration;
 use crate::bearing::gauge_calibration::{fit_gauges, uncertainty};
 use crate::bearing::phase_tracking::{CalibrationBlock, check_followed, track_phases};
@@ -109,6 +110,7 @@ fn fit_reporting(
         }
         each(pass + 1);
     }
+    calibration.cage_slip = mean_cage_slip(rig, &known, &calibration)?;
     Ok((calibration, known))
 }
 

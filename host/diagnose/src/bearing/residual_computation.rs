@@ -2,8 +2,6 @@
 //! each gauge and slip of each cage, minus the prediction of its calibration. The drift of the
 //! offsets, a cubic in time, is projected out.
 
-use std::f64::consts::{PI, TAU};
-
 use loadtwin_common::bearing::{BASIS, GAUGES, ROWS};
 
 use crate::bearing::recorded_blocks::BearingRecording;
@@ -11,7 +9,9 @@ use crate::bearing::{Kind, STREAMS};
 use crate::diagnosis::DiagnoseError;
 use crate::regression::projection::NuisanceProjection;
 use crate::residual_model::SignalSet;
-use loadtwin_design::bearing::{Calibration, DRIFT_TERMS, Prediction, Rig, predict_readings};
+use loadtwin_design::bearing::{
+    Calibration, DRIFT_TERMS, Prediction, Rig, cage_slip, predict_readings,
+};
 use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::{Bearing, Machine};
 
@@ -100,7 +100,7 @@ impl BearingContext {
                 let value = self.place[i].and_then(|at| match kind {
                     Kind::Bulk(g) => Some(self.left(at, g)?[0]),
                     Kind::Local(g) => self.along(at, g, &self.left(at, g)?),
-                    Kind::Slip(row) => self.slip(at, row),
+                    Kind::Slip(row) => Some(self.slip(at, row)? - self.calibration.cage_slip[row]),
                 });
                 value.unwrap_or(f64::NAN)
             })
@@ -127,23 +127,20 @@ impl BearingContext {
 
     /// By which part the cage of a row went faster than predicted since the block before.
     fn slip(&self, at: usize, row: usize) -> Option<f64> {
-        let known = &self.recorded.known;
-        let before = at
-            .checked_sub(1)
-            .filter(|b| known[*b].number + 1 == known[at].number)?;
-        // Phases in the middle of both blocks.
-        let half = |at: usize| 0.5 * f64::from(known[at].block.phase);
-        let turned = known[at].phase[row] + half(at) - known[before].phase[row] - half(before);
-        let expected = half(before) * self.predicted[before].pace[row]
-            + half(at) * self.predicted[at].pace[row];
-        let more = (turned - expected + PI).rem_euclid(TAU) - PI;
-        let gathered = half(before) + half(at);
-        Some(self.recorded.rate * (expected + more) / gathered - expected / gathered)
+        cage_slip(
+            &self.recorded.known,
+            &self.predicted,
+            self.recorded.rate,
+            at,
+            row,
+        )
     }
 
     /// By which part the cages went faster than predicted, on average.
     pub fn mean_slip(&self) -> f64 {
-        let slips = (0..ROWS).flat_map(|row| self.untouched(Kind::Slip(row)));
+        let slips = (0..ROWS).flat_map(|row| {
+            (0..self.recorded.known.len()).filter_map(move |at| self.slip(at, row))
+        });
         let (sum, n) = (slips.filter(|slip| slip.is_finite()))
             .fold((0.0, 0.0), |(sum, n), slip| (sum + slip, n + 1.0));
         sum / f64::max(n, 1.0)

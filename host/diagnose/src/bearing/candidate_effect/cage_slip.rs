@@ -1,11 +1,11 @@
-//! Candidate effect, cage slip: each cage is slower than with rolling balls, by a constant part of
-//! its rate. Regressor: minus the predicted rate of the cage, in the slip residual of its row.
+//! Candidate effect, cage slip: each cage is slower than on the rig under the same loads, by a
+//! constant part of its rate. Regressor: minus the predicted rate of the cage, in the slip residual of its row.
 
 use crate::bearing::{BearingResiduals, Kind};
 use crate::candidate_effect::{Effect, EffectInfo, LinearParameter, Scope};
 use crate::residual_model::SignalSet;
 
-/// A cage goes slower than rolling balls would take it by a part of its rate: each by its own.
+/// A cage goes slower than it did on the rig by a part of its rate: each by its own.
 pub struct CageSlip;
 
 const INFO: EffectInfo = EffectInfo {
