@@ -256,7 +256,7 @@ fn bursts_of_the_real_boards_machine_are_as_long_as_documented() {
     let path = firmware::root().join("examples/bench/machine.toml");
     let machine = Machine::load(&path).expect("the description is valid");
     let sensors = Sensors::choose(&machine, None).expect("few enough sensors");
-    let image = build::image(&machine, &sensors).expect("the machine fits an image");
+    let image = image_build::image(&machine, &sensors).expect("the machine fits an image");
     let model = Model::from_bytes(&image).expect("good");
     assert_eq!(NUCLEO_G474RE.serves(&model.image), Ok(()));
     let samples: Vec<RawSample> = (0..6000)
