@@ -141,8 +141,8 @@ impl Consistency {
             return Some(cause);
         }
         // Without the encoder's angle no other cause can be tested.
-        let encoders = self.sensors.iter().skip(sensors.channels.len());
-        let by_encoder = encoders.filter_map(SensorConsistency::mostly_faulty).next();
+        let mut encoders = self.sensors.iter().skip(sensors.channels.len());
+        let by_encoder = encoders.find_map(SensorConsistency::mostly_faulty);
         if by_encoder.is_some() {
             return by_encoder;
         }
