@@ -272,7 +272,11 @@ pub enum Problem {
         period_s: f64,
     },
     /// Recorded at another rate than the machine description says.
-    #[error("is sampled every {found_s:.6} s; allowed: {allowed_s:.6} s within 2 %")]
+    #[error(
+        "is sampled every {found_s:.6} s ({} Hz); allowed: {allowed_s:.6} s ({} Hz) within 2 %, the `rate_hz` of \
+         the machine description ({RESAMPLE})",
+        hertz(*.found_s), hertz(*.allowed_s)
+    )]
     Period {
         /// Median step of the recording, s.
         found_s: f64,
@@ -332,6 +336,11 @@ pub enum Problem {
         /// What its decoder says, one line.
         found: String,
     },
+}
+
+/// The rate of a period (s), in Hz to 0.1 Hz.
+fn hertz(period_s: f64) -> f64 {
+    (10.0 / period_s).round() / 10.0
 }
 
 /// How rows off the clock can be read.
