@@ -127,7 +127,8 @@ fn every_fault_gets_one_line_with_its_place() {
         ),
         (
             "when [s],ta1 [µm/m]\n0,1\n1,2\n",
-            "column `t` is missing; found: when, ta1",
+            "column `t` is missing; found: when, ta1 (of a text file `row_period_ms` under [recording] states \
+             the time from row to row, and `skip_lines` the lines before its header)",
         ),
         (
             "t [s],ta1 [mm]\n0,1\n1,2\n",

@@ -131,15 +131,19 @@ fn is_evenly_irregular(t: &[f64], line: &Line) -> bool {
 /// distances, which the line takes for another period.
 ///
 /// Each such row moves those after it by a whole period: few rows between two of them lie on a
-/// line of their own, all rows together spread over the period. Jitter spreads few rows as it does
-/// all of them.
+/// line of their own, all rows together spread over the period, and two steps in a row show the
+/// jump. Jitter spreads few rows as it does all of them; a clock that wanders does not jump.
 fn has_steps(t: &[f64], line: &Line) -> bool {
     /// Rows that lie between two such rows: a period within [`RATE`] of another has one in 50.
     const FEW: usize = 16;
     /// Part of the spread of all rows that few have of jitter: at least 0.8, by the 1.8 standard
     /// deviations of 0.11 that 16 uniform values have.
     const OF_JITTER: f64 = 0.7;
-    if line.spread < FILLED {
+    /// Least jump within two steps (periods): jitter in which a whole one passes as regular is
+    /// below 0.1.
+    const JUMP: f64 = 0.7;
+    let jumps = |t: &[f64]| ((t[2] - t[0]) / line.period_s - 2.0).abs() > JUMP;
+    if line.spread < FILLED || !t.windows(3).any(jumps) {
         return false;
     }
     let mut few: Vec<f64> = (t.chunks_exact(FEW))

@@ -76,6 +76,14 @@ fn stamps_of_regular_rows_give_the_plain_estimates() {
         *t += 0.05 * (0.3 * *t).sin() * PERIOD_S + 1e-4 * (*t * 0.5).sin();
     }
     same(&wave, "", &plain, "a clock that wanders");
+    // Fifty rows a turn, of which few are as regular as between lost rows.
+    let mut wave = base();
+    for t in &mut wave.t {
+        *t += 0.45 * PERIOD_S * (std::f64::consts::TAU * *t / 0.1).sin();
+    }
+    for layout in ["", "largest_gap = 1"] {
+        same(&wave, layout, &plain, "jitter of 10 Hz");
+    }
 }
 
 /// Decimals that leave less than half a period.
