@@ -163,6 +163,7 @@ impl<'a> Planner<'a> {
                 column: format!("`{TIME}`"),
                 found: "no channel group with a time channel".into(),
                 nearest: None,
+                is_time: false,
             });
         };
         let wanted = key(best);
