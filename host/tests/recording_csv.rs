@@ -127,7 +127,8 @@ fn every_fault_gets_one_line_with_its_place() {
         ),
         (
             "when [s],ta1 [µm/m]\n0,1\n1,2\n",
-            "column `t` is missing; found: when, ta1",
+            "column `t` is missing; found: when, ta1 (of a text file `row_period_ms` under [recording] states \
+             the time from row to row, and `skip_lines` the lines before its header)",
         ),
         (
             "t [s],ta1 [mm]\n0,1\n1,2\n",
@@ -332,8 +333,9 @@ fn sample_period_that_the_machine_does_not_have() {
     let open = || bench.open(text, &[]).unwrap();
     assert_eq!(open().expect_period(0.00201).unwrap().period_s(), 0.00201);
     let line = open().expect_period(0.001).err().unwrap().to_string();
-    let expected = ": is sampled every 0.002000 s; allowed: 0.001000 s within 2 %";
-    assert!(line.ends_with(expected), "{line}");
+    let expected =
+        ": is sampled every 0.002000 s (500 Hz); allowed: 0.001000 s (1000 Hz) within 2 %";
+    assert!(line.contains(expected), "{line}");
 }
 
 /// Resident memory of this process at its peak, bytes.

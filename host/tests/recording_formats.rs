@@ -260,8 +260,8 @@ fn a_parquet_column_of_text_and_a_written_nan_are_refused() {
     );
     assert_eq!(
         line(&[("note", "1")]),
-        "column `note` holds Utf8; allowed: numbers, Booleans, times (`type` of the channel under \
-         [recording.channels] reads text as one of them)"
+        "column `note` holds Utf8; allowed: numbers, Booleans, timestamps, times of day, durations \
+         (`type` of the channel under [recording.channels] reads text as one of them)"
     );
     let layout: CsvLayout = toml::from_str("written_nan = 'missing'").unwrap();
     let wanted = Wanted {

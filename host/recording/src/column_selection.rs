@@ -16,6 +16,8 @@ pub(super) struct Selection {
     pub(super) order: Vec<Option<(usize, Conversion)>>,
     /// What each pick is.
     pub(super) roles: Vec<Role>,
+    /// Picks that are read as counts, and their names.
+    pub(super) counts: Vec<(usize, String)>,
 }
 
 impl Selection {
@@ -41,6 +43,7 @@ impl Selection {
             time: conversion(&columns[time], Unit::SECOND)?,
             order: Vec::with_capacity(wanted.len()),
             roles: vec![Role::Continuous],
+            counts: Vec::new(),
         };
         for (k, w) in wanted.iter().enumerate() {
             let role = roles.get(k).copied().unwrap_or_default();
@@ -50,6 +53,11 @@ impl Selection {
                 Err(Problem::Missing { .. }) if !w.required => None,
                 Err(problem) => return Err(problem),
             };
+            if let Some((pick, _)) = place
+                && w.unit == Unit::COUNTS
+            {
+                selection.counts.push((pick, shown(w.name)));
+            }
             selection.order.push(place);
         }
         Ok(selection)
@@ -114,6 +122,7 @@ fn missing(columns: &[Column], channel: &str, layout: &CsvLayout) -> Problem {
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, c)| shown(&c.name));
     Problem::Missing {
+        is_time: channel == TIME,
         column: if name == channel {
             format!("`{}`", shown(name))
         } else {

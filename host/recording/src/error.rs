@@ -110,7 +110,7 @@ pub enum Problem {
         name: String,
     },
     /// A column that the caller cannot do without.
-    #[error("column {column} is missing; found: {found}{}", .nearest.as_ref().map(|n| format!("; did you mean `{n}`?")).unwrap_or_default())]
+    #[error("column {column} is missing; found: {found}{}{}", .nearest.as_ref().map(|n| format!("; did you mean `{n}`?")).unwrap_or_default(), if *.is_time { NO_TIME } else { "" })]
     Missing {
         /// Its name in the file in backquotes, and the channel where that is called otherwise.
         column: String,
@@ -118,6 +118,8 @@ pub enum Problem {
         found: String,
         /// The column there with the most similar name.
         nearest: Option<String>,
+        /// Whether it is the time.
+        is_time: bool,
     },
     /// A column without a unit.
     #[error(
@@ -150,13 +152,22 @@ pub enum Problem {
     },
     /// A column of text or lists.
     #[error(
-        "column `{column}` holds {found}; allowed: numbers, Booleans, times (`type` of the channel \
-         under [recording.channels] reads text as one of them)"
+        "column `{column}` holds {found}; allowed: numbers, Booleans, timestamps, times of day, durations \
+         (`type` of the channel under [recording.channels] reads text as one of them)"
     )]
     NotNumeric {
         /// The column.
         column: String,
         /// Type found.
+        found: String,
+    },
+    /// Numbers with one comma before three digits each.
+    #[error(
+        "cannot be read without `decimal_comma` under [recording]: every comma may be a decimal comma or \
+         part the thousands, found `{found}`; allowed: true or false"
+    )]
+    CommaMeaning {
+        /// One of them.
         found: String,
     },
     /// A row of another length than the header's.
@@ -272,7 +283,11 @@ pub enum Problem {
         period_s: f64,
     },
     /// Recorded at another rate than the machine description says.
-    #[error("is sampled every {found_s:.6} s; allowed: {allowed_s:.6} s within 2 %")]
+    #[error(
+        "is sampled every {found_s:.6} s ({} Hz); allowed: {allowed_s:.6} s ({} Hz) within 2 %, the `rate_hz` of \
+         the machine description ({RESAMPLE})",
+        hertz(*.found_s), hertz(*.allowed_s)
+    )]
     Period {
         /// Median step of the recording, s.
         found_s: f64,
@@ -334,9 +349,18 @@ pub enum Problem {
     },
 }
 
+/// The rate of a period (s), in Hz to 0.1 Hz.
+fn hertz(period_s: f64) -> f64 {
+    (10.0 / period_s).round() / 10.0
+}
+
 /// How rows off the clock can be read.
 const RESAMPLE: &str = "`timing = \"resample\"` under [recording] brings rows onto the clock where \
      their times are exact";
+
+/// What may be the matter where there is no time.
+const NO_TIME: &str = " (of a text file `row_period_ms` under [recording] states the time from row to row, and \
+     `skip_lines` the lines before its header)";
 
 /// What the time may be.
 pub(super) const FINITE_TIME: &str = "a finite number of the time unit";
@@ -347,6 +371,10 @@ pub(super) const FINITE: &str = "a finite number";
 /// What a channel may be where NaN was found.
 pub(super) const NO_NAN: &str = "a number, or nothing where the sample is missing \
      (`written_nan = \"missing\"` under [recording] takes NaN as that)";
+
+/// What counts may be that f64 holds to the last one.
+pub(super) const WHOLE_COUNTS: &str = "counts below 2^53, beyond which they are not exact (record the counter modulo \
+     its width, or from its first value on)";
 
 /// Foreign text, fit for one line of a message: without control characters,
 /// at most `limit` characters and then `…`.

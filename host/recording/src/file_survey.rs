@@ -96,19 +96,29 @@ fn try_survey(path: &Path) -> Result<Survey, Problem> {
         Err(Problem::Foreign { .. } | Problem::Io(_) | Problem::Damaged { .. }) => false,
         Err(_) => true,
     };
-    let layout = match format {
+    let mut layout = match format {
         _ if is_text => outline(path, false)?,
         Ok(_) => CsvLayout::default(),
         Err(problem) => return Err(problem),
     };
-    let format = Format::open(path, &layout, &[])?;
+    let mut format = Format::open(path, &layout, &[]);
+    let mut changes = Vec::new();
+    if let Err(problem @ Problem::CommaMeaning { .. }) = &format {
+        changes.push(Change {
+            field: "decimal_comma",
+            reason: problem.to_string(),
+        });
+        layout.decimal_comma = Some(true);
+        format = Format::open(path, &layout, &[]);
+    }
+    let format = format?;
     let names = format.names()?;
     let asked: Vec<(&str, bool)> = names.iter().map(|name| (name.as_str(), false)).collect();
     let opened = Opened::open(Input::File(path), &layout, &asked)?;
     let mut survey = Survey {
         format: format.name(),
         layout,
-        changes: Vec::new(),
+        changes,
         columns: Vec::new(),
         rows: 0,
         period_s: 1e-3,
@@ -158,6 +168,7 @@ impl Survey {
                     column: format!("`{TIME}`"),
                     found: found.join(", "),
                     nearest: None,
+                    is_time: false,
                 });
             }
             self.has_time = false;

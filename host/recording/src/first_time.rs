@@ -18,7 +18,8 @@ pub fn first_time<'a>(
     let input = input.into();
     let first = || -> Result<Option<f64>, Problem> {
         let opened = Opened::open(input, layout, &[])?;
-        let selection = Selection::try_new(&opened.columns, &[], &[], layout)?;
+        let selection = Selection::try_new(&opened.columns, &[], &[], layout)
+            .map_err(|problem| opened.format.explained(problem, &opened.columns))?;
         let source = Source::start(opened.format, selection.picks.clone())?;
         let rows = read_rows(&source, &selection, 0, &mut None)?;
         Ok(rows.t().first().copied())

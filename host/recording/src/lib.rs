@@ -26,6 +26,7 @@ mod mdf;
 mod parquet;
 mod reader;
 mod recording_layout;
+mod regular_stretch;
 mod resample;
 mod row_source;
 mod sampling_grid;

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use super::TIME;
 use super::clock_state::Clock;
 use super::column_selection::Selection;
-use super::error::{Problem, RecordingError, Row};
+use super::error::{Problem, RecordingError, Row, WHOLE_COUNTS};
 use super::recording_layout::{Column, CsvLayout, Role, Timing, Wanted};
 use super::resample::Resampler;
 use super::row_source::{Input, Opened, Rows, Source};
@@ -16,6 +16,9 @@ use super::sampling_grid::{Gap, Grid, Misplaced};
 /// Time that no clock shows, 30 000 years (s): nanoseconds since 1970 read as
 /// seconds are later.
 const LATEST_S: f64 = 1e12;
+
+/// Counts from which f64 does not hold each whole number.
+const LARGEST_COUNT: f64 = (1_u64 << f64::MANTISSA_DIGITS) as f64;
 
 /// Consecutive samples of a recording.
 #[derive(Clone, Debug, PartialEq)]
@@ -149,7 +152,8 @@ impl Reader {
         let names: Vec<_> = wanted.iter().map(|w| (w.name, w.required)).collect();
         let opened = Opened::open(input, layout, &names)?;
         let columns = opened.columns;
-        let selection = Selection::try_new(&columns, wanted, roles, layout)?;
+        let selection = Selection::try_new(&columns, wanted, roles, layout)
+            .map_err(|problem| opened.format.explained(problem, &columns))?;
         let source = Source::start(opened.format, selection.picks.clone())?;
         let mut last_t = clock.as_ref().map(Clock::last_t);
         let last = last_t.map(|t| (Row { row: 0, line: None }, t));
@@ -394,7 +398,8 @@ impl Reader {
     }
 }
 
-/// Reads rows, converts their time, and refuses one that runs backwards.
+/// Reads rows, converts their time, and refuses one that runs backwards, and counts that are not
+/// exact.
 pub(super) fn read_rows(
     source: &Source,
     selection: &Selection,
@@ -424,6 +429,17 @@ pub(super) fn read_rows(
         before = found;
     }
     *last_t = rows.t().last().copied().or(*last_t);
+    for (pick, name) in &selection.counts {
+        let mut values = rows.columns[*pick].iter();
+        if let Some(i) = values.position(|value| value.abs() >= LARGEST_COUNT) {
+            return Err(Problem::Cell {
+                row: rows.place(rows_before, i),
+                column: name.clone(),
+                found: rows.columns[*pick][i].to_string(),
+                allowed: WHOLE_COUNTS,
+            });
+        }
+    }
     Ok(rows)
 }
 

@@ -19,7 +19,7 @@ use super::mdf::Mdf;
 use super::parquet::Parquet;
 use super::recording_layout::{Column, CsvLayout};
 use super::table_writer::SIMULATED;
-use super::{BLOCK_ROWS, clipped};
+use super::{BLOCK_ROWS, clipped, shown};
 use loadtwin_files::file_kind::Existing;
 
 /// Blocks decoded ahead of the caller.
@@ -237,6 +237,25 @@ impl Format {
             Self::Parquet(parquet) => parquet.columns(),
             Self::Mdf(mdf) => mdf.columns(),
             Self::Arrow(stream) => stream.columns(),
+        }
+    }
+
+    /// `problem`, where a column without a unit is none of numbers: that it holds text. `columns`:
+    /// those of the file, as the layout names them.
+    pub(super) fn explained(&self, problem: Problem, columns: &[Column]) -> Problem {
+        let table = match self {
+            Self::Parquet(parquet) => parquet.table(),
+            Self::Arrow(stream) => stream.table(),
+            Self::Csv(_) | Self::Mdf(_) => return problem,
+        };
+        let Problem::NoUnit { column, .. } = &problem else {
+            return problem;
+        };
+        let place = columns.iter().position(|c| shown(&c.name) == *column);
+        let checked = place.map(|place| table.check_numbers(&[place]));
+        match checked {
+            Some(Err(not_numeric)) => not_numeric,
+            _ => problem,
         }
     }
 

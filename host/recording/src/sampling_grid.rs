@@ -9,6 +9,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::error::Problem;
+use super::regular_stretch::{Line, RATE, UNIFORM, coarse, median, regular_stretch};
 
 /// Rows that the line rests on. 2048 rows with jitter of half a period leave
 /// 0.01 periods of it in the line; a clock that changes by 100 ppm at once is
@@ -23,16 +24,6 @@ const GRACE: f64 = 0.03;
 /// The same where no row may be missing.
 const GRACE_WITHOUT_GAPS: f64 = 0.1;
 
-/// Relative deviation of a period that is another period.
-pub(super) const RATE: f64 = 0.02;
-
-/// Standard deviation of jitter that is uniform over a period (periods).
-const UNIFORM: f64 = 0.29;
-
-/// A regular stretch has residuals below this (periods): one lost row alone
-/// makes two neighbours differ by a whole period, and so one of them by half.
-const REGULAR: f64 = 0.25;
-
 /// Rows that a line counts for which rests on no regular stretch.
 const COARSE: f64 = 16.0;
 
@@ -46,9 +37,6 @@ const WANDERS: f64 = 0.25;
 /// The same where a step that is nearer to one period would make a gap (periods).
 const WANDERS_AT_GAP: f64 = 0.12;
 
-/// Lengths of the stretches in which the line is looked for (rows).
-const STRETCHES: [usize; 4] = [1024, 256, 64, 16];
-
 /// Rows over which a changed rate is looked for.
 const CHANGES: [f64; 2] = [256.0, 8192.0];
 
@@ -58,6 +46,18 @@ const NEVER_ONE: u32 = 32;
 /// How far back a gap is counted again when the rows after it show that it is a
 /// tick longer or shorter (rows).
 const RECOUNTED: usize = 16;
+
+/// The stretch that is regular at any period, where the described one holds for `held` rows: none
+/// where that is as good.
+fn other_period(t: &[f64], held: usize) -> Option<(std::ops::Range<usize>, Line)> {
+    /// How much longer the other one is: over few rows, coarse stamps have many periods.
+    const LONGER: usize = 8;
+    if held * LONGER > t.len() {
+        return None;
+    }
+    let other = regular_stretch(t, None);
+    other.filter(|(rows, line)| held == 0 || line.is_sure() && rows.len() >= LONGER * held)
+}
 
 /// Samples absent from the file before a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -143,9 +143,11 @@ impl Grid {
             return Ok(None);
         };
         let mut stretch = regular_stretch(t, expected_s);
-        if let (None, Some(allowed_s)) = (&stretch, expected_s) {
-            let (found_s, by_jitter) = match regular_stretch(t, None) {
+        if let Some(allowed_s) = expected_s {
+            let held = stretch.as_ref().map_or(0, |(rows, _)| rows.len());
+            let (found_s, by_jitter) = match other_period(t, held) {
                 Some((rows, line)) => (line.period_s, line.slope_error(rows.len())),
+                None if held > 0 => (allowed_s, 0.0),
                 None => (step, 8.0 * UNIFORM / (t.len() as f64).sqrt()),
             };
             if (found_s / allowed_s - 1.0).abs() > RATE + by_jitter {
@@ -370,8 +372,11 @@ impl Grid {
         if !is_other || !steps.into_iter().all(like) {
             return None;
         }
+        // Of two rates that are close to each other, rows are of the nearer one.
+        let nearer = |step: f64| (step - period_s).abs() < (step - self.period_s).abs();
         let mut first = row;
-        while first > 1 && like(t[first - 1] - t[first - 2]) {
+        while first > 1 && like(t[first - 1] - t[first - 2]) && nearer(t[first - 1] - t[first - 2])
+        {
             first -= 1;
         }
         Some(Misplaced::Rate {
@@ -379,122 +384,4 @@ impl Grid {
             period_s,
         })
     }
-}
-
-/// A straight line through consecutive rows.
-#[derive(Clone, Copy)]
-struct Line {
-    period_s: f64,
-    /// Time of its last row (s).
-    end_s: f64,
-    /// Largest distance of a row from it (periods).
-    residual: f64,
-}
-
-impl Line {
-    /// Least squares, one row a tick; a described period counts as much as
-    /// jitter of half a period and a clock that is 1 % off make it.
-    fn fit(t: &[f64], expected_s: Option<f64>) -> Self {
-        let n = t.len() as f64;
-        let middle = 0.5 * (n - 1.0);
-        // Differences from the first row keep the digits of a time since 1970.
-        let mean = t.iter().map(|x| x - t[0]).sum::<f64>() / n;
-        let (mut kt, mut kk) = (0.0, 0.0);
-        for (k, x) in t.iter().enumerate() {
-            let k = k as f64 - middle;
-            kt += k * (x - t[0] - mean);
-            kk += k * k;
-        }
-        if let Some(expected_s) = expected_s {
-            let weight = (UNIFORM / 0.01_f64).powi(2);
-            kt += weight * expected_s;
-            kk += weight;
-        }
-        let period_s = kt / kk;
-        let on = |k: usize| mean + (k as f64 - middle) * period_s;
-        let largest = t
-            .iter()
-            .enumerate()
-            .map(|(k, x)| (x - t[0] - on(k)).abs())
-            .fold(0.0, f64::max);
-        Self {
-            period_s,
-            end_s: t[0] + on(t.len() - 1),
-            residual: largest / period_s,
-        }
-    }
-
-    /// Bound of the relative error of the period of `rows` rows: four standard
-    /// deviations at jitter that is uniform up to the largest residual.
-    fn slope_error(&self, rows: usize) -> f64 {
-        4.0 * self.residual * 2.0 / (rows as f64).powf(1.5)
-    }
-}
-
-/// The most regular stretch without a lost row, of the longest that there are.
-fn regular_stretch(t: &[f64], expected_s: Option<f64>) -> Option<(std::ops::Range<usize>, Line)> {
-    let shortest = t.len().min(16);
-    let lengths = STRETCHES.into_iter().filter(|&n| n < t.len());
-    for length in std::iter::once(t.len().min(1024))
-        .chain(lengths)
-        .filter(|&n| n >= shortest && n > 2)
-    {
-        let last = t.len() - length;
-        let mut best: Option<(std::ops::Range<usize>, Line)> = None;
-        for start in (0..last).step_by((length / 2).max(1)).chain([last]) {
-            let rows = start..start + length;
-            let line = Line::fit(&t[rows.clone()], expected_s);
-            let is_expected = expected_s.is_none_or(|p| (line.period_s / p - 1.0).abs() <= RATE);
-            if is_expected
-                && line.residual < 0.5
-                && best
-                    .as_ref()
-                    .is_none_or(|(_, b)| line.residual < b.residual)
-                && (line.residual < REGULAR || is_evenly_irregular(&t[rows.clone()], &line))
-            {
-                best = Some((rows, line));
-            }
-        }
-        if best.is_some() {
-            return best;
-        }
-    }
-    // Of few rows with much jitter only the described period makes a line.
-    let all = Line::fit(t, expected_s);
-    (expected_s.is_some() && t.len() < 64 && all.residual < 0.5).then_some((0..t.len(), all))
-}
-
-/// Whether the quarters of a stretch are as irregular as the whole: it is
-/// jitter then, and no lost row.
-fn is_evenly_irregular(t: &[f64], line: &Line) -> bool {
-    if t.len() < 64 {
-        return false;
-    }
-    let least = t
-        .chunks_exact(t.len() / 4)
-        .map(|quarter| Line::fit(quarter, Some(line.period_s)).residual)
-        .fold(f64::INFINITY, f64::min);
-    line.residual <= 1.6 * least + 0.02
-}
-
-/// A line of the given period through the first row, moved by the mean phase of
-/// the first rows.
-fn coarse(t: &[f64], period_s: f64) -> Line {
-    let turn = std::f64::consts::TAU / period_s;
-    let (mut sine, mut cosine) = (0.0, 0.0);
-    for x in t.iter().take(64) {
-        let (s, c) = ((x - t[0]) * turn).sin_cos();
-        sine += s;
-        cosine += c;
-    }
-    Line {
-        period_s,
-        end_s: t[0] + sine.atan2(cosine) / turn,
-        residual: 0.5,
-    }
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    let middle = values.len().checked_sub(1)? / 2;
-    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }

@@ -14,7 +14,7 @@ use super::displacement_errors::displacement_columns;
 use super::encoder_counts::{Motion, motions};
 use super::index_pulse::{Pulse, Pulses};
 use super::reading_correction::Correction;
-use super::wanted_columns::{missing_references, optional, wanted_sensors};
+use super::wanted_columns::{optional, reference_note, wanted_sensors};
 use loadtwin_design::image_build::Sensors;
 use loadtwin_machine::{Channel, Encoder, Encoding, Machine, Reference, Regime, Segment};
 use loadtwin_recording::{
@@ -31,8 +31,8 @@ pub struct Samples {
     period_s: f64,
     index: Option<IndexColumn>,
     references: Vec<Reference>,
-    /// References without a column, where others have one.
-    missing_references: Vec<String>,
+    /// Which references have no column, where there is a reason to say it.
+    reference_note: Option<String>,
     /// Columns of true displacements.
     displacements: usize,
     machine_segments: Vec<Segment>,
@@ -212,7 +212,7 @@ impl Samples {
             channels: sensors.channels.clone(),
             encoders: sensors.encoders.clone(),
             references: machine.references.clone(),
-            missing_references: missing_references(machine, &found),
+            reference_note: reference_note(machine, &found),
             displacements: displacements.len(),
             machine_segments: machine.segments.clone(),
             segments_from_s: None,
@@ -243,12 +243,7 @@ impl Samples {
         let mut notes = self.reader.notes().to_vec();
         let index = self.index.as_ref().and_then(|index| index.pulses.note());
         notes.extend(index.map(str::to_owned));
-        if !self.missing_references.is_empty() {
-            notes.push(format!(
-                "no column `{}`: the loads of these references have no error figure",
-                self.missing_references.join("`, `")
-            ));
-        }
+        notes.extend(self.reference_note.clone());
         if self.fractional > 0 {
             notes.push(format!(
                 "{} counts are no whole numbers (means of several conversions?) and are rounded",

@@ -36,14 +36,37 @@ pub(super) fn wanted_sensors<'a>(
     (wanted, roles)
 }
 
-/// The references without a column among those `found`; none where no reference has one, as in operation.
-pub(super) fn missing_references(machine: &Machine, found: &[Column]) -> Vec<String> {
+/// Names the references without a column among those `found`, with columns of nearly their name;
+/// none where the recording has no reference and nothing like one, as in operation.
+pub(super) fn reference_note(machine: &Machine, found: &[Column]) -> Option<String> {
     let is_there = |reference: &&Reference| found.iter().any(|c| c.name == reference.name);
-    if !machine.references.iter().any(|r| is_there(&r)) {
-        return Vec::new();
+    let plain = |name: &str| -> String {
+        let letters = name.chars().filter(|c| c.is_alphanumeric());
+        letters.flat_map(char::to_lowercase).collect()
+    };
+    let similar = |reference: &Reference| {
+        let name = plain(&reference.name);
+        found.iter().find(|column| plain(&column.name) == name)
+    };
+    let missing: Vec<_> = (machine.references.iter())
+        .filter(|r| !is_there(r))
+        .map(|reference| (reference, similar(reference)))
+        .collect();
+    let is_known = missing.len() < machine.references.len();
+    if missing.is_empty() || !is_known && missing.iter().all(|(_, similar)| similar.is_none()) {
+        return None;
     }
-    let missing = machine.references.iter().filter(|r| !is_there(r));
-    missing.map(|reference| reference.name.clone()).collect()
+    let names = missing.iter().map(|(reference, similar)| match similar {
+        Some(column) => format!(
+            "`{}` (`column = {:?}` under [recording.channels] would read `{}` as that)",
+            reference.name, column.name, column.name
+        ),
+        None => format!("`{}`", reference.name),
+    });
+    Some(format!(
+        "no column {}: the loads of these references have no error figure",
+        names.collect::<Vec<_>>().join(", ")
+    ))
 }
 
 /// A column that a recording need not have.

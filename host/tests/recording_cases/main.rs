@@ -2,6 +2,7 @@
 //! refused with a line that says why.
 mod clock;
 mod index;
+mod refusals;
 mod reported;
 mod table;
 mod time;

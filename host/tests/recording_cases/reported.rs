@@ -63,7 +63,7 @@ const TABLE: [(&str, &str, Right); 52] = [
     (
         "14b-no-time-column/rec.csv",
         "rp2",
-        Refused("is sampled every 0.000500 s; allowed: 0.002000 s"),
+        Refused("is sampled every 0.000500 s (2000 Hz); allowed: 0.002000 s (500 Hz)"),
     ),
     ("19-jitter/rec-45pct.csv", "calibrated", PLAIN),
     ("19-jitter/rec-45pct.csv", "gap1", PLAIN),

@@ -76,6 +76,14 @@ fn stamps_of_regular_rows_give_the_plain_estimates() {
         *t += 0.05 * (0.3 * *t).sin() * PERIOD_S + 1e-4 * (*t * 0.5).sin();
     }
     same(&wave, "", &plain, "a clock that wanders");
+    // Fifty rows a turn, of which few are as regular as between lost rows.
+    let mut wave = base();
+    for t in &mut wave.t {
+        *t += 0.45 * PERIOD_S * (std::f64::consts::TAU * *t / 0.1).sin();
+    }
+    for layout in ["", "largest_gap = 1"] {
+        same(&wave, layout, &plain, "jitter of 10 Hz");
+    }
 }
 
 /// Decimals that leave less than half a period.
@@ -207,6 +215,16 @@ fn another_rate_is_refused_from_where_it_begins() {
             }
         }
     }
+    // A rate close to the one before.
+    let mut table = base();
+    for row in 1501..3000 {
+        table.t[row] = 3.0 + (row - 1500) as f64 * 0.97 * PERIOD_S;
+    }
+    refused(
+        &table,
+        "",
+        "row 1502 (line 1503): from t = 3.00194 s on rows come every 0.001940 s",
+    );
     for (factor, layout) in [
         (1.03, "largest_gap = 2"),
         (1.01, "largest_gap = 2"),
@@ -232,7 +250,7 @@ fn another_rate_is_refused_from_where_it_begins() {
     refused(
         &all,
         "",
-        "is sampled every 0.001000 s; allowed: 0.002000 s within 2 %",
+        "is sampled every 0.001000 s (1000 Hz); allowed: 0.002000 s (500 Hz) within 2 %",
     );
 }
 
@@ -307,6 +325,77 @@ fn resampled_rows_give_the_plain_error() {
             }
         }
         close(&table, &format!("{times} times the rate from 3 s on"));
+    }
+}
+
+/// One row of `every` absent, or one more: the mean rate stays within 2 %.
+#[test]
+fn rows_absent_or_added_at_regular_distances_are_no_other_rate() {
+    for (every, rate, jitter) in [
+        (52, 1.0, 0.0),
+        (60, 1.0, 0.0),
+        (60, 1.004, 0.05),
+        (75, 0.995, 0.0),
+        (120, 1.0, 0.2),
+        (400, 1.0, 0.0),
+    ] {
+        let what = format!("1 of {every}, rate {rate}, jitter {jitter}");
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut on_clock = base();
+        for t in &mut on_clock.t {
+            *t = *t * rate + jitter * PERIOD_S * rng.random_range(-1.0..1.0);
+        }
+        let rows = (25..3000).step_by(every).rev();
+        let (mut whole, mut lost) = (base(), on_clock.clone());
+        for row in rows.clone() {
+            whole.rows[row] = [f64::NAN; 6];
+            lost.t.remove(row);
+            lost.rows.remove(row);
+        }
+        refused(&lost, "", "row 26 (line 27): gap of");
+        let plain = whole.replay(&machine("")).unwrap();
+        same(&lost, "largest_gap = 1", &plain, &what);
+        for after in [0.2, 0.5] {
+            let mut more = on_clock.clone();
+            for row in rows.clone() {
+                more.t.insert(row + 1, more.t[row] + after * PERIOD_S);
+                more.rows.insert(row + 1, more.rows[row]);
+            }
+            refused(&more, "", "falls on the same tick");
+        }
+    }
+}
+
+/// Stamps whose decimals are a good part of the period, at a rate that differs: no row is lost.
+#[test]
+fn coarse_stamps_at_another_rate() {
+    for period_ms in [1.97, 1.99, 2.01, 2.03] {
+        let mut table = base();
+        table.decimals = 3;
+        for (k, t) in table.t.iter_mut().enumerate() {
+            *t = k as f64 * period_ms * 1e-3;
+        }
+        let what = format!("{period_ms} ms in whole ms");
+        same(&table, "", &plain(), &what);
+        same(&table, "largest_gap = 1", &plain(), &what);
+    }
+    // Beyond what the description allows, short stretches would suit it.
+    for (period_ms, found) in [
+        (2.1, "0.002100 s (476.2 Hz)"),
+        (1.9, "0.001900 s (526.3 Hz)"),
+    ] {
+        let mut table = base();
+        table.decimals = 3;
+        for (k, t) in table.t.iter_mut().enumerate() {
+            *t = k as f64 * period_ms * 1e-3;
+        }
+        for layout in ["", "largest_gap = 1"] {
+            refused(
+                &table,
+                layout,
+                &format!("is sampled every {found}; allowed: 0.002000 s (500 Hz)"),
+            );
+        }
     }
 }
 

@@ -5,8 +5,8 @@ recording_peer.py BASE.csv DIR    writes them to DIR, and what is right to DIR/m
 Each is the recording BASE.csv as another program writes it: pyarrow, polars,
 duckdb and pandas (Parquet), asammdf 8.8.28 (MDF4), spreadsheets and loggers
 (text). `expect` is `same` (equal samples and references), `samples` (equal
-samples; the references have another rate), `pulse` (the index as 0 and 1) or
-`refused`; `says` is in the note or in the refusal.
+samples; the references have another rate), `pulse` (the index as 0 and 1),
+`noted` (a part of the samples) or `refused`; `says` is in the note or in the refusal.
 """
 
 import csv
@@ -23,6 +23,7 @@ import pyarrow.parquet as pq
 from asammdf import MDF, Signal
 from asammdf.blocks.conversion_utils import from_dict
 from foreign_files import write_foreign_files
+from unread_parts import write_unread_parts
 from unsorted_mdf import unsorted_mdf
 
 UNITS = {
@@ -484,6 +485,7 @@ def main():
     writer.all_parquet()
     writer.all_mdf()
     write_foreign_files(writer)
+    write_unread_parts(writer)
     manifest = json.dumps(writer.manifest, ensure_ascii=False, indent=1)
     (writer.folder / "manifest.json").write_text(manifest, encoding="utf-8")
 

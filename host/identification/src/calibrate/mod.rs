@@ -159,7 +159,8 @@ impl Observations {
             return Err(CalibrateError::TooLittle {
                 recording: recording.to_owned(),
                 reason: format!(
-                    "no reference load for any channel; found none of the columns [{}]",
+                    "no reference load for any channel: the columns [{}] are absent, or have no value at its \
+                     samples",
                     columns.join(", ")
                 ),
             });

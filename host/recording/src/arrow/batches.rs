@@ -132,6 +132,10 @@ impl ArrowStream {
         self.table.columns()
     }
 
+    pub(crate) fn table(&self) -> &ArrowTable {
+        &self.table
+    }
+
     /// Delivers all rows; column `picks[k]` of the table becomes their column `k`.
     pub(crate) fn run(self, picks: &[usize], output: &Output) -> Result<(), Problem> {
         self.table.check_numbers(picks)?;

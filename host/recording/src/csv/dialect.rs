@@ -3,6 +3,7 @@
 //! and a decimal comma where these have commas and no points.
 use crate::error::Problem;
 use crate::recording_layout::CsvLayout;
+use crate::shown;
 
 use super::cells::Cells;
 use super::number;
@@ -49,7 +50,7 @@ impl Dialect {
                 });
             }
             Some(decimal_comma) => decimal_comma,
-            None => delimiter != b',' && has_decimal_comma(rows, delimiter),
+            None => delimiter != b',' && has_decimal_comma(rows, delimiter)?,
         };
         Ok(Self {
             delimiter,
@@ -103,18 +104,29 @@ fn is_number(cell: &[u8], may_have_comma: bool) -> bool {
 }
 
 /// Whether numbers have commas and none has a point.
-fn has_decimal_comma(rows: &[&[u8]], delimiter: u8) -> bool {
+///
+/// # Errors
+/// [`Problem::CommaMeaning`] where each comma may stand between thousands as well.
+fn has_decimal_comma(rows: &[&[u8]], delimiter: u8) -> Result<bool, Problem> {
     let (mut commas, mut points) = (0, 0);
+    let (mut thousands, mut one) = (0, Vec::new());
     for row in rows {
         Cells { delimiter }.each(row, |_, cell| {
             if cell.contains(&b',') {
                 commas += usize::from(number::parse(cell, true).is_some());
+                if number::may_be_thousands(cell) {
+                    thousands += 1;
+                    one = cell.to_vec();
+                }
             } else if cell.contains(&b'.') {
                 points += usize::from(number::parse(cell, false).is_some());
             }
         });
     }
-    commas > 0 && points == 0
+    if commas > 0 && points == 0 && thousands == commas {
+        return Err(Problem::CommaMeaning { found: shown(&one) });
+    }
+    Ok(commas > 0 && points == 0)
 }
 
 #[cfg(test)]
@@ -144,6 +156,28 @@ mod tests {
         ] {
             assert_eq!(dialect(text, ""), expected, "{text}");
         }
+    }
+
+    #[test]
+    fn a_comma_before_three_digits_is_not_guessed() {
+        let head = "t [ms];a [Nm];b [Nm]\n";
+        let of = |rows: &str, layout: &str| {
+            let text = format!("{head}{rows}");
+            let lines: Vec<&[u8]> = text.lines().map(str::as_bytes).collect();
+            Dialect::of(&toml::from_str(layout).unwrap(), None, &lines).map(|d| d.decimal_comma)
+        };
+        for rows in ["0;312,031;\n2;-1,994;5", "0;;10,000\n1;999;"] {
+            let found = of(rows, "");
+            assert!(matches!(found, Err(Problem::CommaMeaning { .. })), "{rows}");
+            assert_eq!(of(rows, "decimal_comma = true").ok(), Some(true));
+            assert_eq!(of(rows, "decimal_comma = false").ok(), Some(false));
+        }
+        // One that is no separator shows what the others are.
+        for decisive in ["0,002", "1,5", "1234,567", "-0,125", "1,2345"] {
+            let rows = format!("0;312,031;\n2;{decisive};5");
+            assert_eq!(of(&rows, "").ok(), Some(true), "{decisive}");
+        }
+        assert_eq!(of("0.5;312,031;\n2;311,994;5", "").ok(), Some(false));
     }
 
     #[test]

@@ -17,7 +17,7 @@ use std::path::Path;
 use super::error::{FINITE, FINITE_TIME, NO_NAN, Problem, Row};
 use super::recording_layout::{Column, CsvLayout, WrittenNan};
 use super::row_source::{Output, Rows};
-use super::{BLOCK_ROWS, shown};
+use super::{BLOCK_ROWS, TIME, shown};
 pub(super) use cell_kind::Kind;
 use cells::Cells;
 use lines::Lines;
@@ -71,6 +71,14 @@ impl Csv {
             row_period_s: None,
         };
         if let Some(period) = layout.row_period_ms {
+            let time = layout.column_of(TIME);
+            if csv.columns.iter().any(|column| column.name == time) {
+                return Err(Problem::Layout {
+                    field: "row_period_ms",
+                    found: format!("{period} beside the column `{}`", shown(time)),
+                    allowed: "where no column is the time, in the header or in `columns`",
+                });
+            }
             csv.row_period_s = Some(period * 1e-3);
             csv.columns.push(Column::from_header("t [s]"));
         }

@@ -21,6 +21,19 @@ pub(super) fn is_grouped(cell: &[u8]) -> bool {
     digits.iter().all(is_part) && separators.count() > 0 && (both || apostrophe)
 }
 
+/// Whether the comma of a number may stand between thousands: `312,031`, not `0,031`.
+pub(super) fn may_be_thousands(cell: &[u8]) -> bool {
+    let digits = cell.strip_prefix(b"-").unwrap_or(cell);
+    let [whole @ .., b',', a, b, c] = digits else {
+        return false;
+    };
+    let is_number = |part: &[u8]| part.iter().all(u8::is_ascii_digit);
+    (1..=3).contains(&whole.len())
+        && whole[0] != b'0'
+        && is_number(whole)
+        && is_number(&[*a, *b, *c])
+}
+
 fn parse_number(cell: &[u8]) -> Option<f64> {
     parse_short(cell).or_else(|| std::str::from_utf8(cell).ok()?.parse().ok())
 }

@@ -35,9 +35,9 @@ pub(super) struct SidePlan {
 }
 
 /// A channel that is wanted.
-struct Want<'a> {
+pub(super) struct Want<'a> {
     /// Name in the machine and in the file.
-    name: &'a str,
+    pub(super) name: &'a str,
     written: &'a str,
     required: bool,
     group: Option<&'a str>,
@@ -45,12 +45,12 @@ struct Want<'a> {
 
 /// A file and what is wanted of it.
 pub(super) struct Planner<'a> {
-    file: &'a Mf4File,
+    pub(super) file: &'a Mf4File,
     source: &'a BufferedSource,
     layout: &'a CsvLayout,
-    groups: Vec<Group<'a>>,
-    wanted: Vec<Want<'a>>,
-    notes: Vec<String>,
+    pub(super) groups: Vec<Group<'a>>,
+    pub(super) wanted: Vec<Want<'a>>,
+    pub(super) notes: Vec<String>,
 }
 
 impl<'a> Planner<'a> {
@@ -118,6 +118,9 @@ impl<'a> Planner<'a> {
                 }
             }
         }
+        let sides = of_sides.iter().flat_map(|(groups, _)| groups);
+        let read: Vec<usize> = base.iter().chain(sides).map(|(group, _)| *group).collect();
+        self.note_unread(&base, &of_base, &read);
         plan.base = self.track(&base, &of_base, 0, &mut plan)?;
         for (groups, wants) in of_sides {
             let number = plan.sides.len() + 1;
@@ -130,7 +133,7 @@ impl<'a> Planner<'a> {
         Ok(plan)
     }
 
-    fn has(&self, group: usize, want: usize) -> bool {
+    pub(super) fn has(&self, group: usize, want: usize) -> bool {
         let (group, want) = (&self.groups[group], &self.wanted[want]);
         want.group.is_none_or(|name| group.is_called(name)) && group.channel(want.written).is_some()
     }
@@ -163,6 +166,7 @@ impl<'a> Planner<'a> {
                 column: format!("`{TIME}`"),
                 found: "no channel group with a time channel".into(),
                 nearest: None,
+                is_time: false,
             });
         };
         let wanted = key(best);
@@ -210,32 +214,6 @@ impl<'a> Planner<'a> {
                 groups: numbers.join(" and "),
             }
         })
-    }
-
-    /// Says which groups make the recording where several do, and which are left out.
-    fn note_lost(&mut self, chain: &Candidates, others: &Candidates, want: Option<usize>) {
-        let name = want.map_or(TIME, |want| self.wanted[want].name).to_owned();
-        let numbers = |groups: &Candidates| {
-            let numbers: Vec<String> = (groups.iter())
-                .map(|(group, _)| self.groups[*group].number.to_string())
-                .collect();
-            numbers.join(", ")
-        };
-        let mut notes = Vec::new();
-        if chain.len() > 1 {
-            notes.push(format!(
-                "channel groups {} follow each other in time and are read as one recording",
-                numbers(chain)
-            ));
-        }
-        if !others.is_empty() {
-            notes.push(format!(
-                "column `{}` is in the channel groups {} too, with other periods; they are not read",
-                shown(&name),
-                numbers(others)
-            ));
-        }
-        self.notes.extend(notes);
     }
 
     /// The groups that channel `want` is read from where the base has it not; none where no group
@@ -291,6 +269,7 @@ impl<'a> Planner<'a> {
             });
         }
         let join = Join::of(step_s, period_s, same);
+        self.note_apart(base, groups, wants);
         let names: Vec<String> = wants.iter().map(|w| shown(self.wanted[*w].name)).collect();
         let names = names.join(", ");
         match join {

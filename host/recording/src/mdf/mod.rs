@@ -11,6 +11,7 @@ mod channel_track;
 mod channel_values;
 mod group_join;
 mod group_plan;
+mod plan_notes;
 mod unsorted;
 
 use std::path::Path;

@@ -48,6 +48,10 @@ impl Parquet {
         self.table.columns()
     }
 
+    pub(super) fn table(&self) -> &ArrowTable {
+        &self.table
+    }
+
     /// Delivers all rows; column `picks[k]` of the file becomes their column `k`.
     pub(super) fn run(self, picks: &[usize], output: &Output) -> Result<(), Problem> {
         let Self {
