@@ -6,8 +6,12 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 
 picture() { # PAGE HEIGHT PICTURE [WIDTH]
+    screenshot "file://$1#theme=light" "$2" "$3" "${4:-900}" --virtual-time-budget=5000
+}
+
+screenshot() { # ADDRESS HEIGHT PICTURE WIDTH WAITING
     chromium --headless --no-sandbox --disable-gpu --hide-scrollbars --user-data-dir="$folder/profile" \
-        --virtual-time-budget=5000 --window-size="${4:-900},$2" --screenshot="$folder/page.png" "file://$1#theme=light" 2>"$folder/log"
+        "$5" --window-size="$4,$2" --screenshot="$folder/page.png" "$1" 2>"$folder/log"
     # Below 100 kB.
     python3 -c 'import sys; from PIL import Image; Image.open(sys.argv[2]).convert("RGB").quantize(64).save(sys.argv[1], optimize=True)' \
         "$3" "$folder/page.png"
@@ -25,7 +29,7 @@ loadtwin simulate bench.toml --scenario start-stop --duration-s 30 --seed 2 --ef
 loadtwin diagnose bench.toml fit.parquet --validate validate.parquet --report diagnose.html >diagnose.txt
 picture "$folder/diagnose.html" 1180 "$docs/diagnose-page.png"
 
-# The pages of a calibration, a tuning, a rotor, a bearing, a life, a drive and a fleet.
+# The pages of a calibration, a tuning, a rotor, a bearing, a life, a drive, the paper's tables and a fleet.
 cd "$docs/.."
 simulate() { loadtwin simulate "$@" >>"$folder/log"; }
 simulate examples/gearbox/machine.toml --scenario constant --seed 2 --individual 1 --effect paper -o "$folder/constant.parquet"
@@ -46,7 +50,8 @@ for seed in 1 2; do
         --effect coulomb-friction=3 -o "$folder/drive-$seed.csv"
 done
 loadtwin diagnose examples/feed-drive/drive.toml "$folder/drive-1.csv" --report "$folder/drive.html" >>"$folder/log"
-for page in calibrate tune rotor bearing life drive; do
+loadtwin tables --individuals 1 --report "$folder/tables.html" >>"$folder/log"
+for page in calibrate tune rotor bearing life drive tables; do
     picture "$folder/$page.html" 1240 "$docs/$page-page.png" 1100
 done
 
@@ -64,3 +69,13 @@ done | sed '1i machine,from,description' >"$folder/descriptions.csv"
 mv "$folder/descriptions.csv" "$folder/archive/"
 loadtwin replay --archive "$folder/archive" -o "$folder/results" >>"$folder/log"
 picture "$folder/results/page/index.html" 420 "$docs/fleet-page.png" 1300
+
+# A bus in the browser, its log twice as fast as it was recorded.
+simulate examples/bench/machine.toml --scenario torque-ramps --duration-s 30 --seed 4 -o "$folder/bench.parquet"
+loadtwin send examples/bench/machine.toml "$folder/bench.parquet" --log "$folder/raw.log" >>"$folder/log"
+loadtwin node examples/bench/machine.toml "$folder/raw.log" -o "$folder/bus.log" >>"$folder/log"
+loadtwin monitor "$folder/bus.log" examples/bench/machine.toml --web 18080 --speed 2 >>"$folder/log" 2>&1 &
+server=$!
+sleep 6
+screenshot http://127.0.0.1:18080/ 900 "$docs/monitor-page.png" 1100 --timeout=3000
+kill "$server"
