@@ -2,7 +2,7 @@
 //! description, calibrates bearings, and reduces finite-element strains to strain maps. This file
 //! only lists the modules.
 //!
-//! [`build`] is the entry; one module for each machine kind has its mathematics.
+//! [`image_build`] is the entry; one module for each machine kind has its mathematics.
 //! [`reduce`] makes strain maps from a finite-element model.
 #![forbid(unsafe_code)]
 #![cfg_attr(

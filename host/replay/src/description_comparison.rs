@@ -16,7 +16,7 @@ use loadtwin_math::metrics::PairedDifference;
 /// Length of the blocks in which sums are kept [s].
 const BLOCK_S: f64 = 0.25;
 
-/// Time at the start that does not count, in which the filter converges [s].
+/// Time at the start that does not count, in which the filter converges (s).
 pub const SETTLING_S: f64 = 2.0;
 
 /// Rise of the NMAE of a load that counts as worse [% of its nominal load]: a third of the

@@ -93,7 +93,7 @@ impl TorqueBalance {
 
     /// What to check where the references contradict each other and the encoder's direction does not
     /// explain it: the residual of the balance, and what another gain and zero of the last load's
-    /// reference would leave, by least squares. None below [`REFERENCE_ERROR`] of the nominal torque.
+    /// reference would leave, by least squares. None below 1 % of the nominal torque.
     pub fn reference_note(&self, machine: &Machine) -> Option<String> {
         let drivetrain = machine.drivetrain.as_ref()?;
         let nominal = drivetrain.nominal_torque();
