@@ -161,7 +161,6 @@ impl<'a> RawWriter<'a> {
 
 /// A frame of a raw sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(clippy::large_enum_variant, reason = "there is one at a time")]
 pub enum RawFrame {
     /// One of up to seven.
     Classic(Frame),
