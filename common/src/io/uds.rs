@@ -9,10 +9,10 @@
 //! | `31 01 02 00 samples[2] share` start routine  | `71 01 02 00`       |
 //!
 //! Big endian. The routine sends a burst of raw samples, 1 to 65534; share of the bus (%) in bits 0
-//! to 6, as FD frames with bit 7. The address is 0, the size that of the sealed image. `block` is the longest transfer
-//! request with its two leading bytes; every block but the last is that long. The counter starts at
-//! 1 and wraps from 255 to 0. A refused request is answered `7F service code`; code 0x78 means
-//! "still at work". What is wrong with an image comes as
+//! to 6, as FD frames with bit 7. The address is 0, the size that of the sealed image. `block` is
+//! the longest transfer request with its two leading bytes; every block but the last is that long.
+//! The counter starts at 1 and wraps from 255 to 0. A refused request is answered `7F service code`;
+//! code 0x78 means "still at work". What is wrong with an image comes as
 //! [`ImageError::code`](crate::io::signed_image::ImageError::code).
 
 /// CAN identifier of requests to the board: the diagnostic standard's first

@@ -18,7 +18,7 @@ use loadtwin_common::io::raw::RawSample;
 use super::bus::Received;
 pub use super::comparison_figures::{Difference, Figures, Progress, Verdict};
 use super::raw_coverage::RawCoverage;
-use super::{CanError, Model, standard};
+use super::{CanError, Model, firmware_version, standard};
 
 /// Number of identifiers with frames that are a function of the raw samples: loads and sensors.
 const COMPARED: usize = signal_layout::sensor_health::OFFSET as usize;
@@ -412,8 +412,7 @@ impl<'a> Comparison<'a> {
     /// Takes what the board says of itself: frames of samples that do not come wait no longer.
     fn follow_board(&mut self, info: &BoardInfo, page: BoardPage) {
         if page == BoardPage::Firmware {
-            let [major, minor, patch] = info.firmware;
-            self.figures.firmware = Some(format!("{major}.{minor}.{patch}"));
+            self.figures.firmware = Some(firmware_version(info));
         }
         if !self.coverage.follow(info, page) {
             return;

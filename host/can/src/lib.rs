@@ -201,6 +201,12 @@ pub fn standard(frame: &BusFrame) -> Option<(u16, &[u8])> {
     }
 }
 
+/// Version of a board's firmware, as `1.20.3`.
+fn firmware_version(info: &frame::BoardInfo) -> String {
+    let [major, minor, patch] = info.firmware;
+    format!("{major}.{minor}.{patch}")
+}
+
 /// What to do where an interface cannot be opened.
 fn other_ways(interface: &str) -> String {
     if cfg!(target_os = "linux") && !interface.contains(['/', '\\']) {

@@ -17,7 +17,7 @@ use serde::Serialize;
 use super::bus::{Bus, BusError, Link, LinkCounts, Received};
 use super::frame_comparison::{Comparison, Verdict};
 use super::live_display::{Page, View};
-use super::{CanError, Model, standard};
+use super::{CanError, Model, firmware_version, standard};
 
 /// How a bus is watched.
 #[derive(Clone, Debug, clap::Args)]
@@ -249,8 +249,7 @@ impl Watch<'_> {
                 }
             }
             Message::Board(info, BoardPage::Firmware) => {
-                let [major, minor, patch] = info.firmware;
-                self.summary.firmware = Some(format!("{major}.{minor}.{patch}"));
+                self.summary.firmware = Some(firmware_version(&info));
             }
             Message::Raw | Message::Board(..) => {}
         }

@@ -226,13 +226,24 @@ pub struct FrameEncoder {
 }
 
 /// When a board says what it is.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct BoardFrames {
     counter: u8,
     /// Samples from one page to the next: half a second.
     every: u32,
     since: u32,
     says_raw: bool,
+}
+
+impl BoardFrames {
+    const fn every(every: u32) -> Self {
+        Self {
+            counter: 0,
+            every,
+            since: 0,
+            says_raw: false,
+        }
+    }
 }
 
 impl FrameEncoder {
@@ -281,12 +292,7 @@ impl FrameEncoder {
             sensors_every,
             status_every: libm::fmaxf(libm::rintf(rate_hz / STATUS_PAGES_PER_S), 1.0) as u32,
             since_status: 0,
-            board: BoardFrames {
-                counter: 0,
-                every: libm::fmaxf(libm::rintf(0.5 * rate_hz), 1.0) as u32,
-                since: 0,
-                says_raw: false,
-            },
+            board: BoardFrames::every(libm::fmaxf(libm::rintf(0.5 * rate_hz), 1.0) as u32),
             status: status_frame::Pages {
                 counter: 0,
                 page: 0,
@@ -309,12 +315,7 @@ impl FrameEncoder {
             sensors_every: Decimation { log2: 0 },
             status_every: 1,
             since_status: 0,
-            board: BoardFrames {
-                counter: 0,
-                every: 500,
-                since: 0,
-                says_raw: false,
-            },
+            board: BoardFrames::every(500),
             status: status_frame::Pages::new(),
         }
     }
