@@ -82,6 +82,8 @@ impl Tune {
                 "recordings": shown_all(&self.recordings),
                 "method": method.name(),
                 "methods": methods,
+                "evaluated_on": shown(recording),
+                // The former name.
                 "judged_on": shown(recording),
                 "holdout": {
                     "recordings": shown_all(self.holdout().recordings),
@@ -143,6 +145,8 @@ fn report(choice: &Choice, evaluation: &Evaluation) -> Value {
         "noise_std": sensors,
         "misfit": choice.outcome.misfit,
         "objectives": choice.outcome.objectives,
+        "evaluation": evaluation,
+        // The former name.
         "judged": evaluation,
     })
 }
