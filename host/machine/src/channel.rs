@@ -458,6 +458,7 @@ mod tests {
             zero: 500,
             bits: 24,
             stuck_after: None,
+            gain: None,
         };
         let sampled = Auxiliary {
             name: "housing".into(),

@@ -110,6 +110,10 @@ pub struct Signal {
     /// of `counts`, 1e-6 rad or m of a position, 1e-6 rad/s or m/s of a speed, and 2^-20 of
     /// `nominal` of a drive or load.
     pub lsb: Option<f64>,
+    /// Gain that a board sets in its converter for the column, a power of two from 1 to 128; 32 where
+    /// absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub converter_gain: Option<u16>,
     /// Width of a position's counter (bit), 8 to 32.
     #[serde(default = "thirty_two")]
     pub bits: u32,

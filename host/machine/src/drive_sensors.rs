@@ -69,6 +69,7 @@ impl Balance {
             zero: 0,
             bits: 32,
             stuck_after: Some(0),
+            gain: signal.converter_gain,
         };
         Channel {
             noise_std: self.noise_std(signal) / signal.gain.abs(),

@@ -23,6 +23,7 @@ mod angle_map;
 mod bearing;
 mod channel;
 mod channel_encoding;
+mod converter;
 mod description_check;
 mod drive_balance;
 mod drive_sensors;
@@ -47,7 +48,7 @@ use std::path::{Path, PathBuf};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use adc::{Adc, Quantiser, extreme_words};
+pub use adc::{Adc, AdcFields, Quantiser, extreme_words};
 pub use angle_map::{
     MAP_ENTRIES, MAPS, complete_columns, read_column, read_columns, resampled, six_digits,
     write_columns,
@@ -60,6 +61,7 @@ pub use channel::{
     SLOWEST_S, Senses, Thermal,
 };
 pub use channel_encoding::Encoding;
+pub use converter::Converter;
 pub use drive_balance::{Balance, BalanceEffect, Estimated, Regime, Signal};
 pub use drivetrain::{Direction, Drivetrain, ErrorBand, Inertia, Load, MOST_INERTIAS, Shaft};
 pub use encoder::{Counter, Eccentricity, Encoder, Index, IndexSignal, QUANTISATION};
