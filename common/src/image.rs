@@ -11,11 +11,12 @@ use crate::Error;
 use crate::bearing::BearingModel;
 use crate::drive::DriveModel;
 use crate::drivetrain::GearboxModel;
+use crate::io::raw::MAX_CHANNELS;
 use crate::load_signal::LoadSignal;
 use crate::rotor::RotorModel;
 
 /// Version of the layout of [`Image`]; another one is refused.
-pub const VERSION: u16 = 14;
+pub const VERSION: u16 = 15;
 
 /// A model image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,6 +30,9 @@ pub struct Image<'a> {
     pub rate_hz: f32,
     /// First identifier of the frames on the bus.
     pub can_base: u16,
+    /// Gain of the converter for each analogue channel, as its power of two (32: 5); none where the
+    /// description states none.
+    pub gains: [Option<u8>; MAX_CHANNELS],
     /// The machine.
     #[serde(borrow)]
     pub model: Model<'a>,

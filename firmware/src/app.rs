@@ -7,11 +7,12 @@ use core::sync::atomic::Ordering::Relaxed;
 
 use loadtwin_common::Error;
 use loadtwin_common::estimator::Estimator;
+use loadtwin_common::hardware::Sampling;
 use loadtwin_common::image::Image;
 use loadtwin_common::io::frame::{
     BoardInfo, BoardPage, Frame, FrameEncoder, RawOutput, State, Status,
 };
-use loadtwin_common::io::raw::RawSample;
+use loadtwin_common::io::raw::{MAX_CHANNELS, RawSample};
 
 use crate::board::Board;
 use crate::board_counters::{Counters, count};
@@ -50,7 +51,7 @@ pub struct App<'a> {
     /// Tick of the board at tick 0 of the estimator; not yet known after it began anew.
     first_tick: Option<u32>,
     raw: RawOutput,
-    rate_hz: f32,
+    sampling: Sampling,
     /// Whether the raw samples are sent too, so that somebody on the bus can
     /// recompute the estimates.
     pub sends_raw: bool,
@@ -77,7 +78,11 @@ impl<'a> App<'a> {
             image: None,
             first_tick: Some(0),
             raw: RawOutput::None,
-            rate_hz: 1000.0,
+            sampling: Sampling {
+                rate_hz: 1000.0,
+                gains: [None; MAX_CHANNELS],
+                counter_bits: None,
+            },
             sends_raw: false,
         }
     }
@@ -131,17 +136,22 @@ impl<'a> App<'a> {
     #[inline(never)]
     fn take(&mut self, image: Image<'a>, image_hash: u32) -> Result<(), Error> {
         let encoder = FrameEncoder::try_build(&image, image_hash)?;
-        let rate_hz = image.rate_hz;
+        let sampling = Sampling::of(&image);
         Estimator::build_into(&mut self.line, image)?;
         self.encoder = encoder;
-        self.rate_hz = rate_hz;
+        self.sampling = sampling;
         self.status.state = State::Waiting;
         Ok(())
     }
 
     /// Rate of the sample clock (Hz), > 0.
     pub fn rate_hz(&self) -> f32 {
-        self.rate_hz
+        self.sampling.rate_hz
+    }
+
+    /// How the image wants its sensors sampled.
+    pub fn sampling(&self) -> Sampling {
+        self.sampling
     }
 
     /// First identifier of the machine's frames.

@@ -212,12 +212,17 @@ fn a_board_refuses_an_image_that_its_hardware_does_not_serve() {
         let payload = image_build::image(&machine, &sensors).unwrap();
         seal(&payload, MACHINE, 2, None, Some(&key)).unwrap()
     };
-    let fits = image(|_| ());
-    assert_eq!(offered(NUCLEO_G474RE, fits, &key), (Ok(()), 0));
     for change in [
+        |_: &mut Machine| (),
         |machine: &mut Machine| machine.rate_hz = 500.0,
-        |machine: &mut Machine| machine.encoders[0].bits = 32,
         |machine: &mut Machine| machine.encoders[0].bits = 12,
+    ] {
+        assert_eq!(offered(NUCLEO_G474RE, image(change), &key), (Ok(()), 0));
+    }
+    for change in [
+        |machine: &mut Machine| machine.rate_hz = 600.0,
+        |machine: &mut Machine| machine.rate_hz = 32_000.0,
+        |machine: &mut Machine| machine.encoders[0].bits = 32,
         |machine: &mut Machine| {
             let mut fifth = machine.channels[0].clone();
             fifth.name = "fifth".to_owned();

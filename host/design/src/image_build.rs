@@ -21,7 +21,7 @@ pub fn image(machine: &Machine, sensors: &Sensors) -> Result<Vec<u8>, BuildError
         Some(Kind::Rotor(rotor)) => RotorFilterDesign::new(machine, rotor, &sensors.channels)?
             .image(machine, rotor, sensors),
         Some(Kind::Bearing(bearing)) => bearing::image(machine, bearing, sensors),
-        Some(Kind::Drive(balance)) => drive::image(machine, balance),
+        Some(Kind::Drive(balance)) => drive::image(machine, balance, sensors),
         None => Err(BuildError::NoEstimator(machine.path.clone())),
     }
 }

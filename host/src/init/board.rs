@@ -8,12 +8,8 @@ use super::drivetrain::{ENDS, chain};
 use super::toml_text::{Text, number, quoted};
 use super::{InitError, MARK, checked};
 
-/// Sample rate until it is filled in, of a board whose clock follows the image (Hz).
+/// Sample rate until it is filled in (Hz); each board has it.
 const RATE_HZ: f64 = 1000.0;
-
-/// One count of an ADS131M04 at gain 32: 1200 mV / 32 / 2^23, per volt of an excitation of 2.5 V
-/// (mV/V).
-const LSB_MV_PER_V: &str = "1.7881e-6";
 
 /// A description begun for a board, and its places to fill in.
 ///
@@ -32,10 +28,11 @@ pub fn draft_for_board(board: &str, hardware: &Hardware) -> Result<(String, usiz
         quoted("machine"),
         "the machine, as in `loadtwin key --machine`",
     );
-    match hardware.rate_hz {
-        Some(rate_hz) => text.set("rate_hz", number(rate_hz.into())),
-        None => text.fill_in("rate_hz", number(RATE_HZ), "the sample rate (Hz)"),
-    }
+    let meaning = match hardware.rates_hz {
+        [] => "the sample rate (Hz)".to_owned(),
+        rates => format!("the sample rate (Hz), one of {rates:?}"),
+    };
+    text.fill_in("rate_hz", number(RATE_HZ), meaning);
     chain(&mut text, &[], &[]);
     for (k, inertia) in ENDS.iter().enumerate().take(hardware.encoders) {
         text.table("[[encoder]]");
@@ -47,7 +44,9 @@ pub fn draft_for_board(board: &str, hardware: &Hardware) -> Result<(String, usiz
             "lines per turn times four; negative where it counts down in forward turning",
         );
         if let Some(bits) = hardware.counter_bits {
-            text.comment("The width of the board's counter.");
+            text.comment(format_args!(
+                "The board's counter wraps at as many bits as stand here, 8 to {bits}."
+            ));
             text.set("bits", bits);
         } else {
             text.comment("`bits` is the width of a counter that wraps, 32 without.");
@@ -92,9 +91,8 @@ fn gauge(text: &mut Text, input: usize) {
     );
     text.fill_in(
         "adc",
-        format_args!("{{ lsb = {LSB_MV_PER_V} }}"),
-        "one count of the converter (mV/V): 1200 mV / gain / 2^23 / excitation (V); here gain 32 and 2.5 V. \
-         `loadtwin zero` finds `zero`",
+        "{ converter = \"ads131m04\", gain = 32, excitation_v = 2.5 }",
+        "gain of the converter (1, 2, 4, ... 128), which the board sets, and excitation of the bridge (V)",
     );
     text.fill_in(
         "bridge",

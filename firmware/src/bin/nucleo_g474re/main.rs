@@ -57,7 +57,7 @@ use loadtwin_common::io::signed_image::OVERHEAD;
 use loadtwin_firmware::app::App;
 use loadtwin_firmware::board::Board;
 use loadtwin_firmware::board_counters::{BusState, Counters};
-use loadtwin_firmware::driver::ads131m04::{Ads131m04, Config, Error, Gain, Oversampling};
+use loadtwin_firmware::driver::ads131m04::{Ads131m04, Config, Error};
 use loadtwin_firmware::interrupt_owned::Owned;
 use loadtwin_firmware::progress_check::Progress;
 use loadtwin_firmware::raw_burst::{Burst, RawFrame, RawLink, RawReader, RawWriter};
@@ -65,11 +65,8 @@ use loadtwin_firmware::running_model::Models;
 use loadtwin_firmware::upload::BLOCK_OVERHEAD;
 use static_cell::{ConstStaticCell, StaticCell};
 
-/// 8.192 MHz at the converter's clock input / 2 / 2048: 2 kHz, the rate of [`NUCLEO_G474RE`].
-const CONVERTER: Config = Config {
-    oversampling: Oversampling::X2048,
-    gain: [Gain::X32; 4],
-};
+/// Clock input of the converter (Hz); its rates are those of [`NUCLEO_G474RE`].
+const CONVERTER_CLOCK_HZ: f32 = 8.192e6;
 
 /// Time quanta of a bit: 170 MHz at the controller / 20 / 17 = 500 kbit/s, and / 5 / 17 = 2 Mbit/s
 /// in the data phase of FD frames.
@@ -122,6 +119,7 @@ struct Sampler {
 
 struct Nucleo {
     converter: Ads131m04<Bus>,
+    config: Config,
     ready: ExtiInput<'static, Blocking>,
     outbox: Producer<'static, Frame>,
     raw: RawWriter<'static>,
@@ -146,7 +144,7 @@ impl Board for Nucleo {
         // A damaged frame leaves its channels marked as not delivered.
         if let Err(Error::Restarted) = self.converter.read_into(&mut sample, 0) {
             defmt::warn!("the converter restarted");
-            if self.converter.configure(CONVERTER, &mut Delay).is_err() {
+            if self.converter.configure(self.config, &mut Delay).is_err() {
                 defmt::error!("the converter does not take its configuration");
             }
         }
@@ -280,6 +278,11 @@ async fn main(thread: Spawner) {
         models
     });
     watchdog.pet();
+    let app = APP.take();
+    models.start(app, RUNNING.take());
+    REFUSED.store(app.refused(), Relaxed);
+    watchdog.pet();
+    let sampling = app.sampling();
 
     let mut spi_config = spi::Config::default();
     spi_config.mode = spi::MODE_1;
@@ -287,7 +290,8 @@ async fn main(thread: Spawner) {
     let spi = Spi::new_blocking(p.SPI1, p.PA5, p.PA7, p.PA6, spi_config);
     let select = Output::new(p.PB6, Level::High, Speed::VeryHigh);
     let Ok(bus) = ExclusiveDevice::new_no_delay(spi, select);
-    let Ok(converter) = Ads131m04::try_new(bus, CONVERTER, &mut Delay) else {
+    let config = Config::for_sampling(&sampling, CONVERTER_CLOCK_HZ);
+    let Ok(converter) = Ads131m04::try_new(bus, config, &mut Delay) else {
         // There is nothing to do but to start over, which the watchdog does.
         defmt::panic!("the converter does not answer")
     };
@@ -296,6 +300,13 @@ async fn main(thread: Spawner) {
     let encoder =
         Qei::<TIM3>::new::<qei::Ch1, qei::Ch2>(p.TIM3, p.PB4, p.PB5, qei::Config::default());
     core::mem::forget(encoder);
+    // The counter wraps where the image expects it: it takes images of up to 16 bits only.
+    if let Some(bits) = sampling.counter_bits {
+        let top = u16::MAX.checked_shr(16_u32.saturating_sub(bits.into()));
+        pac::TIM3
+            .arr()
+            .write(|w| w.set_arr(top.unwrap_or(u16::MAX)));
+    }
     let index = ExtiInput::new_blocking(p.PB10, p.EXTI10, Pull::Down, TriggerEdge::Rising);
     core::mem::forget(index);
     let ready = ExtiInput::new_blocking(p.PC7, p.EXTI7, Pull::Up, TriggerEdge::Falling);
@@ -310,15 +321,13 @@ async fn main(thread: Spawner) {
     let (raw_in, raw_out) = RAW_QUEUE.take().split();
     let board = Nucleo {
         converter,
+        config,
         ready,
         outbox: outbox_in,
         raw: RawWriter::new(&RAW_LINK, raw_in),
         tick: 0,
     };
-    let app = APP.take();
-    models.start(app, RUNNING.take());
     let raw = RawReader::new(&RAW_LINK, raw_out, app.base());
-    REFUSED.store(app.refused(), Relaxed);
     watchdog.pet();
     SAMPLER.give(SAMPLER_CELL.init(Sampler { app, board }));
     start_interrupts();

@@ -64,7 +64,7 @@ pub fn image(
 ) -> Result<Vec<u8>, BuildError> {
     let calibration = calibration(machine, bearing)?;
     let model = model(machine, bearing, sensors, &calibration)?;
-    packed(machine, Model::Bearing(model))
+    packed(machine, &sensors.channels, Model::Bearing(model))
 }
 
 /// The model of the bearing with `calibration`.

@@ -13,6 +13,7 @@ use super::effect_terms::{Effects, Part, PartFactor};
 use super::filter_noise::Noise;
 use crate::error::BuildError;
 use crate::payload::packed;
+use crate::sensor_set::Sensors;
 use loadtwin_machine::{Balance, Estimated, Machine, UNKNOWN_LOAD, Violation};
 
 /// Load at the end of the scale on the bus, in parts of nominal: a stall takes several times the
@@ -32,7 +33,11 @@ const PLACES: f64 = 65_536.0;
 ///
 /// # Errors
 /// When the description lacks what the estimator needs, or has an effect that it does not have.
-pub fn image(machine: &Machine, balance: &Balance) -> Result<Vec<u8>, BuildError> {
+pub fn image(
+    machine: &Machine,
+    balance: &Balance,
+    sensors: &Sensors,
+) -> Result<Vec<u8>, BuildError> {
     let refused = |violation| BuildError::Machine(machine.refused(violation));
     let nominal = balance.nominal.ok_or_else(|| {
         refused(Violation {
@@ -81,7 +86,7 @@ pub fn image(machine: &Machine, balance: &Balance) -> Result<Vec<u8>, BuildError
         directions,
         terms,
     };
-    packed(machine, Model::Drive(model))
+    packed(machine, &sensors.channels, Model::Drive(model))
 }
 
 type Terms<'a, const D: usize, const T: usize> =

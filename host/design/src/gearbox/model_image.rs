@@ -67,7 +67,7 @@ pub fn image(
         steady: table.as_ref().map(SteadyTable::gains),
         ..full
     };
-    packed(machine, Model::Gearbox(model))
+    packed(machine, &sensors.channels, Model::Gearbox(model))
 }
 
 /// Index and size of each state.

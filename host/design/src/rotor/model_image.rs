@@ -123,7 +123,7 @@ impl RotorFilterDesign {
             encoder,
             index: index.map(|index| encoder_scaling::pulse(index, 0, sensors.encoders.first())),
         };
-        packed(machine, Model::Rotor(model))
+        packed(machine, &sensors.channels, Model::Rotor(model))
     }
 
     /// For each speed of the schedule: the part of `F` that varies.
