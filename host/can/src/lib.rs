@@ -35,6 +35,7 @@ pub mod logging_bus;
 pub mod monitor;
 pub mod paced_bus;
 mod raw_coverage;
+pub mod raw_sampling;
 pub mod sample_sender;
 pub mod simulated_controller;
 mod slcan;

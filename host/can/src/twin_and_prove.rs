@@ -52,14 +52,19 @@ pub struct TwinArgs {
 impl TwinArgs {
     /// The request for a burst.
     fn request(&self) -> Option<Frame> {
-        let [high, low] = self.burst?.to_be_bytes();
-        let [service, kind, routine_high, routine_low] = uds::BURST_ROUTINE;
-        let share = self.share | if self.fd { 0x80 } else { 0 };
-        let message = [service, kind, routine_high, routine_low, high, low, share];
-        let data = single_frame(&message)?;
-        let id = uds::REQUEST_ID;
-        Some(Frame { id, data })
+        burst_request(self.burst?, self.share, self.fd)
     }
+}
+
+/// The request for a burst of `samples` raw samples at a `share` of the bus (%).
+pub(crate) fn burst_request(samples: u16, share: u8, fd: bool) -> Option<Frame> {
+    let [high, low] = samples.to_be_bytes();
+    let [service, kind, routine_high, routine_low] = uds::BURST_ROUTINE;
+    let share = share | if fd { 0x80 } else { 0 };
+    let message = [service, kind, routine_high, routine_low, high, low, share];
+    let data = single_frame(&message)?;
+    let id = uds::REQUEST_ID;
+    Some(Frame { id, data })
 }
 
 /// How a log is proved.

@@ -1,5 +1,7 @@
 //! Strain bridges on the command line: recordings in mV/V, zero and shunt calibration.
 
+use loadtwin::machine::Machine;
+
 use crate::{Bench, MACHINE, recording};
 
 #[test]
@@ -100,4 +102,85 @@ fn a_bridge_is_zeroed_and_shunted_and_keeps_its_raw_gauge_factor() {
         message.contains("5000") && message.contains("unit"),
         "{message}"
     );
+}
+
+/// All bridges at once, from a recording and from the raw samples of a board's log, as near as a word
+/// resolves it.
+#[test]
+fn all_bridges_are_zeroed_from_the_words_of_a_board() {
+    let bench = Bench::new();
+    let bridge = "adc = { converter = \"ads131m04\", gain = 64, excitation_v = 5 }\n\
+                  bridge = { bridge = \"full-1\", gauge_factor = 2.0, gauge_resistance_ohm = 350.0 }";
+    let described = MACHINE
+        .replace("adc = { lsb = 0.001, stuck_after = 8 }", bridge)
+        .replace("adc = { lsb = 0.001 }", bridge);
+    let count = described.matches("full-1").count();
+    assert!(count >= 2, "{described}");
+    bench.write("bridge.toml", described);
+    let machine = Machine::load(&bench.path("bridge.toml")).unwrap();
+    let names: Vec<&str> = machine.channels.iter().map(|c| c.name.as_str()).collect();
+    let expected = |place: usize| 0.25 - 0.1 * place as f64;
+    let mut text = "t [s]".to_owned();
+    names
+        .iter()
+        .for_each(|name| text += &format!(",{name} [mV/V]"));
+    text += ",encoder [counts],index [counts]";
+    for i in 0..200 {
+        text += &format!("\n{:.3}", f64::from(i) / machine.rate_hz);
+        (0..names.len()).for_each(|place| text += &format!(",{}", expected(place)));
+        text += ",7,";
+    }
+    bench.write("zero.csv", text + "\n");
+    let send = ["send", "bridge.toml", "zero.csv", "--log", "raw.log"];
+    done(&bench, &send);
+    let zero = |source: &str, output: &str| -> serde_json::Value {
+        let date = "2026-11-21";
+        let arguments = [
+            "zero",
+            "bridge.toml",
+            "all",
+            source,
+            "--date",
+            date,
+            "-o",
+            output,
+            "--json",
+        ];
+        serde_json::from_slice(&done(&bench, &arguments)).unwrap()
+    };
+    let [recorded, sent] = [("zero.csv", "a.toml"), ("raw.log", "b.toml")].map(|(s, o)| zero(s, o));
+    assert_eq!(sent["channels"].as_array().unwrap().len(), count);
+    // One word: 1200 mV / 64 / 2^23 / 5 V.
+    let word = 1200.0 / 64.0 / 8_388_608.0 / 5.0;
+    for (said, within) in [(recorded, 1e-9), (sent, word)] {
+        for (place, name) in names.iter().enumerate() {
+            let channel = &said["channels"][place];
+            assert_eq!(channel["channel"], *name);
+            let found = channel["calibration"]["zero_mv_per_v"].as_f64().unwrap();
+            assert!((found - expected(place)).abs() <= within, "{name}: {found}");
+        }
+    }
+    done(&bench, &["build", "b.toml", "-o", "b.image"]);
+    bench.write("other.log", "(0.000000) can0 101#AC7900000000E002\n");
+    let refused = bench.run(&[
+        "zero",
+        "bridge.toml",
+        "all",
+        "other.log",
+        "--date",
+        "2026-11-21",
+        "-o",
+        "c.toml",
+    ]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("no raw sample of this machine"));
+    assert!(!bench.path("c.toml").exists());
+}
+
+/// What a command that succeeds prints.
+fn done(bench: &Bench, arguments: &[&str]) -> Vec<u8> {
+    let output = bench.run(arguments);
+    let complaint = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{complaint}");
+    output.stdout
 }
