@@ -35,11 +35,18 @@ fn wilson(k: u32, n: u32) -> [f64; 2] {
     [-half, half].map(|half| (p + z2 / (2.0 * n) + half) / (1.0 + z2 / n))
 }
 
+/// In how many bridges of `seeds` something is so, and how many there are.
 fn count(seeds: std::ops::Range<u64>, of: impl Fn(u64) -> bool + Sync) -> (u32, u32) {
     use rayon::prelude::*;
     let n = seeds.clone().count() as u32;
     let k = seeds.into_par_iter().filter(|seed| of(*seed)).count() as u32;
     (k, n)
+}
+
+/// So many seeds from `first` on in `tests/run long`, which sets `LOADTWIN_BRIDGES`; else a third.
+fn seeds(first: u64, long: u64) -> std::ops::Range<u64> {
+    let part = std::env::var_os("LOADTWIN_BRIDGES").map_or(3, |_| 1);
+    first..first + long / part
 }
 
 const FAULTY: Bridge = Bridge {
@@ -111,7 +118,10 @@ fn sagging_loops_keep_the_start_of_preloaded_structures() {
                 && certificate.repeatability.unwrap() < 0.05
         });
         println!("quadratic {quadratic}, cubic {cubic}: {k} of {n}");
-        assert!(k >= 97, "quadratic {quadratic}, cubic {cubic}: {k} of {n}");
+        assert!(
+            f64::from(k) >= 0.97 * f64::from(n),
+            "quadratic {quadratic}, cubic {cubic}: {k} of {n}"
+        );
     }
 }
 
@@ -144,7 +154,7 @@ fn clean_bridges_show_nothing() {
             },
         ),
     ] {
-        let (k, n) = count(20_000..21_000, |seed| {
+        let (k, n) = count(seeds(20_000, 1000), |seed| {
             calibrated(&machine, bridge, seed).found.is_empty()
         });
         let [low, high] = wilson(k, n);
@@ -183,10 +193,10 @@ fn intervals_hold_the_truth() {
     for (name, (k, n)) in [
         (
             "hysteresis",
-            count(10_000..10_400, of_term("hysteresis", 0.1)),
+            count(seeds(10_000, 400), of_term("hysteresis", 0.1)),
         ),
-        ("cubic", count(10_000..10_400, of_term("cubic", 0.05))),
-        ("sensitivity", count(10_000..10_400, sensitivity)),
+        ("cubic", count(seeds(10_000, 400), of_term("cubic", 0.05))),
+        ("sensitivity", count(seeds(10_000, 400), sensitivity)),
     ] {
         let [low, high] = wilson(k, n);
         println!("{name}: {k} of {n}: {low:.3} to {high:.3}");
