@@ -1,8 +1,9 @@
 //! Checks that a model image fits a board (`Hardware::serves`): sample rate, number of channels and
-//! encoders, width of the counters. Holds what the two boards of this project have.
+//! encoders, width of the counters, counted loads. Holds what the two boards of this project have.
 
 use core::fmt;
 
+use crate::counting::MAX_COUNTED;
 use crate::drivetrain::GearboxModel;
 use crate::image::{Image, Model};
 use crate::io::measurement::EncoderScaling;
@@ -23,6 +24,8 @@ pub struct Hardware {
     pub encoders: usize,
     /// Width of an encoder's counter (bit); none where any width is served.
     pub counter_bits: Option<u8>,
+    /// Loads whose cycles it has the memory to count.
+    pub counted_loads: usize,
 }
 
 /// NUCLEO-G474RE with an ADS131M04: 8.192 MHz / 2 / 2048, four channels, TIM3 as the counter.
@@ -31,6 +34,7 @@ pub const NUCLEO_G474RE: Hardware = Hardware {
     channels: 4,
     encoders: 1,
     counter_bits: Some(16),
+    counted_loads: 1,
 };
 
 /// The emulated board: its clock follows the image, and its samples come over a serial port.
@@ -39,6 +43,7 @@ pub const EMULATED: Hardware = Hardware {
     channels: MAX_CHANNELS,
     encoders: MAX_ENCODERS,
     counter_bits: None,
+    counted_loads: MAX_COUNTED,
 };
 
 /// Why an image does not fit a board.
@@ -72,6 +77,13 @@ pub enum Mismatch {
         /// The board's.
         allowed: u8,
     },
+    /// More loads are counted than the board has the memory for.
+    CountedLoads {
+        /// The image's.
+        found: usize,
+        /// The board's.
+        allowed: usize,
+    },
 }
 
 impl fmt::Display for Mismatch {
@@ -91,6 +103,12 @@ impl fmt::Display for Mismatch {
             }
             Self::CounterBits { found, allowed } => {
                 write!(f, "bits of the encoder: found {found}, allowed: {allowed}")
+            }
+            Self::CountedLoads { found, allowed } => {
+                write!(
+                    f,
+                    "[[count]]: found {found} loads, allowed: up to {allowed}"
+                )
             }
         }
     }
@@ -120,6 +138,10 @@ impl Hardware {
         let (found, allowed) = (channels(&image.model), self.channels);
         if found > allowed {
             return Err(Mismatch::Channels { found, allowed });
+        }
+        let (found, allowed) = (image.counted.len(), self.counted_loads);
+        if found > allowed {
+            return Err(Mismatch::CountedLoads { found, allowed });
         }
         let counters = counters(&image.model);
         let (found, allowed) = (counters.iter().flatten().count(), self.encoders);

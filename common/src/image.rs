@@ -9,13 +9,14 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::Error;
 use crate::bearing::BearingModel;
+use crate::counting::CountedLoads;
 use crate::drive::DriveModel;
 use crate::drivetrain::GearboxModel;
 use crate::load_signal::LoadSignal;
 use crate::rotor::RotorModel;
 
 /// Version of the layout of [`Image`]; another one is refused.
-pub const VERSION: u16 = 14;
+pub const VERSION: u16 = 15;
 
 /// A model image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,6 +30,8 @@ pub struct Image<'a> {
     pub rate_hz: f32,
     /// First identifier of the frames on the bus.
     pub can_base: u16,
+    /// The loads that a board counts.
+    pub counted: CountedLoads,
     /// The machine.
     #[serde(borrow)]
     pub model: Model<'a>,

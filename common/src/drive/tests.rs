@@ -371,17 +371,18 @@ fn an_image_begins_as_the_wire_format_says() {
         machine: "axis",
         rate_hz: RATE_HZ,
         can_base: 0x500,
+        counted: Vec::new(),
         model: Model::Drive(model()),
     };
     let mut room = [0; 2000];
     let bytes = postcard::to_slice(&image, &mut room).unwrap();
-    let line: std::vec::Vec<_> = bytes[..13]
+    let line: std::vec::Vec<_> = bytes[..14]
         .iter()
         .map(|b| std::format!("{b:02X}"))
         .collect();
     let line = line.join(" ");
     assert!(SPECIFICATION.contains(&line), "{line}");
     assert_eq!(Image::from_bytes(bytes), Ok(image));
-    bytes[12] = 4;
+    bytes[13] = 4;
     assert_eq!(Image::from_bytes(bytes), Err(Error::Malformed("image")));
 }

@@ -23,6 +23,7 @@ mod angle_map;
 mod bearing;
 mod channel;
 mod channel_encoding;
+mod count;
 mod description_check;
 mod drive_balance;
 mod drive_sensors;
@@ -60,6 +61,7 @@ pub use channel::{
     SLOWEST_S, Senses, Thermal,
 };
 pub use channel_encoding::Encoding;
+pub use count::Count;
 pub use drive_balance::{Balance, BalanceEffect, Estimated, Regime, Signal};
 pub use drivetrain::{Direction, Drivetrain, ErrorBand, Inertia, Load, MOST_INERTIAS, Shaft};
 pub use encoder::{Counter, Eccentricity, Encoder, Index, IndexSignal, QUANTISATION};
@@ -117,6 +119,9 @@ pub struct Machine {
     /// Other quantities that a recording may carry, such as temperature.
     #[serde(default, rename = "auxiliary")]
     pub auxiliaries: Vec<Auxiliary>,
+    /// Loads whose cycles a board counts, at most 2.
+    #[serde(default, rename = "count")]
+    pub counts: Vec<Count>,
     /// Named sets of sensors; the first is the default.
     #[serde(default, rename = "sensor_set")]
     pub sensor_sets: Vec<SensorSet>,
