@@ -20,18 +20,36 @@ impl<const L: usize> MachineCounts<L> {
     /// # Errors
     /// `Error::OutOfRange` for more than `L` loads; as [`CountedLoad::check`].
     pub fn try_new(counted: &[CountedLoad]) -> Result<Self, Error> {
-        let mut counts = Self {
+        let mut counts = Self::none();
+        counts.begin(counted)?;
+        Ok(counts)
+    }
+
+    /// No loads.
+    pub const fn none() -> Self {
+        Self {
             loads: Vec::new(),
             ratios: Vec::new(),
-        };
+        }
+    }
+
+    /// Begins with nothing counted, in place: counts are large.
+    ///
+    /// # Errors
+    /// As [`Self::try_new`].
+    // Inlined, its temporaries would stay on the stack.
+    #[inline(never)]
+    pub fn begin(&mut self, counted: &[CountedLoad]) -> Result<(), Error> {
+        self.loads.clear();
+        self.ratios.clear();
         for counted in counted {
-            let is_full = counts.loads.push(counted.empty()?).is_err()
-                || counts.ratios.push(counted.ratio).is_err();
+            let is_full = self.loads.push(counted.empty()?).is_err()
+                || self.ratios.push(counted.ratio).is_err();
             if is_full {
                 return Err(Error::OutOfRange("counted loads"));
             }
         }
-        Ok(counts)
+        Ok(())
     }
 
     /// Takes a sample, and the number of those that are missing before it.

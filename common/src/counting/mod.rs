@@ -21,6 +21,7 @@ pub mod counted_load;
 pub mod coverage;
 pub mod cycle_matrix;
 pub mod four_point_rainflow;
+pub mod kept;
 pub mod load_counts;
 pub mod load_revolutions;
 mod long_array_serde;
