@@ -1,8 +1,10 @@
 //! Checks that a model image fits a board (`Hardware::serves`): sample rate, time for a sample, number
-//! of channels and encoders, width of the counters. Holds what the two boards of this project have.
+//! of channels, encoders and counted loads, width of the counters. Holds what the two boards of this
+//! project have.
 
 use core::fmt;
 
+use crate::counting::MAX_COUNTED;
 use crate::drivetrain::GearboxModel;
 use crate::image::{Image, Model};
 use crate::io::measurement::EncoderScaling;
@@ -26,6 +28,8 @@ pub struct Hardware {
     /// Widest counter of an encoder (bit), which counts to any width from 8 bit; none where any width
     /// is served.
     pub counter_bits: Option<u8>,
+    /// Loads whose cycles it has the memory to count.
+    pub counted_loads: usize,
 }
 
 /// Narrowest counter that a description may have (bit).
@@ -45,6 +49,7 @@ pub const NUCLEO_G474RE: Hardware = Hardware {
     channels: 4,
     encoders: 1,
     counter_bits: Some(16),
+    counted_loads: 1,
 };
 
 /// The emulated board: its clock follows the image, and its samples come over a serial port.
@@ -54,6 +59,7 @@ pub const EMULATED: Hardware = Hardware {
     channels: MAX_CHANNELS,
     encoders: MAX_ENCODERS,
     counter_bits: None,
+    counted_loads: MAX_COUNTED,
 };
 
 /// Why an image does not fit a board.
@@ -94,6 +100,13 @@ pub enum Mismatch {
         /// The board's.
         allowed: u8,
     },
+    /// More loads are counted than the board has the memory for.
+    CountedLoads {
+        /// The image's.
+        found: usize,
+        /// The board's.
+        allowed: usize,
+    },
 }
 
 impl fmt::Display for Mismatch {
@@ -120,6 +133,12 @@ impl fmt::Display for Mismatch {
                 write!(
                     f,
                     "bits of the encoder: found {found}, allowed: {LEAST_COUNTER_BITS} to {allowed}"
+                )
+            }
+            Self::CountedLoads { found, allowed } => {
+                write!(
+                    f,
+                    "[[count]]: found {found} loads, allowed: up to {allowed}"
                 )
             }
         }
@@ -150,6 +169,10 @@ impl Hardware {
         let (found, allowed) = (channels(&image.model), self.channels);
         if found > allowed {
             return Err(Mismatch::Channels { found, allowed });
+        }
+        let (found, allowed) = (image.counted.len(), self.counted_loads);
+        if found > allowed {
+            return Err(Mismatch::CountedLoads { found, allowed });
         }
         let counters = counters(&image.model);
         let (found, allowed) = (counters.iter().flatten().count(), self.encoders);

@@ -9,6 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::Error;
 use crate::bearing::BearingModel;
+use crate::counting::CountedLoads;
 use crate::drive::DriveModel;
 use crate::drivetrain::GearboxModel;
 use crate::io::raw::MAX_CHANNELS;
@@ -33,6 +34,8 @@ pub struct Image<'a> {
     /// Gain of the converter for each analogue channel, as its power of two (32: 5); none where the
     /// description states none.
     pub gains: [Option<u8>; MAX_CHANNELS],
+    /// The loads that a board counts.
+    pub counted: CountedLoads,
     /// The machine.
     #[serde(borrow)]
     pub model: Model<'a>,

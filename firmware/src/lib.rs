@@ -15,6 +15,7 @@ pub mod board;
 pub mod board_counters;
 pub mod campaign;
 pub mod counting_test;
+pub mod counts;
 pub mod driver;
 pub mod interrupt_owned;
 pub mod progress_check;

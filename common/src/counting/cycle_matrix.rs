@@ -10,7 +10,7 @@ use super::long_array_serde;
 use super::{BINS, bin};
 
 /// Pairs of a lower and a higher bin.
-const CELLS: usize = BINS * (BINS - 1) / 2;
+pub(super) const CELLS: usize = BINS * (BINS - 1) / 2;
 
 /// Most cells that may have a carry.
 ///
@@ -73,10 +73,17 @@ impl CycleMatrix {
         if low >= high || high >= BINS {
             return;
         }
-        let cell = cell(low, high);
-        let sum = u64::from(self.low[cell]) + (count & u64::from(u32::MAX));
+        self.add_at(cell(low, high), count);
+    }
+
+    /// Counts `count` cycles in a cell, below [`CELLS`].
+    pub(super) fn add_at(&mut self, cell: usize, count: u64) {
+        let Some(low) = self.low.get_mut(cell) else {
+            return;
+        };
+        let sum = u64::from(*low) + (count & u64::from(u32::MAX));
         let carry = (sum >> 32) + (count >> 32);
-        self.low[cell] = sum as u32;
+        *low = sum as u32;
         if carry > 0 && !self.carry(cell as u16, carry) {
             self.lost = self.lost.saturating_add(carry << 32);
         }
@@ -104,9 +111,14 @@ impl CycleMatrix {
         if low >= high || high >= BINS {
             return 0;
         }
-        let cell = cell(low, high);
+        self.at(cell(low, high))
+    }
+
+    /// Cycles in a cell, below [`CELLS`].
+    pub(super) fn at(&self, cell: usize) -> u64 {
         let carry = (self.carries.iter()).find(|carry| usize::from(carry.cell) == cell);
-        carry.map_or(0, |carry| u64::from(carry.count) << 32) + u64::from(self.low[cell])
+        let low = self.low.get(cell).copied().unwrap_or(0);
+        carry.map_or(0, |carry| u64::from(carry.count) << 32) + u64::from(low)
     }
 
     /// Cycles of a range and a mean, in bins, of the 64 x 64 matrix; zero for a pair that no
@@ -125,6 +137,11 @@ impl CycleMatrix {
         pairs
             .map(|(low, high)| (low, high, self.get(low, high)))
             .filter(|cell| cell.2 > 0)
+    }
+
+    /// Adds to the cycles that found no place for their carry.
+    pub(super) fn lose(&mut self, count: u64) {
+        self.lost = self.lost.saturating_add(count);
     }
 
     /// Cycles that found no place for their carry: 0 within 3.4e11 samples.

@@ -60,6 +60,18 @@ impl Residue {
         &self.points
     }
 
+    /// Drops the points behind the first `kept`; false where there are fewer.
+    pub(super) fn keep(&mut self, kept: usize) -> bool {
+        let is = kept <= self.points.len();
+        self.points.truncate(kept);
+        is
+    }
+
+    /// Adds a point as it is; false where there is no place.
+    pub(super) fn append_point(&mut self, point: u8) -> bool {
+        self.points.push(point).is_ok()
+    }
+
     /// Takes the next turning point and gives each cycle that it closes; maxima and minima have to
     /// alternate.
     pub fn push(&mut self, point: u8, mut closed: impl FnMut(Cycle)) {

@@ -62,24 +62,24 @@ pub struct Extreme {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LoadCounts {
     scale: LevelScale,
-    turning_points: TurningPoints,
-    residue: Residue,
+    pub(super) turning_points: TurningPoints,
+    pub(super) residue: Residue,
     /// Confirmed turning points that the residue has not taken yet; none in saved counts.
     #[serde(skip)]
     waiting: Deque<u8, WAITING>,
-    closed: Closed,
-    time: Tally<BINS>,
-    turns: [Turns; SHAFTS],
-    observation: Observation,
+    pub(super) closed: Closed,
+    pub(super) time: Tally<BINS>,
+    pub(super) turns: [Turns; SHAFTS],
+    pub(super) observation: Observation,
     /// Lowest and highest.
-    extremes: Option<[Extreme; 2]>,
+    pub(super) extremes: Option<[Extreme; 2]>,
 }
 
 /// Closed cycles.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Closed {
-    matrix: CycleMatrix,
-    ranges: Tally<LEVELS>,
+    pub(super) matrix: CycleMatrix,
+    pub(super) ranges: Tally<LEVELS>,
 }
 
 impl Closed {

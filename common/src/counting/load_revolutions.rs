@@ -20,15 +20,18 @@ const MASK: u32 = (1 << BELOW) - 1;
 /// Index of turns without a valid load.
 const UNSEEN: usize = TURN_BINS;
 
+/// Counters of a shaft: those of the bins, and without a valid load.
+pub(super) const COUNTERS: usize = TURN_BINS + 1;
+
 /// Turns of a shaft by the load that they were made at.
 ///
 /// Both directions of rotation count. The part that is counted is that of the
 /// sample which completes it; what is below a part is carried, so that the sum is exact.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Turns {
-    parts: Tally<{ TURN_BINS + 1 }>,
+    pub(super) parts: Tally<COUNTERS>,
     /// Below a part [2^-32 turn].
-    below: u32,
+    pub(super) below: u32,
 }
 
 impl Turns {

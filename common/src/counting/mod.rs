@@ -16,12 +16,16 @@
 //! Standardization of the rainflow counting method for fatigue analysis, 1994
 //! (four-point); DIN 45667 (level crossing, time at level).
 
+pub mod count_increment;
+pub mod counted_load;
 pub mod coverage;
 pub mod cycle_matrix;
 pub mod four_point_rainflow;
+pub mod kept;
 pub mod load_counts;
 pub mod load_revolutions;
 mod long_array_serde;
+pub mod machine_counts;
 pub mod saved_counts;
 pub mod scale;
 pub mod tally_array;
@@ -30,11 +34,14 @@ pub mod turning_points;
 #[cfg(test)]
 mod tests;
 
+pub use count_increment::{ByteSink, ByteSource};
+pub use counted_load::{CountSample, CountedLoad, CountedLoads, LoadSampler, MAX_COUNTED};
 pub use coverage::Observation;
 pub use cycle_matrix::CycleMatrix;
 pub use four_point_rainflow::{Cycle, Residue};
 pub use load_counts::LoadCounts;
 pub use load_revolutions::Turns;
+pub use machine_counts::MachineCounts;
 pub use scale::LevelScale;
 pub use turning_points::TurningPoints;
 
@@ -44,6 +51,10 @@ pub use turning_points::TurningPoints;
 /// 1/6 level^2: a cycle over a tenth of the scale is counted with a damage that
 /// is 0.3 % too high for exponent 3 and 3.7 % for exponent 9 in the mean.
 pub const LEVELS: usize = 128;
+
+/// Gate where none is given (levels): one bin of the matrix, so that a load between two levels
+/// makes no cycles.
+pub const GATE_LEVELS: u8 = 2;
 
 /// Bins of matrix, level crossings and time at level; two levels each.
 pub const BINS: usize = 64;

@@ -112,6 +112,36 @@ impl TurningPoints {
         first.into_iter().chain(second)
     }
 
+    /// How the load moves, as bytes.
+    pub(super) fn motion_bytes(self) -> [u8; 4] {
+        match self.motion {
+            Motion::Before => [0; 4],
+            Motion::Within {
+                low,
+                high,
+                high_is_later,
+            } => [1, low, high, high_is_later.into()],
+            Motion::Up(peak) => [2, peak, 0, 0],
+            Motion::Down(valley) => [3, valley, 0, 0],
+        }
+    }
+
+    /// Sets how the load moves; false where the bytes say no such thing.
+    pub(super) fn set_motion(&mut self, bytes: [u8; 4]) -> bool {
+        self.motion = match bytes {
+            [0, 0, 0, 0] => Motion::Before,
+            [1, low, high, later @ (0 | 1)] => Motion::Within {
+                low,
+                high,
+                high_is_later: later == 1,
+            },
+            [2, peak, 0, 0] => Motion::Up(peak),
+            [3, valley, 0, 0] => Motion::Down(valley),
+            _ => return false,
+        };
+        true
+    }
+
     /// Whether the state is one that a sequence can lead to, after it came from bytes.
     pub(super) fn is_valid(self) -> bool {
         let levels = LEVELS as u8;

@@ -372,17 +372,18 @@ fn an_image_begins_as_the_wire_format_says() {
         rate_hz: RATE_HZ,
         can_base: 0x500,
         gains: [None; MAX_CHANNELS],
+        counted: Vec::new(),
         model: Model::Drive(model()),
     };
     let mut room = [0; 2000];
     let bytes = postcard::to_slice(&image, &mut room).unwrap();
-    let line: std::vec::Vec<_> = bytes[..21]
+    let line: std::vec::Vec<_> = bytes[..22]
         .iter()
         .map(|b| std::format!("{b:02X}"))
         .collect();
     let line = line.join(" ");
     assert!(SPECIFICATION.contains(&line), "{line}");
     assert_eq!(Image::from_bytes(bytes), Ok(image));
-    bytes[20] = 4;
+    bytes[21] = 4;
     assert_eq!(Image::from_bytes(bytes), Err(Error::Malformed("image")));
 }

@@ -18,12 +18,15 @@ pub(crate) fn packed<'a>(
         let gain = channel.adc.and_then(|adc| adc.gain);
         *slot = gain.map(|gain| gain.ilog2() as u8);
     }
+    let counted = machine.counted_loads().map_err(BuildError::Model)?;
+    let counted = (counted.as_slice().try_into()).map_err(|_| BuildError::TooLarge("[[count]]"))?;
     let image = Image {
         version: VERSION,
         machine: &machine.name,
         rate_hz: machine.rate_hz as f32,
         can_base: machine.can_base,
         gains,
+        counted,
         model,
     };
     postcard::to_stdvec(&image).map_err(|_| BuildError::TooLarge("the image"))

@@ -6,10 +6,6 @@ use loadtwin_common::counting::{LoadCounts, SHAFTS};
 
 use crate::rts_smoother::{Estimate, Smoother};
 
-/// Gate where none is given (levels): one bin of the matrix, so that a load between two levels
-/// makes no cycles.
-pub const GATE_LEVELS: u8 = 2;
-
 /// One sample of a load.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoadSample {

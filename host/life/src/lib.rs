@@ -27,7 +27,7 @@ mod sn_curve;
 mod spectrum;
 
 pub use bearing_life::{RatingLife, rating_life};
-pub use counted_load::{CountedLoad, GATE_LEVELS, LoadSample};
+pub use counted_load::{CountedLoad, LoadSample};
 pub use counts_table::{COUNTS, CountsTable};
 pub use damage::{EXPONENTS, damage, damage_of_cycles, equivalent_load};
 pub use damage_interval::{Interval, NoiseRemoved};
@@ -37,6 +37,7 @@ pub use load_columns::Loads;
 pub use load_file::LoadFile;
 pub use load_file_error::LoadFileError;
 pub use load_survey::LoadSurvey;
+pub use loadtwin_common::counting::GATE_LEVELS;
 pub use number_pair::number_pair;
 pub use rts_smoother::{Estimate, Smoother, StepVariance};
 pub use sn_curve::{Beyond, SnCurve};

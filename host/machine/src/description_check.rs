@@ -47,6 +47,7 @@ impl Machine {
             )?;
             balance.check()?;
             self.check_drive_references()?;
+            self.check_counts()?;
             return self.check_segments();
         }
         self.check_names()?;
@@ -92,6 +93,7 @@ impl Machine {
             }
         }
         self.check_references()?;
+        self.check_counts()?;
         self.check_sets()?;
         self.check_thermometer()?;
         self.check_segments()

@@ -24,6 +24,7 @@ mod bearing;
 mod channel;
 mod channel_encoding;
 mod converter;
+mod count;
 mod description_check;
 mod drive_balance;
 mod drive_sensors;
@@ -62,6 +63,7 @@ pub use channel::{
 };
 pub use channel_encoding::Encoding;
 pub use converter::Converter;
+pub use count::Count;
 pub use drive_balance::{Balance, BalanceEffect, Estimated, Regime, Signal};
 pub use drivetrain::{Direction, Drivetrain, ErrorBand, Inertia, Load, MOST_INERTIAS, Shaft};
 pub use encoder::{Counter, Eccentricity, Encoder, Index, IndexSignal, QUANTISATION};
@@ -119,6 +121,9 @@ pub struct Machine {
     /// Other quantities that a recording may carry, such as temperature.
     #[serde(default, rename = "auxiliary")]
     pub auxiliaries: Vec<Auxiliary>,
+    /// Loads whose cycles a board counts, at most 2.
+    #[serde(default, rename = "count")]
+    pub counts: Vec<Count>,
     /// Named sets of sensors; the first is the default.
     #[serde(default, rename = "sensor_set")]
     pub sensor_sets: Vec<SensorSet>,
