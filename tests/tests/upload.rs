@@ -221,7 +221,7 @@ fn a_board_refuses_an_image_that_its_hardware_does_not_serve() {
     }
     for change in [
         |machine: &mut Machine| machine.rate_hz = 600.0,
-        |machine: &mut Machine| machine.rate_hz = 32_000.0,
+        |machine: &mut Machine| machine.rate_hz = 16_000.0,
         |machine: &mut Machine| machine.encoders[0].bits = 32,
         |machine: &mut Machine| {
             let mut fifth = machine.channels[0].clone();

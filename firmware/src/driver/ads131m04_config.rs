@@ -150,8 +150,8 @@ mod tests {
         // 1, 128, the usual 32 where nothing is stated, and where nothing has that power of two.
         assert_eq!(config(2000.0).gains(), 0x5570);
         for (place, rate_hz) in NUCLEO_G474RE.rates_hz.iter().rev().enumerate() {
-            // CLOCK: all channels, the code of the ratio from 128 on, high resolution.
-            let clock = 0x0F02 | (place as u16) << 2;
+            // CLOCK: all channels, the code of the ratio from 256 on, high resolution.
+            let clock = 0x0F02 | (place as u16 + 1) << 2;
             assert_eq!(config(*rate_hz).clock(), clock, "{rate_hz}");
             assert_eq!(config(rate_hz * 1.0009).clock(), clock, "{rate_hz}");
         }

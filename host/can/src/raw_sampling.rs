@@ -4,7 +4,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use loadtwin_common::io::frame::RawAssembler;
+use loadtwin_common::io::frame::{RawAssembler, RawCounts};
 use loadtwin_common::io::raw::RawSample;
 
 use super::bus::{BusError, Link};
@@ -22,7 +22,8 @@ const SILENCE: Duration = Duration::from_secs(3);
 const POLL: Duration = Duration::from_millis(100);
 
 /// The whole raw samples that `source` carries for the machine whose frames begin at `base`: all of
-/// a log, or up to `burst` of a bus, whose board is asked for them. Its estimator starts anew.
+/// a log, or up to `burst` of a bus, whose board is asked for them. Its estimator starts anew. With
+/// the counts of what was whole, lost and damaged.
 ///
 /// # Errors
 /// When the source cannot be opened, or the bus fails for good.
@@ -31,7 +32,7 @@ pub fn raw_samples(
     base: u16,
     burst: u16,
     stop: &AtomicBool,
-) -> Result<Vec<RawSample>, CanError> {
+) -> Result<(Vec<RawSample>, RawCounts), CanError> {
     let mut link = Link::new(source.open(Some(base), None)?, POLL);
     if source.log().is_none() {
         if let Some(request) = burst_request(burst, SHARE, false) {
@@ -60,5 +61,5 @@ pub fn raw_samples(
             break;
         }
     }
-    Ok(samples)
+    Ok((samples, assembler.counts()))
 }

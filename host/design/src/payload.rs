@@ -16,7 +16,7 @@ pub(crate) fn packed<'a>(
     let mut gains = [None; MAX_CHANNELS];
     for (slot, channel) in gains.iter_mut().zip(channels) {
         let gain = channel.adc.and_then(|adc| adc.gain);
-        *slot = gain.map(|gain| gain.ilog2() as u8);
+        *slot = gain.map(|gain| gain.trailing_zeros() as u8);
     }
     let counted = machine.counted_loads().map_err(BuildError::Model)?;
     let counted = (counted.as_slice().try_into()).map_err(|_| BuildError::TooLarge("[[count]]"))?;

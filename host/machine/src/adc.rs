@@ -28,6 +28,12 @@ pub struct Adc {
     /// description states none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gain: Option<u16>,
+    /// The converter, where the description names it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub converter: Option<Converter>,
+    /// Excitation of the bridge (V), where the description states it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub excitation_v: Option<f64>,
 }
 
 /// The table `adc` of a description: one count as `lsb`, or the converter with its gain and what
@@ -43,7 +49,8 @@ pub struct AdcFields {
     converter: Option<Converter>,
     /// Gain of the converter's own amplifier, a power of two from 1 to 128; a board sets it.
     /// Where absent a board takes 32.
-    gain: Option<u16>,
+    #[schemars(range(min = 1, max = 128))]
+    gain: Option<i64>,
     /// Excitation of the bridge (V), > 0.
     excitation_v: Option<f64>,
     /// Gain of an amplifier between bridge and converter (V/V), > 0; 1 where absent.
@@ -68,6 +75,17 @@ const BITS: u32 = 24;
 /// Largest gain of a converter that a board sets.
 const MOST_GAIN: u16 = 128;
 
+/// Excitations of a strain-gauge bridge (V): above lies what heats its gauges.
+const LEAST_EXCITATION_V: f64 = 0.1;
+const MOST_EXCITATION_V: f64 = 30.0;
+
+/// A gain that a board can set: a power of two.
+pub(crate) fn checked_gain(found: i64) -> Result<u16, String> {
+    let gain = u16::try_from(found).ok();
+    gain.filter(|gain| gain.is_power_of_two() && *gain <= MOST_GAIN)
+        .ok_or_else(|| format!("gain: found {found}, allowed: 1, 2, 4, 8, 16, 32, 64, 128"))
+}
+
 impl JsonSchema for Adc {
     fn schema_name() -> Cow<'static, str> {
         AdcFields::schema_name()
@@ -82,17 +100,10 @@ impl TryFrom<AdcFields> for Adc {
     type Error = String;
 
     fn try_from(fields: AdcFields) -> Result<Self, String> {
-        if let Some(gain) = fields
-            .gain
-            .filter(|g| !g.is_power_of_two() || *g > MOST_GAIN)
-        {
-            return Err(format!(
-                "gain: found {gain}, allowed: 1, 2, 4, 8, 16, 32, 64, 128"
-            ));
-        }
+        let gain = fields.gain.map(checked_gain).transpose()?;
         let lsb = match (fields.lsb, fields.converter) {
             (Some(lsb), None) => fields.without_converter(lsb)?,
-            (None, Some(converter)) => fields.of_converter(converter)?,
+            (None, Some(converter)) => fields.of_converter(converter, gain)?,
             (None, None) => {
                 return Err(
                     "adc: found neither `lsb` nor `converter`, allowed: one of them".into(),
@@ -107,7 +118,9 @@ impl TryFrom<AdcFields> for Adc {
             zero: fields.zero,
             bits: fields.bits.unwrap_or(BITS),
             stuck_after: fields.stuck_after,
-            gain: fields.gain,
+            gain,
+            converter: fields.converter,
+            excitation_v: fields.excitation_v,
         })
     }
 }
@@ -129,9 +142,9 @@ impl AdcFields {
     }
 
     /// One count of `converter`.
-    fn of_converter(&self, converter: Converter) -> Result<f64, String> {
+    fn of_converter(&self, converter: Converter, gain: Option<u16>) -> Result<f64, String> {
         let gains = converter.gains();
-        let Some(gain) = self.gain.filter(|gain| gains.contains(gain)) else {
+        let Some(gain) = gain.filter(|gain| gains.contains(gain)) else {
             let found = self.gain.map_or("nothing".into(), |gain| gain.to_string());
             return Err(format!("gain: found {found}, allowed: one of {gains:?}"));
         };
@@ -142,14 +155,28 @@ impl AdcFields {
         let amplifier_gain = self.amplifier_gain.unwrap_or(1.0);
         let input = match (self.excitation_v, self.per_volt) {
             (Some(excitation_v), None) => {
-                positive("excitation_v", excitation_v)?;
+                if !(LEAST_EXCITATION_V..=MOST_EXCITATION_V).contains(&excitation_v) {
+                    return Err(format!(
+                        "excitation_v: found {excitation_v}, allowed: {LEAST_EXCITATION_V} to {MOST_EXCITATION_V} V"
+                    ));
+                }
                 positive("amplifier_gain", amplifier_gain)?;
                 Input::Bridge {
                     excitation_v,
                     amplifier_gain,
                 }
             }
-            (None, Some(value)) if self.amplifier_gain.is_none() => Input::PerVolt(value),
+            (None, Some(_)) if converter == Converter::Hx711 => {
+                return Err(
+                    "per_volt: found with hx711, allowed: excitation_v, the supply of bridge and converter (V)".into(),
+                );
+            }
+            (None, Some(value)) if self.amplifier_gain.is_none() => {
+                if !(value.is_finite() && value != 0.0) {
+                    return Err(format!("per_volt: found {value}, allowed: a number, not 0"));
+                }
+                Input::PerVolt(value)
+            }
             (None, Some(_)) => {
                 return Err(
                     "amplifier_gain: found beside `per_volt`, allowed: in `per_volt`".into(),
@@ -197,6 +224,8 @@ impl Adc {
             bits: 32,
             stuck_after: Some(0),
             gain: None,
+            converter: None,
+            excitation_v: None,
         }
     }
 
@@ -289,6 +318,15 @@ mod tests {
                 "excitation_v: found beside `lsb`",
             ),
             ("lsb = 1.0\ngain = 3", "gain: found 3"),
+            ("lsb = 1.0\ngain = -1", "gain: found -1"),
+            (
+                "converter = \"ads131m04\"\ngain = 1\nper_volt = 0",
+                "per_volt: found 0",
+            ),
+            (
+                "converter = \"ads131m04\"\ngain = 1\nexcitation_v = 2500",
+                "0.1 to 30 V",
+            ),
             (
                 "converter = \"ads131m04\"\nexcitation_v = 5",
                 "gain: found nothing",

@@ -459,6 +459,8 @@ mod tests {
             bits: 24,
             stuck_after: None,
             gain: None,
+            converter: None,
+            excitation_v: None,
         };
         let sampled = Auxiliary {
             name: "housing".into(),

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Millivolts in a volt: bridges are described in mV/V.
-const MV_PER_V: f64 = 1e3;
+const MILLIVOLTS_PER_VOLT: f64 = 1e3;
 
 /// A converter known by its data sheet; words of two's complement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
@@ -68,7 +68,7 @@ impl Input {
             Self::Bridge {
                 excitation_v,
                 amplifier_gain,
-            } => MV_PER_V / excitation_v / amplifier_gain,
+            } => MILLIVOLTS_PER_VOLT / excitation_v / amplifier_gain,
             Self::PerVolt(value) => value,
         }
     }

@@ -13,6 +13,7 @@ use super::{
     Bearing, Channel, Drivetrain, Hysteresis, Kind, LATEST_S, Machine, SLOWEST_S, Senses,
     UNKNOWN_LOAD,
 };
+use crate::adc::extreme_words;
 
 /// Most channels of one sensor set.
 const MAX_CHANNELS: usize = loadtwin_common::io::raw::MAX_CHANNELS;
@@ -430,6 +431,14 @@ fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
         let allowed = "a converter, of whose words the bridge's output is made";
         return within(&field("adc"), "nothing", channel.bridge.is_none(), allowed);
     };
+    if let Some(excitation_v) = adc.excitation_v {
+        within(
+            &field("adc.excitation_v"),
+            excitation_v,
+            channel.bridge.is_some(),
+            "with a `bridge`; `per_volt` of another sensor",
+        )?;
+    }
     nonzero(&field("adc.lsb"), adc.lsb)?;
     let bits = adc.bits;
     within(
@@ -438,7 +447,13 @@ fn check_reading(field: &dyn Fn(&str) -> String, channel: &Channel) -> Checked {
         (8..=32).contains(&bits),
         "8 to 32",
     )?;
-    Ok(())
+    let [lowest, highest] = extreme_words(bits);
+    within(
+        &field("adc.zero"),
+        adc.zero,
+        (lowest..=highest).contains(&adc.zero),
+        "a word of so many bits",
+    )
 }
 
 fn torque_or_counts(field: &str, unit: Unit) -> Checked {

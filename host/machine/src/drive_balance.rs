@@ -113,7 +113,7 @@ pub struct Signal {
     /// Gain that a board sets in its converter for the column, a power of two from 1 to 128; 32 where
     /// absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub converter_gain: Option<u16>,
+    pub converter_gain: Option<i64>,
     /// Width of a position's counter (bit), 8 to 32.
     #[serde(default = "thirty_two")]
     pub bits: u32,
@@ -192,6 +192,12 @@ impl Balance {
             nonzero(&field("gain"), signal.gain)?;
             finite(&field("zero"), signal.zero)?;
             range(&field("bits"), f64::from(signal.bits), 8.0, 32.0)?;
+            within(
+                &field("converter_gain"),
+                signal.converter_gain.unwrap_or_default(),
+                signal.gain_of_converter().is_ok(),
+                "1, 2, 4, 8, 16, 32, 64, 128",
+            )?;
             for (name, value) in [("lsb", signal.lsb), ("noise_std", signal.noise_std)] {
                 value.map_or(Ok(()), |value| positive(&field(name), value))?;
             }

@@ -7,6 +7,7 @@ use std::f64::consts::TAU;
 use super::{
     Adc, Balance, Channel, Encoder, Estimated, Machine, QUANTISATION, Reference, Senses, Signal,
 };
+use crate::adc::checked_gain;
 use loadtwin_recording::{Quantity, Unit};
 
 /// Part of nominal that one code is of a drive or load of which it is not given: 20 bits.
@@ -23,6 +24,14 @@ impl Signal {
     /// Factor of the column in SI to the quantity: `quantity = gain_si (column - zero)`.
     pub fn gain_si(&self) -> f64 {
         self.gain / self.unit_si()
+    }
+
+    /// Gain that a board sets in its converter, where one is stated.
+    ///
+    /// # Errors
+    /// What is allowed.
+    pub(super) fn gain_of_converter(&self) -> Result<Option<u16>, String> {
+        self.converter_gain.map(checked_gain).transpose()
     }
 
     /// One unit of the column in SI.
@@ -69,7 +78,9 @@ impl Balance {
             zero: 0,
             bits: 32,
             stuck_after: Some(0),
-            gain: signal.converter_gain,
+            gain: signal.gain_of_converter().ok().flatten(),
+            converter: None,
+            excitation_v: None,
         };
         Channel {
             noise_std: self.noise_std(signal) / signal.gain.abs(),

@@ -1,6 +1,7 @@
 //! The command-line interface of `loadtwin`: lists the commands with their help (`Cli`), parses the
 //! arguments, and calls the file that holds the command.
 
+mod board_words;
 mod build;
 mod calibrate;
 mod can;

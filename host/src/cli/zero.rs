@@ -8,30 +8,26 @@ use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use loadtwin_common::io::raw::RawSample;
-
+use super::board_words::{Words, ratio_of_word, words_of_bus};
 use super::file_plan::{Plan, Replace};
 use super::layout_option::LayoutFile;
 use super::printing::{say, shown};
 use crate::calibrate::Description;
 use crate::can::frame_source::Source;
-use crate::can::raw_sampling::raw_samples;
-use crate::can::stop_on_signal;
-use crate::image_build::Sensors;
-use crate::machine::{Channel, DESCRIPTION, Encoding, Machine};
+use crate::machine::{Channel, DESCRIPTION, Encoding, Machine, extreme_words};
 use crate::recording::{Reader, Unit, Wanted, columns};
-use crate::strain::{Calibration, MV_PER_V, ShuntReading, Simulates, StrainBridge, calibrate};
+use crate::strain::{Calibration, ShuntReading, Simulates, StrainBridge, calibrate, is_iso_date};
 
 /// Largest standard deviation of the reading of a machine that stands still, in `noise_std` of the
 /// channel. `noise_std` is that about the model in operation; of a machine that stands still the
 /// noise is less: three times as much is motion or drift.
 const STANDSTILL: f64 = 3.0;
 
+/// Counts by which an encoder of a machine at standstill may differ: it is at the edge of a line.
+const RESTS: f64 = 2.0;
+
 /// Name by which all channels with a bridge are meant.
 const ALL: &str = "all";
-
-/// Raw samples that a board is asked for: what a classic bus carries at once.
-const BURST: u16 = 400;
 
 /// Ends of the names of logs of a bus.
 const LOGS: [&str; 4] = ["log", "asc", "blf", "trc"];
@@ -92,23 +88,40 @@ impl Zero {
             .reads(files.into_iter().flatten())
             .writes("--output", Some(&self.output), DESCRIPTION)
             .check(as_json)?;
+        anyhow::ensure!(
+            is_iso_date(&self.date),
+            "--date: found {:?}, allowed: a day as 2026-03-31",
+            self.date
+        );
         let machine = self.layout.machine(&self.machine)?;
         let channels = self.channels(&machine)?;
         let words = match bus {
-            Some(bus) => Some(words_of_bus(&machine, bus)?),
+            Some(bus) => Some(words_of_bus(&machine, bus, &self.recording)?),
             None => None,
         };
+        self.check_encoders(&machine, words.as_ref())?;
         let mut found = Vec::new();
         for (channel, bridge) in channels {
             let ratios = match &words {
                 Some(words) => words.ratios(channel)?,
                 None => ratios(&machine, channel, &self.recording)?,
             };
+            self.check_readings(channel, &ratios, words.is_some())?;
             self.check_standstill(channel, bridge, &ratios)?;
             let shunt = self.shunt_reading(&machine, channel)?;
-            let calibration = calibrate(bridge, &ratios, shunt, &self.date)
-                .with_context(|| self.place(&channel.name))?;
-            found.push((channel.name.as_str(), bridge, calibration));
+            let calibration = calibrate(bridge, &ratios, shunt, &self.date).with_context(|| {
+                format!(
+                    "{}: {}",
+                    self.place(&channel.name),
+                    self.recording.display()
+                )
+            })?;
+            found.push(Zeroed {
+                channel,
+                bridge,
+                calibration,
+                samples: ratios.len(),
+            });
         }
         self.write(&found)?;
         self.print(&found, as_json)
@@ -150,7 +163,13 @@ impl Zero {
             None if self.channel == ALL && self.shunt.is_some() => {
                 bail!("--shunt: found with `all`, allowed: with the channel that is shunted")
             }
-            None if self.channel == ALL && bridges().next().is_some() => Ok(bridges().collect()),
+            None if bridges().next().is_none() => {
+                bail!(
+                    "{}: found no channel with a `bridge`, allowed: one or more",
+                    self.machine.display()
+                )
+            }
+            None if self.channel == ALL => Ok(bridges().collect()),
             None => {
                 let names: Vec<_> = bridges()
                     .map(|(channel, _)| channel.name.as_str())
@@ -158,6 +177,69 @@ impl Zero {
                 bail!("{place}: not there; allowed: all, {}", names.join(", "))
             }
         }
+    }
+
+    /// Refuses an encoder that moves.
+    fn check_encoders(&self, machine: &Machine, words: Option<&Words>) -> anyhow::Result<()> {
+        for (place, encoder) in machine.encoders.iter().enumerate() {
+            let counts = match words {
+                Some(words) => words.counts(place),
+                None => counts(machine, &encoder.name, &self.recording)?,
+            };
+            let turn = f64::from(encoder.bits).exp2();
+            let moved = (counts.iter())
+                .map(|count| count - counts[0])
+                .map(|moved| (moved - turn * (moved / turn).round()).abs())
+                .fold(0.0, f64::max);
+            anyhow::ensure!(
+                moved <= RESTS,
+                "{}: encoder {:?}: found {moved} counts of motion, allowed: up to {RESTS}; record while the \
+                 machine is unloaded and stands still",
+                self.recording.display(),
+                encoder.name
+            );
+        }
+        Ok(())
+    }
+
+    /// Refuses readings at the end of the converter's range, and words of a converter that is stuck; a
+    /// logger may round, so that its readings repeat.
+    fn check_readings(
+        &self,
+        channel: &Channel,
+        ratios: &[f64],
+        are_words: bool,
+    ) -> anyhow::Result<()> {
+        if channel.adc.is_none() {
+            return Ok(());
+        }
+        let ends = extreme_words(channel.converter().bits);
+        let words: Vec<i32> = ratios
+            .iter()
+            .map(|ratio| channel.word_of_ratio(*ratio))
+            .collect();
+        let at_end = words.iter().filter(|word| ends.contains(word)).count();
+        let longest = words
+            .chunk_by(|a, b| a == b)
+            .map(<[i32]>::len)
+            .max()
+            .unwrap_or(0);
+        let limit = usize::from(channel.stuck_after());
+        let source = self.recording.display();
+        anyhow::ensure!(
+            at_end == 0,
+            "{}: {source}: found {at_end} of {} readings at the end of the converter's range, allowed: none; check \
+             gain, excitation and wiring",
+            self.place(&channel.name),
+            words.len()
+        );
+        anyhow::ensure!(
+            !are_words || limit == 0 || longest < limit,
+            "{}: {source}: found {longest} equal words in a row, allowed: up to {} (stuck_after); check the converter",
+            self.place(&channel.name),
+            limit.saturating_sub(1)
+        );
+        Ok(())
     }
 
     /// Refuses readings that scatter more than those of a machine that stands still.
@@ -204,8 +286,17 @@ impl Zero {
 
     fn write(&self, found: &[Zeroed<'_>]) -> anyhow::Result<()> {
         let mut description = Description::read(&self.machine)?;
-        for (channel, _, calibration) in found {
-            description.set_fields(("channel", channel), "bridge", "calibration", calibration)?;
+        for zeroed in found {
+            let name = &zeroed.channel.name;
+            description.set_fields(
+                ("channel", name),
+                "bridge",
+                "calibration",
+                &zeroed.calibration,
+            )?;
+            if zeroed.replaces_offset() {
+                description.set_number("channel", name, "offset", 0.0);
+            }
         }
         description.write(&self.output)?;
         Ok(())
@@ -213,9 +304,7 @@ impl Zero {
 
     fn print(&self, found: &[Zeroed<'_>], as_json: bool) -> anyhow::Result<()> {
         if as_json {
-            let channels: Vec<_> = (found.iter())
-                .map(|(channel, _, calibration)| json!({ "channel": channel, "calibration": calibration }))
-                .collect();
+            let channels: Vec<_> = found.iter().map(Zeroed::json).collect();
             let mut printed = match channels.as_slice() {
                 [one] if self.channel != ALL => one.clone(),
                 _ => json!({ "channels": channels }),
@@ -224,12 +313,30 @@ impl Zero {
             say!("{printed}");
             return Ok(());
         }
-        for (channel, bridge, calibration) in found {
-            say!("{channel}: zero {:.6} mV/V", calibration.zero_mv_per_v);
+        for zeroed in found {
+            let name = &zeroed.channel.name;
+            let calibration = &zeroed.calibration;
+            say!(
+                "{name}: zero {:.6} mV/V, {} samples",
+                calibration.zero_mv_per_v,
+                zeroed.samples
+            );
             if let Some(adjusted) = calibration.gauge_factor {
+                let kept = if self.shunt.is_some() {
+                    ""
+                } else {
+                    ", as before"
+                };
                 say!(
-                    "gauge factor {} raw, {adjusted:.5} adjusted",
-                    bridge.gauge_factor
+                    "gauge factor {} raw, {adjusted:.5} adjusted{kept}",
+                    zeroed.bridge.gauge_factor
+                );
+            }
+            if zeroed.replaces_offset() {
+                say!(
+                    "offset {} {} set to 0: it was that of the bridge without a zero",
+                    zeroed.channel.offset,
+                    zeroed.channel.unit
                 );
             }
         }
@@ -237,53 +344,52 @@ impl Zero {
     }
 }
 
-/// A channel's name, its bridge, and what was found.
-type Zeroed<'a> = (&'a str, &'a StrainBridge, Calibration);
-
-/// Words of a board's converter.
-struct Words {
-    /// Names of the channels in the order of the words.
-    names: Vec<String>,
-    samples: Vec<RawSample>,
+/// A channel and its new zero.
+struct Zeroed<'a> {
+    channel: &'a Channel,
+    bridge: &'a StrainBridge,
+    calibration: Calibration,
+    samples: usize,
 }
 
-impl Words {
-    /// Bridge output of `channel` (V/V); missing words left out.
-    fn ratios(&self, channel: &Channel) -> anyhow::Result<Vec<f64>> {
-        let place = self.names.iter().position(|name| *name == channel.name);
-        let Some(place) = place else {
-            bail!(
-                "channel {:?}: is in no word of the board; its sensor set has {}",
-                channel.name,
-                self.names.join(", ")
-            );
-        };
-        let words = self.samples.iter().filter(|sample| sample.has_word(place));
-        Ok(words
-            .map(|sample| ratio_of_word(channel, f64::from(sample.words[place])))
-            .collect())
+impl Zeroed<'_> {
+    /// Whether the channel's offset holds the output of the unloaded bridge, which is now subtracted: that
+    /// of a bridge that had no zero. Beside a zero, an offset is what a calibration adds to it.
+    fn replaces_offset(&self) -> bool {
+        let had_zero = self.bridge.calibration.is_some() || self.bridge.initial_mv_per_v != 0.0;
+        !had_zero && self.channel.offset != 0.0
+    }
+
+    fn json(&self) -> serde_json::Value {
+        json!({
+            "channel": self.channel.name,
+            "calibration": self.calibration,
+            "samples": self.samples,
+            "offset_replaced": self.replaces_offset(),
+        })
     }
 }
 
-/// Raw samples of the machine's board on `bus`, or in a log.
-fn words_of_bus(machine: &Machine, bus: Source<'_>) -> anyhow::Result<Words> {
-    let stop = stop_on_signal()?;
-    let samples = raw_samples(bus, machine.can_base, BURST, &stop)?;
-    anyhow::ensure!(
-        !samples.is_empty(),
-        "found no raw sample of this machine, allowed: a board that answers, or a log with the raw samples of a burst"
-    );
-    let sensors = Sensors::choose(machine, None)?;
-    Ok(Words {
-        names: sensors.channels.into_iter().map(|c| c.name).collect(),
-        samples,
-    })
-}
-
-/// Output of the bridge at a word of the converter (V/V).
-fn ratio_of_word(channel: &Channel, word: f64) -> f64 {
-    let converter = channel.converter();
-    (word - f64::from(converter.zero)) * converter.lsb * MV_PER_V
+/// Counts of an encoder in a recording; none where it has no such column, or angles.
+fn counts(machine: &Machine, encoder: &str, path: &Path) -> anyhow::Result<Vec<f64>> {
+    let layout = &machine.recording;
+    let found = columns(path, layout, &[(encoder, false)])?;
+    let column = found.iter().find(|column| column.name == encoder);
+    let unit = column.and_then(|column| column.unit.as_deref()?.parse::<Unit>().ok());
+    if unit != Some(Unit::COUNTS) {
+        return Ok(Vec::new());
+    }
+    let wanted = [Wanted {
+        name: encoder,
+        unit: Unit::COUNTS,
+        required: false,
+    }];
+    let mut counts = Vec::new();
+    for block in Reader::open(path, layout, &wanted)? {
+        let read = block?.columns.into_iter().flatten().flatten();
+        counts.extend(read.filter(|count| count.is_finite()));
+    }
+    Ok(counts)
 }
 
 /// Bridge output of `channel` over a recording (V/V); missing samples left out.

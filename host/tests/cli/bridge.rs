@@ -109,7 +109,7 @@ fn a_bridge_is_zeroed_and_shunted_and_keeps_its_raw_gauge_factor() {
 #[test]
 fn all_bridges_are_zeroed_from_the_words_of_a_board() {
     let bench = Bench::new();
-    let bridge = "adc = { converter = \"ads131m04\", gain = 64, excitation_v = 5 }\n\
+    let bridge = "adc = { converter = \"ads131m04\", gain = 64, excitation_v = 5, stuck_after = 0 }\n\
                   bridge = { bridge = \"full-1\", gauge_factor = 2.0, gauge_resistance_ohm = 350.0 }";
     let described = MACHINE
         .replace("adc = { lsb = 0.001, stuck_after = 8 }", bridge)
@@ -161,6 +161,41 @@ fn all_bridges_are_zeroed_from_the_words_of_a_board() {
         }
     }
     done(&bench, &["build", "b.toml", "-o", "b.image"]);
+    // A second zero of a bridge with a shunt keeps the adjusted gauge factor.
+    let text = std::fs::read_to_string(bench.path("b.toml")).unwrap();
+    let shunted = text.replace(
+        "date = \"2026-11-21\"",
+        "date = \"2026-11-20\", gauge_factor = 2.04",
+    );
+    assert_ne!(shunted, text);
+    bench.write("bridge.toml", shunted);
+    let again = zero("raw.log", "d.toml");
+    assert_eq!(again["channels"][0]["calibration"]["gauge_factor"], 2.04);
+    assert_eq!(again["channels"][0]["samples"], 200);
+    // Readings of a machine that turns are no zero.
+    let turning = std::fs::read_to_string(bench.path("zero.csv")).unwrap();
+    let turning: Vec<String> = (turning.lines().enumerate())
+        .map(|(i, line)| line.replace(",7,", &format!(",{},", 7 + i / 20)))
+        .collect();
+    bench.write("turning.csv", turning.join("\n") + "\n");
+    done(
+        &bench,
+        &["send", "bridge.toml", "turning.csv", "--log", "turning.log"],
+    );
+    for source in ["turning.csv", "turning.log"] {
+        let refused = bench.run(&[
+            "zero",
+            "bridge.toml",
+            "all",
+            source,
+            "--date",
+            "2026-11-21",
+            "-o",
+            "c.toml",
+        ]);
+        assert_eq!(refused.status.code(), Some(1));
+        assert!(String::from_utf8_lossy(&refused.stderr).contains("counts of motion"));
+    }
     bench.write("other.log", "(0.000000) can0 101#AC7900000000E002\n");
     let refused = bench.run(&[
         "zero",
@@ -173,7 +208,10 @@ fn all_bridges_are_zeroed_from_the_words_of_a_board() {
         "c.toml",
     ]);
     assert_eq!(refused.status.code(), Some(1));
-    assert!(String::from_utf8_lossy(&refused.stderr).contains("no raw sample of this machine"));
+    assert!(
+        String::from_utf8_lossy(&refused.stderr)
+            .contains("found 0 raw samples with identifiers from 0x100 on")
+    );
     assert!(!bench.path("c.toml").exists());
 }
 

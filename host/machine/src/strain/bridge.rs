@@ -270,7 +270,7 @@ fn iso_date<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String, D::Err
 }
 
 /// Whether `date` is a day of the calendar written `YYYY-MM-DD`.
-pub(super) fn is_iso_date(date: &str) -> bool {
+pub fn is_iso_date(date: &str) -> bool {
     let number = |range: std::ops::Range<usize>| {
         date.get(range)
             .filter(|digits| digits.bytes().all(|b| b.is_ascii_digit()))

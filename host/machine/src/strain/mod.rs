@@ -8,7 +8,7 @@ mod bridge;
 mod rosette;
 mod zero_and_shunt;
 
-pub use bridge::{BridgeKind, Calibration, StrainBridge, TensionReads};
+pub use bridge::{BridgeKind, Calibration, StrainBridge, TensionReads, is_iso_date};
 pub use rosette::{PlaneStrain, PrincipalStrains, Rosette};
 pub use zero_and_shunt::{CalibrationError, ShuntReading, Simulates, calibrate};
 

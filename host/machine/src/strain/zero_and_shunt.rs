@@ -77,7 +77,8 @@ pub enum CalibrationError {
 /// `gf_adjusted = gf e(vr) / e(u)`
 ///
 /// so that the adjusted bridge reads `e(u)`. The bridge's own fields stay; put the result into
-/// [`StrainBridge::calibration`]. An earlier calibration of `bridge` takes no part.
+/// [`StrainBridge::calibration`]. Without a shunt reading the adjusted gauge factor of an earlier
+/// calibration of `bridge` stays, else none of it takes part.
 ///
 /// `zero_ratios`: outputs of the unloaded bridge [V/V]; `date`: `YYYY-MM-DD`.
 ///
@@ -108,14 +109,19 @@ pub fn calibrate(
             largest: largest / MV_PER_V,
         });
     }
-    let gauge_factor = shunt
-        .map(|reading| adjusted_gauge_factor(bridge, zero, reading))
-        .transpose()?;
+    let (gauge_factor, shunt_ohm) = match (shunt, &bridge.calibration) {
+        (Some(reading), _) => {
+            let adjusted = adjusted_gauge_factor(bridge, zero, reading)?;
+            (Some(adjusted), Some(reading.shunt_ohm))
+        }
+        (None, Some(before)) => (before.gauge_factor, before.shunt_ohm),
+        (None, None) => (None, None),
+    };
     Ok(Calibration {
         date: date.to_owned(),
         zero_mv_per_v: zero / MV_PER_V,
         gauge_factor,
-        shunt_ohm: shunt.map(|reading| reading.shunt_ohm),
+        shunt_ohm,
     })
 }
 

@@ -25,6 +25,7 @@ use crate::fmu::library::Library;
 use crate::fmu::package::{FMU, FmiVersion, pack};
 use crate::image_build::{self, Filter, Sensors};
 use crate::key::SigningKey;
+use crate::machine::{Converter, Machine};
 use crate::seal::seal;
 
 /// No image is larger (bytes): that of a board's flash bank is 256 kB.
@@ -87,14 +88,41 @@ pub struct Build {
 /// Boards that there is firmware for.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(super) enum BoardName {
-    /// NUCLEO-G474RE with an ADS131M04: 2 kHz, four channels, one encoder of 16 bits
+    /// NUCLEO-G474RE with an ADS131M04: 250 Hz to 16 kHz, four channels, one encoder of up to 16 bits
     #[value(name = "nucleo-g474re")]
     NucleoG474re,
     /// Emulated Cortex-M4F: any rate
     Emulated,
 }
 
+/// Length of the words of an ADS131M04 (bit).
+const ADS131M04_BITS: u32 = 24;
+
 impl BoardName {
+    /// Whether the description understands the words of the board's converter; those of the emulated
+    /// board may be any.
+    fn check_words(self, machine: &Machine, sensors: &Sensors) -> anyhow::Result<()> {
+        // The words of a drive's signals have a scale alone.
+        if matches!(self, Self::Emulated) || machine.balance.is_some() {
+            return Ok(());
+        }
+        for channel in &sensors.channels {
+            let Some(adc) = &channel.adc else { continue };
+            let name = &channel.name;
+            anyhow::ensure!(
+                adc.converter
+                    .is_none_or(|converter| converter == Converter::Ads131m04),
+                "channel `{name}`: adc.converter: found another one, allowed: \"ads131m04\""
+            );
+            anyhow::ensure!(
+                adc.bits == ADS131M04_BITS,
+                "channel `{name}`: adc.bits: found {}, allowed: {ADS131M04_BITS}",
+                adc.bits
+            );
+        }
+        Ok(())
+    }
+
     pub(super) fn hardware(self) -> Hardware {
         match self {
             Self::NucleoG474re => NUCLEO_G474RE,
@@ -177,6 +205,7 @@ impl Build {
             let name = name.as_ref().map_or("", |value| value.get_name());
             let place = || format!("{}: board {name}", self.machine.display());
             board.hardware().serves(&image).with_context(place)?;
+            board.check_words(&machine, &sensors).with_context(place)?;
         }
         let steady = match &image.model {
             Model::Gearbox(model) => model
