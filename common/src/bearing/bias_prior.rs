@@ -9,6 +9,17 @@ use crate::bearing::ekf::{BIAS_INDEX, DRIFT_CORRELATION, JointEkf, NX, PRELOAD_I
 use crate::bearing::{GAUGES, Tuning};
 use crate::kalman::gaussian::factor;
 
+/// Which slow states an update does not change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hold {
+    /// None.
+    Nothing,
+    /// The biases.
+    Biases,
+    /// Preload and biases.
+    All,
+}
+
 /// Preload and biases.
 pub(crate) const OFFSETS: usize = 1 + GAUGES;
 
@@ -39,16 +50,7 @@ impl BiasPrior {
     /// walk of `time_s`: chi-squared with five degrees of freedom; none where that covariance is
     /// not positive.
     pub(crate) fn distance(&self, other: &Self, tuning: &Tuning, time_s: f32) -> Option<f32> {
-        let mut p = self.upper;
-        let walk = 2.0 * time_s / tuning.bias_time_s * tuning.bias_std * tuning.bias_std;
-        p[0][0] += tuning.preload_walk * tuning.preload_walk * time_s;
-        for j in 1..OFFSETS {
-            for i in 1..j {
-                p[j][i] += DRIFT_CORRELATION * walk;
-            }
-            p[j][j] += walk;
-        }
-        let u = factor(&p)?;
+        let u = factor(&self.after(tuning, time_s))?;
         let mut solve = [0.0; OFFSETS];
         let mut sum = 0.0;
         for i in (0..OFFSETS).rev() {
@@ -60,6 +62,20 @@ impl BiasPrior {
             sum += part * part / u[i][i];
         }
         Some(sum)
+    }
+
+    /// This covariance plus the random walk of `time_s`.
+    fn after(&self, tuning: &Tuning, time_s: f32) -> [[f32; OFFSETS]; OFFSETS] {
+        let mut p = self.upper;
+        let walk = 2.0 * time_s / tuning.bias_time_s * tuning.bias_std * tuning.bias_std;
+        p[0][0] += tuning.preload_walk * tuning.preload_walk * time_s;
+        for j in 1..OFFSETS {
+            for i in 1..j {
+                p[j][i] += DRIFT_CORRELATION * walk;
+            }
+            p[j][j] += walk;
+        }
+        p
     }
 
     /// Moves mean and covariance by `share` towards another one: a step of a low-pass.
@@ -124,6 +140,22 @@ impl JointEkf {
             }
         }
         offsets
+    }
+
+    /// Sets mean and covariance of preload and biases back to `offsets` after an update; their
+    /// correlation to other states stays (Schmidt: considered, not updated).
+    pub(super) fn hold_offsets(&mut self, offsets: &BiasPrior, hold: Hold) {
+        let first = match hold {
+            Hold::Nothing => OFFSETS,
+            Hold::Biases => 1,
+            Hold::All => 0,
+        };
+        for j in first..OFFSETS {
+            self.gaussian.state[PRELOAD_INDEX + j] = offsets.mean[j];
+            for i in first..=j {
+                self.gaussian.upper[PRELOAD_INDEX + j][PRELOAD_INDEX + i] = offsets.upper[j][i];
+            }
+        }
     }
 
     /// Replaces mean and covariance of preload and biases by `offsets`, without correlation to

@@ -20,7 +20,7 @@ mod hypothesis_change;
 use nalgebra::{RowSVector, SVector};
 use serde::{Deserialize, Serialize};
 
-use crate::bearing::bias_prior::{BiasPrior, decorrelate_state, propagate_bias};
+use crate::bearing::bias_prior::{BiasPrior, Hold, decorrelate_state, propagate_bias};
 use crate::bearing::contact::{Contacts, Equilibrium, Features, INPUTS};
 use crate::bearing::harmonic_block::HarmonicBlock;
 use crate::bearing::{BASIS, FEATURES, GAUGES, GaugeModel, HARMONICS, LOADS, ROWS, Tuning};
@@ -328,7 +328,9 @@ impl JointEkf {
         block: &HarmonicBlock,
         gauge: usize,
         used: bool,
+        hold: Hold,
     ) -> BlockInnovation {
+        let slow = self.offsets();
         let g = gauge % GAUGES;
         let (c, by) = self.predict_with_jacobian(model, model.passing, block.phase, g);
         let mut innovations = BlockInnovation::default();
@@ -368,6 +370,9 @@ impl JointEkf {
             }
             let mut gate = if used { Gate::open() } else { Gate::closed() };
             let row_innovation = kalman::update(&mut self.gaussian, &row, nu, r, &mut gate);
+            if hold != Hold::Nothing && used {
+                self.hold_offsets(&slow, hold);
+            }
             innovations.cost += row_innovation.nis;
             rows += 1.0;
             if k == 0 {

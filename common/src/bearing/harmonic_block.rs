@@ -31,6 +31,10 @@ pub struct HarmonicSums {
     pub elapsed: u16,
     /// Samples in which a gauge gave no reading.
     pub missing: [u16; GAUGES],
+    /// Sum of squares of the changes from sample to sample [(um/m)^2].
+    changes: [f32; GAUGES],
+    /// Readings of the last sample.
+    last: [Option<f32>; GAUGES],
 }
 
 /// A block as independent readings of equal variance: `y = U c + v`.
@@ -64,6 +68,12 @@ impl HarmonicSums {
                 self.gram[i][j] += e[i] * e[j];
             }
         }
+        for g in 0..GAUGES {
+            if let (Some(last), Some(y)) = (self.last[g], readings[g]) {
+                self.changes[g] += (y - last) * (y - last);
+            }
+        }
+        self.last = *readings;
         for ((sums, missing), reading) in self
             .projected
             .iter_mut()
@@ -80,6 +90,11 @@ impl HarmonicSums {
         }
         self.count = self.count.saturating_add(1);
         self.elapsed = self.elapsed.saturating_add(lost + 1);
+    }
+
+    /// Mean square change of a gauge from sample to sample [(um/m)^2].
+    pub fn mean_square_change(&self, g: usize) -> f32 {
+        self.changes[g % GAUGES] / f32::from(self.count.max(1))
     }
 
     /// The block as independent readings.

@@ -66,6 +66,10 @@ const FOUND: u16 = 50;
 /// Standard deviations by which a moment is off zero when its sign is known.
 const SIGN_KNOWN: f32 = 4.0;
 
+/// Standard deviations by which a moment is off zero when it has not missed a reversal: after one, the
+/// wrong sign looks like a fault of the bottom gauge.
+const FAR: f32 = 8.0;
+
 /// State of the test under way.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct HypothesisTest {
@@ -97,6 +101,13 @@ impl HypothesisTest {
     }
 }
 
+/// Whether the over-turning moment is far from zero, where it may bounce off with the wrong sign.
+pub(crate) fn is_far_from_reversal(primary: &JointEkf) -> bool {
+    let at = LOAD_INDEX + 3;
+    let moment = primary.gaussian.state[at];
+    moment * moment > FAR * FAR * primary.gaussian.upper[at][at]
+}
+
 /// Whether the mirror image has turned into the posterior whose image it was.
 fn is_one(primary: &JointEkf, image: &JointEkf) -> bool {
     let moment = |hypothesis: &JointEkf| hypothesis.gaussian.state[LOAD_INDEX + 3];
@@ -111,11 +122,14 @@ impl BearingEstimator {
         state.cost = (0.0, 0.0);
         if state.known.is_none() {
             if state.lock.has_lost_lock() {
-                if !state.test.mirror_resolved {
+                if !state.test.mirror_resolved && !state.holds_slow_states() {
                     // What was remembered has not helped to find the rows.
                     state.offsets = BiasPrior::expected(&self.model.tuning);
                 }
                 state.running = false;
+                return;
+            }
+            if self.isolate(state, alternative) {
                 return;
             }
             let suspect = state.lock.is_suspect() && state.test.tests_passed > 0;

@@ -33,7 +33,7 @@ const PATIENCE: u16 = 40;
 
 /// Mean square of a gauge, in its resting variances, that is not taken for unexplained strain. The
 /// six readings of a block of 20 samples leave 0.3 on average.
-const NOISE_SHARE: f32 = 2.7;
+pub(crate) const NOISE_SHARE: f32 = 2.7;
 
 /// Smoothed statistics of the primary hypothesis.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]

@@ -15,9 +15,12 @@
 pub mod bias_prior;
 pub mod contact;
 pub mod ekf;
+mod encoder_health;
+mod gauge_exclusion;
 mod gauge_health;
 pub mod harmonic_block;
 mod hypothesis_test;
+mod isolation;
 mod lock_detector;
 mod model;
 mod output;
@@ -27,17 +30,21 @@ mod wheel_pll;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
-use crate::bearing::bias_prior::BiasPrior;
+use crate::bearing::bias_prior::{BiasPrior, Hold};
 use crate::bearing::contact::{Contacts, Equilibrium};
 use crate::bearing::ekf::{BlockInnovation, JointEkf, KNOWN_PHASE};
+use crate::bearing::encoder_health::EncoderHealth;
+use crate::bearing::gauge_exclusion::GaugeExclusion;
 use crate::bearing::gauge_health::GaugeHealth;
 use crate::bearing::harmonic_block::{HarmonicBlock, HarmonicSums};
-use crate::bearing::hypothesis_test::{CANDIDATES, HypothesisTest};
+use crate::bearing::hypothesis_test::{CANDIDATES, HypothesisTest, is_far_from_reversal};
+use crate::bearing::isolation::Isolation;
 use crate::bearing::lock_detector::LockDetector;
 use crate::bearing::output::{NO_ESTIMATE, estimate};
 use crate::bearing::slow_state_consistency::Consistency;
 use crate::bearing::wheel_pll::WheelPll;
 use crate::io::estimate::{Estimate, LoadEstimate, MAX_LOADS};
+use crate::io::fault::Fault;
 use crate::io::measurement::{AdcScaling, EncoderScaling, SignalConditioner};
 use crate::io::raw::{MAX_CHANNELS, RawSample};
 use crate::signal::phase::Phase;
@@ -97,6 +104,11 @@ pub struct BearingState {
     alternative: JointEkf,
     innovations: [BlockInnovation; GAUGES],
     health: GaugeHealth,
+    exclusion: GaugeExclusion,
+    isolation: Isolation,
+    /// Gauges whose readings of the block the primary has refused.
+    refused: [bool; GAUGES],
+    encoder: EncoderHealth,
     cost: (f32, f32),
     lock: LockDetector,
     test: HypothesisTest,
@@ -147,6 +159,10 @@ impl BearingEstimator {
             alternative: JointEkf::zeroed(),
             innovations: [BlockInnovation::default(); GAUGES],
             health: GaugeHealth::default(),
+            exclusion: GaugeExclusion::default(),
+            isolation: Isolation::default(),
+            refused: [false; GAUGES],
+            encoder: EncoderHealth::default(),
             cost: (0.0, 0.0),
             test: HypothesisTest::default(),
             lock: LockDetector::default(),
@@ -203,13 +219,17 @@ impl BearingEstimator {
         } else if !fast_enough {
             // Hysteresis is not needed: a start is a search whatever its cause.
             state.running = false;
+            state.exclusion.restart();
+            state.encoder.update(&state.sums, &self.model.gauges);
             state.stage = STAGES;
             state.published = [NO_ESTIMATE; LOADS];
             // At rest a machine is serviced, and it cools: what comes after is compared anew.
             state.consistency = Consistency::default();
         } else if !state.running {
+            state.encoder = EncoderHealth::default();
             state.running = true;
             self.begin(&mut state.primary, &state.offsets);
+            state.exclusion.restart();
             state.test = HypothesisTest::default();
             state.lock = LockDetector::default();
             self.propose_alternative(state);
@@ -254,25 +274,10 @@ impl BearingEstimator {
                 }
             }
             part @ 1..=4 => {
-                let g = usize::from(part) - 1;
-                let used = state.block.complete[g % GAUGES] && state.health.fault(g).is_none();
-                let innovations = hypothesis.update(
-                    &self.model.gauges[g % GAUGES],
-                    tuning,
-                    &state.block,
-                    g,
-                    used,
-                );
-                let cost = if used { innovations.cost } else { 0.0 };
-                if alternative {
-                    state.cost.1 += cost;
-                } else {
-                    state.cost.0 += cost;
-                    state.innovations[g % GAUGES] = innovations;
-                    if part == 4 {
-                        self.update_monitors(state);
-                        self.publish(state);
-                    }
+                self.update_by_gauge(state, usize::from(part) - 1, alternative);
+                if part == 4 && !alternative {
+                    self.update_monitors(state);
+                    self.publish(state);
                 }
             }
             5 => hypothesis.newton_step(&self.contacts),
@@ -284,20 +289,56 @@ impl BearingEstimator {
         }
     }
 
+    /// Updates a hypothesis with what one gauge read in the block, and adds its cost.
+    fn update_by_gauge(&self, state: &mut BearingState, g: usize, alternative: bool) {
+        let g = g % GAUGES;
+        let (model, tuning) = (&self.model.gauges[g], &self.model.tuning);
+        let mut used = state.block.complete[g] && state.fault(g).is_none();
+        let hold = state.hold(alternative);
+        if alternative {
+            used &= !state.refused[g] && !state.isolation.leaves_out(g);
+            let next = &mut state.alternative;
+            let innovation = next.update(model, tuning, &state.block, g, used, hold);
+            state.cost.1 += if used { innovation.cost } else { 0.0 };
+            return;
+        }
+        let before = state.primary.gaussian.clone();
+        let innovation = (state.primary).update(model, tuning, &state.block, g, used, hold);
+        state.refused[g] = used && state.exclusion.refuses(g, &innovation);
+        if state.refused[g] {
+            state.primary.gaussian = before;
+        } else if used {
+            state.cost.0 += innovation.cost;
+        }
+        state.innovations[g] = innovation;
+    }
+
     /// Assesses primary and gauges by what was read in the block.
     fn update_monitors(&self, state: &mut BearingState) {
         let (innovations, gauges) = (&state.innovations, &self.model.gauges);
-        let fell_silent = state.health.update(innovations, &state.block, gauges);
+        // Its loss changed nothing where the gauge was left out before.
+        let was_excluded = (0..GAUGES).any(|g| !state.exclusion.fault(g).is_none());
+        let fell_silent = state.health.update(innovations, &state.block, gauges) && !was_excluded;
+        let valid = state.is_locked()
+            && state.consistency.is_at_rest()
+            && is_far_from_reversal(&state.primary);
+        (state.exclusion).update(innovations, state.refused, &state.block, gauges, valid);
+        if state.holds_slow_states() {
+            // A search with three gauges starts from what all of them have shown.
+            state.offsets = state.consistency.reference().unwrap_or(state.offsets);
+        }
         let mut used = state.block.complete;
         for (g, used) in used.iter_mut().enumerate() {
-            *used &= state.health.fault(g).is_none();
+            *used &= state.fault(g).is_none() && !state.refused[g];
         }
         let prior = state.primary.prior_cost(&self.model.tuning);
         state.lock.update(innovations, used, gauges, prior);
-        if (0..GAUGES).any(|g| !state.health.fault(g).is_none()) {
+        let silent_from_start =
+            |g| !state.health.fault(g).is_none() && state.exclusion.fault(g).is_none();
+        if (0..GAUGES).any(silent_from_start) {
             // Three gauges explain the loads by other slow states than four.
             state.consistency = Consistency::default();
-        } else if state.known.is_none() {
+        } else if !state.holds_slow_states() && state.known.is_none() {
             let locked = state.is_locked();
             let dt_s = self.dt_s * f32::from(state.block.elapsed);
             (state.consistency).update(&state.primary.offsets(), locked, &self.model.tuning, dt_s);
@@ -310,6 +351,40 @@ impl BearingEstimator {
 const _: () = assert!(GAUGES <= MAX_CHANNELS && LOADS <= MAX_LOADS);
 
 impl BearingState {
+    /// The fault for which a gauge is left out, or none.
+    pub(crate) fn fault(&self, g: usize) -> Fault {
+        let silent = self.health.fault(g);
+        if silent.is_none() {
+            self.exclusion.fault(g)
+        } else {
+            silent
+        }
+    }
+
+    /// Whether a gauge is left out, so that slow states are not updated.
+    pub(crate) fn holds_slow_states(&self) -> bool {
+        (0..GAUGES).any(|g| !self.exclusion.fault(g).is_none() || !self.block.complete[g])
+    }
+
+    /// Whether fewer than three gauges are left, of which no loads follow.
+    pub(crate) fn lacks_gauges(&self) -> bool {
+        let left_out =
+            |g: &usize| !self.fault(*g).is_none() || !self.block.complete[*g] || self.refused[*g];
+        (0..GAUGES).filter(left_out).count() > 1
+    }
+
+    /// Which slow states a hypothesis does not update.
+    fn hold(&self, alternative: bool) -> Hold {
+        let by_isolation = self.isolation.holds();
+        if alternative && by_isolation != Hold::Nothing {
+            by_isolation
+        } else if self.holds_slow_states() && self.consistency.reference().is_some() {
+            Hold::All
+        } else {
+            Hold::Nothing
+        }
+    }
+
     /// The phases are to be found again, and slow states to be compared from then on.
     fn lose_phases(&mut self) {
         self.test.tests_passed = 0;

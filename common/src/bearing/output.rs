@@ -17,6 +17,10 @@ pub(crate) const NO_ESTIMATE: LoadEstimate = LoadEstimate {
     fault: Fault::NotValid,
 };
 
+/// Factor on the standard deviation while a gauge is left out: errors of the model that four gauges
+/// average out. Without it 0.9 % more samples of later faults were misleading.
+const WIDENED: f32 = 1.5;
+
 /// SI size of the strains' unit.
 const STRAIN: f32 = 1e-6;
 
@@ -24,8 +28,13 @@ impl BearingEstimator {
     /// Reports the loads of the primary hypothesis where it is accepted.
     pub(crate) fn publish(&self, state: &mut BearingState) {
         state.age = 0;
-        let contradicted = state.consistency.is_contradicted();
+        let contradicted = state.consistency.is_contradicted() || state.lacks_gauges();
         let locked = state.is_locked() && !contradicted;
+        let widened = if state.holds_slow_states() {
+            WIDENED
+        } else {
+            1.0
+        };
         let radius = self.model.geometry.radius_mm;
         let slipped = (0..ROWS).any(|row| {
             state.primary.gaussian.state[ROWS + row].abs() > self.model.tuning.slip_limit
@@ -35,7 +44,7 @@ impl BearingEstimator {
             let unit = if i < 3 { 1000.0 } else { radius };
             let value = state.primary.gaussian.state[LOAD_INDEX + i] * unit;
             let variance = state.primary.gaussian.upper[LOAD_INDEX + i][LOAD_INDEX + i];
-            let std = libm::sqrtf(variance.max(0.0)) * unit;
+            let std = libm::sqrtf(variance.max(0.0)) * unit * widened;
             let limit = self.model.loads.get(i).map_or(0.0, |load| load.valid_std);
             state.published[i] = if locked && value.is_finite() && std <= limit {
                 LoadEstimate {
@@ -83,13 +92,13 @@ pub(crate) fn estimate(state: &BearingState, m: &Measurement) -> Estimate {
             innovation: known.mean.0 * STRAIN,
             innovation_variance: known.mean.1 * (STRAIN * STRAIN),
             nis: known.nis,
-            fault: reading.err().unwrap_or(state.health.fault(g)),
+            fault: reading.err().unwrap_or(state.fault(g)),
         });
     }
     let angle = m.angles.first().copied().unwrap_or(Err(Fault::Missing));
     let _ = estimate.sensors.push(SensorEstimate {
         measured: angle.map_or(0.0, Phase::to_rad),
-        fault: angle.err().unwrap_or(Fault::None),
+        fault: angle.err().unwrap_or(state.encoder.fault()),
         ..SensorEstimate::default()
     });
     estimate

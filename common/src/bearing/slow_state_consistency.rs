@@ -23,11 +23,23 @@ const HORIZON_S: f32 = 5.0;
 /// Chi-squared of five degrees of freedom that chance exceeds once in 70 000.
 const CONTRADICTED: f32 = 30.0;
 
+/// Time without a contradiction after which a reference names a gauge (s): one that was taken right
+/// after a start may be off itself.
+const PROVEN_S: f32 = 6.0;
+
+/// Chi-squared of five degrees of freedom below which slow states are at rest; chance exceeds it
+/// once in 64. While a gauge loses its gain slowly, the gate would exclude another one.
+const AT_REST: f32 = 14.0;
+
 /// Low-pass of the slow states, and whether they have moved from it faster than they can.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Consistency {
     reference: Option<BiasPrior>,
     contradicted: bool,
+    /// Squared distance from the reference.
+    distance: f32,
+    /// Time without a contradiction (s).
+    proven_s: f32,
 }
 
 impl Consistency {
@@ -42,10 +54,36 @@ impl Consistency {
         };
         let distance = reference.distance(slow, tuning, HORIZON_S);
         // A distance that is no number is none that chance explains.
+        self.distance = distance.unwrap_or(f32::MAX);
         self.contradicted = !distance.is_some_and(|distance| distance <= CONTRADICTED);
         if !self.contradicted {
+            self.proven_s += dt_s;
             reference.follow(slow, (dt_s / HORIZON_S).min(1.0));
         }
+    }
+
+    /// The slow states before a contradiction, where they stood for long enough to isolate its
+    /// cause by them.
+    pub fn proven(&self) -> Option<BiasPrior> {
+        (self.contradicted && self.proven_s > PROVEN_S)
+            .then_some(self.reference)
+            .flatten()
+    }
+
+    /// The slow states of the last seconds without a contradiction.
+    pub fn reference(&self) -> Option<BiasPrior> {
+        self.reference
+    }
+
+    /// Whether the slow states are where they were seconds ago.
+    pub fn is_at_rest(&self) -> bool {
+        self.reference.is_some() && !self.contradicted && self.distance < AT_REST
+    }
+
+    /// Ends the contradiction, as its cause is left out.
+    pub fn resolve(&mut self) {
+        self.contradicted = false;
+        self.distance = 0.0;
     }
 
     /// Whether a sensor contradicts the others: the load that explains both is not valid.
