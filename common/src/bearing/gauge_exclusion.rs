@@ -84,7 +84,7 @@ impl GaugeExclusion {
     }
 
     /// Takes the innovations of a block; `refused`: which gauges' readings were; `valid`: whether
-    /// the loads are valid, the slow states at rest and `Mx` is far from a reversal.
+    /// the loads are valid, the slow states steady and `Mx` is far from a reversal.
     pub fn update(
         &mut self,
         innovations: &[BlockInnovation; GAUGES],

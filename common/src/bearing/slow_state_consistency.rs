@@ -27,7 +27,7 @@ const CONTRADICTED: f32 = 30.0;
 /// after a start may be off itself.
 const PROVEN_S: f32 = 6.0;
 
-/// Chi-squared of five degrees of freedom below which slow states are at rest; chance exceeds it
+/// Chi-squared of five degrees of freedom below which slow states are steady; chance exceeds it
 /// once in 64. While a gauge loses its gain slowly, the gate would exclude another one.
 const AT_REST: f32 = 14.0;
 
