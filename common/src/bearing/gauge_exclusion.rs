@@ -80,11 +80,13 @@ struct Means {
 impl GaugeExclusion {
     /// Whether the readings with these innovations are to be refused.
     pub fn refuses(&self, g: usize, innovation: &BlockInnovation) -> bool {
-        self.valid_blocks > ARMED_BLOCKS && self.fault(g).is_none() && !(innovation.cost <= GATE)
+        self.valid_blocks > ARMED_BLOCKS
+            && self.fault(g).is_none()
+            && exceeds(innovation.cost, GATE)
     }
 
     /// Takes the innovations of a block; `refused`: which gauges' readings were; `valid`: whether
-    /// the loads are valid, the slow states steady and `Mx` is far from a reversal.
+    /// the loads are valid, the slow states have settled and `Mx` is far from a reversal.
     pub fn update(
         &mut self,
         innovations: &[BlockInnovation; GAUGES],
@@ -113,7 +115,7 @@ impl GaugeExclusion {
                 } else {
                     self.refusals[g].saturating_sub(1)
                 };
-                let certain = refused[g] && !(innovation.cost < CERTAIN);
+                let certain = refused[g] && exceeds(innovation.cost, CERTAIN);
                 if self.refusals[g] < EXCLUDED && !certain {
                     continue;
                 }
@@ -169,6 +171,11 @@ impl GaugeExclusion {
     pub fn fault(&self, g: usize) -> Fault {
         self.fault[g % GAUGES]
     }
+}
+
+/// Whether an innovation is beyond a limit, or no number.
+fn exceeds(cost: f32, limit: f32) -> bool {
+    cost.is_nan() || cost > limit
 }
 
 impl Means {
@@ -291,9 +298,9 @@ mod tests {
     fn doubtful_readings_exclude_a_gauge_where_they_last() {
         let mut exclusion = GaugeExclusion::default();
         run(&mut exclusion, 60, 1.0, 1.0);
-        run(&mut exclusion, 9, 0.8, 12.0);
+        run(&mut exclusion, 9, 0.6, 12.0);
         assert!(exclusion.fault(2).is_none());
-        run(&mut exclusion, 1, 0.8, 12.0);
+        run(&mut exclusion, 1, 0.6, 12.0);
         assert_eq!(exclusion.fault(2), Fault::Gain);
     }
 

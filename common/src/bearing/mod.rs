@@ -302,7 +302,7 @@ impl BearingEstimator {
             state.cost.1 += if used { innovation.cost } else { 0.0 };
             return;
         }
-        let before = state.primary.gaussian.clone();
+        let before = state.primary.gaussian;
         let innovation = (state.primary).update(model, tuning, &state.block, g, used, hold);
         state.refused[g] = used && state.exclusion.refuses(g, &innovation);
         if state.refused[g] {
@@ -320,7 +320,7 @@ impl BearingEstimator {
         let was_excluded = (0..GAUGES).any(|g| !state.exclusion.fault(g).is_none());
         let fell_silent = state.health.update(innovations, &state.block, gauges) && !was_excluded;
         let valid = state.is_locked()
-            && state.consistency.is_at_rest()
+            && state.consistency.is_settled()
             && is_far_from_reversal(&state.primary);
         (state.exclusion).update(innovations, state.refused, &state.block, gauges, valid);
         if state.holds_slow_states() {

@@ -27,9 +27,9 @@ const CONTRADICTED: f32 = 30.0;
 /// after a start may be off itself.
 const PROVEN_S: f32 = 6.0;
 
-/// Chi-squared of five degrees of freedom below which slow states are steady; chance exceeds it
+/// Chi-squared of five degrees of freedom below which slow states have settled; chance exceeds it
 /// once in 64. While a gauge loses its gain slowly, the gate would exclude another one.
-const AT_REST: f32 = 14.0;
+const SETTLED: f32 = 14.0;
 
 /// Low-pass of the slow states, and whether they have moved from it faster than they can.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
@@ -76,8 +76,8 @@ impl Consistency {
     }
 
     /// Whether the slow states are where they were seconds ago.
-    pub fn is_at_rest(&self) -> bool {
-        self.reference.is_some() && !self.contradicted && self.distance < AT_REST
+    pub fn is_settled(&self) -> bool {
+        self.reference.is_some() && !self.contradicted && self.distance < SETTLED
     }
 
     /// Ends the contradiction, as its cause is left out.
