@@ -4,7 +4,6 @@
 
 use core::fmt;
 
-use crate::counting::MAX_COUNTED;
 use crate::drivetrain::GearboxModel;
 use crate::image::{Image, Model};
 use crate::io::measurement::EncoderScaling;
@@ -28,7 +27,7 @@ pub struct Hardware {
     /// Widest counter of an encoder (bit), which counts to any width from 8 bit; none where any width
     /// is served.
     pub counter_bits: Option<u8>,
-    /// Loads whose cycles it has the memory to count.
+    /// Loads whose cycles it counts; none so far.
     pub counted_loads: usize,
 }
 
@@ -48,7 +47,7 @@ pub const NUCLEO_G474RE: Hardware = Hardware {
     channels: 4,
     encoders: 1,
     counter_bits: Some(16),
-    counted_loads: 1,
+    counted_loads: 0,
 };
 
 /// The emulated board: its clock follows the image, and its samples come over a serial port.
@@ -58,7 +57,7 @@ pub const EMULATED: Hardware = Hardware {
     channels: MAX_CHANNELS,
     encoders: MAX_ENCODERS,
     counter_bits: None,
-    counted_loads: MAX_COUNTED,
+    counted_loads: 0,
 };
 
 /// Why an image does not fit a board.
@@ -99,7 +98,7 @@ pub enum Mismatch {
         /// The board's.
         allowed: u8,
     },
-    /// More loads are counted than the board has the memory for.
+    /// More loads are to be counted than the board counts.
     CountedLoads {
         /// The image's.
         found: usize,

@@ -63,6 +63,8 @@ struct Board {
     /// What may be found at the next start with each image: what was kept last, and what is on
     /// its way; nothing before the first time.
     allowed: [Vec<Counts>; 2],
+    /// Whether a state was kept for sure.
+    is_kept: [bool; 2],
     /// What may be found once the work after a start has ended.
     certain: Vec<Counts>,
     random: ChaCha8Rng,
@@ -74,6 +76,7 @@ impl Board {
         Self {
             flash: Flash::new(seed),
             allowed: [Vec::new(), Vec::new()],
+            is_kept: [false; 2],
             certain: Vec::new(),
             random: ChaCha8Rng::seed_from_u64(seed),
             tick: 0,
@@ -86,9 +89,12 @@ impl Board {
         let mut memory = Memory::none();
         memory.begin(&counted()).unwrap();
         let found = keeper.load(&mut self.flash, &mut memory);
+        if found {
+            memory.counts.restart();
+        }
         let allowed = &mut self.allowed[image];
-        // What was on its way in the first state may be lost, else something is found.
-        assert!(found || allowed.len() <= 1, "nothing was found");
+        // A first state that a cut touched may be lost, else something is found.
+        assert!(found || !self.is_kept[image], "nothing was found");
         let found = allowed.iter().position(|counts| {
             let mut counts = (*counts).clone();
             counts.restart();
@@ -154,6 +160,7 @@ impl Board {
             } else {
                 allowed.clone_from(&self.certain);
             }
+            self.is_kept[image] |= !allowed.is_empty();
             is_anchored = true;
             self.count(&mut memory);
             settle(&mut memory.counts);

@@ -75,8 +75,10 @@ pub struct CountSample {
 #[derive(Clone, Debug)]
 pub struct LoadSampler {
     places: Vec<u8, MAX_COUNTED>,
-    /// The angle of the estimate before [rad], and whether it was homed.
-    before: Option<(f32, bool)>,
+    /// The angle of the estimate before [rad].
+    angle_rad: Option<f32>,
+    /// Whether it was homed.
+    was_homed: bool,
 }
 
 impl LoadSampler {
@@ -84,7 +86,8 @@ impl LoadSampler {
     pub const fn new() -> Self {
         Self {
             places: Vec::new(),
-            before: None,
+            angle_rad: None,
+            was_homed: false,
         }
     }
 
@@ -111,9 +114,10 @@ impl LoadSampler {
         if self.places.is_empty() {
             return None;
         }
-        let now = (estimate.angle_rad, estimate.homed);
-        let advance = match self.before.replace(now) {
-            Some((angle, homed)) if homed == now.1 && estimate.lost == 0 => advance(angle, now.0),
+        let goes_on = self.was_homed == estimate.homed && estimate.lost == 0;
+        self.was_homed = estimate.homed;
+        let advance = match self.angle_rad.replace(estimate.angle_rad) {
+            Some(before) if goes_on => advance(before, estimate.angle_rad),
             _ => 0,
         };
         let mut loads = [f32::NAN; MAX_COUNTED];

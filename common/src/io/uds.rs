@@ -7,11 +7,9 @@
 //! | `36 counter data` transfer data               | `76 counter`        |
 //! | `37` request transfer exit                    | `77`                |
 //! | `31 01 02 00 samples[2] share` start routine  | `71 01 02 00`       |
-//! | `23 14 address[4] size` read memory           | `63 data`           |
 //!
 //! Big endian. The routine sends a burst of raw samples, 1 to 65534; share of the bus (%) in bits 0
-//! to 6, as FD frames with bit 7. Memory is that of kept counts, from address 0 on, up to 255 bytes;
-//! a byte that cannot be read reads as 0. The address is 0, the size that of the sealed image. `block` is
+//! to 6, as FD frames with bit 7. The address is 0, the size that of the sealed image. `block` is
 //! the longest transfer request with its two leading bytes; every block but the last is that long.
 //! The counter starts at 1 and wraps from 255 to 0. A refused request is answered `7F service code`;
 //! code 0x78 means "still at work". What is wrong with an image comes as
@@ -35,11 +33,6 @@ pub const ROUTINE_CONTROL: u8 = 0x31;
 /// The start of a request for a burst of raw samples: start the first routine of the range that the
 /// standard leaves to makers.
 pub const BURST_ROUTINE: [u8; 4] = [ROUTINE_CONTROL, 0x01, 0x02, 0x00];
-
-/// Service: reads the memory of kept counts.
-pub const READ_MEMORY: u8 = 0x23;
-/// The start of a request to read memory: an address of four bytes, a size of one.
-pub const READ_FORMAT: [u8; 2] = [READ_MEMORY, 0x14];
 
 /// A positive answer starts with the service plus this.
 pub const POSITIVE: u8 = 0x40;

@@ -185,7 +185,7 @@ impl CountKeeper {
         }
     }
 
-    /// Reads the counts that were kept last; false where there are none. Counts a restart.
+    /// Reads the counts that were kept last; false where there are none. Work is under way then.
     pub fn load<F: NorFlash, const L: usize>(
         &mut self,
         flash: &mut F,
@@ -202,7 +202,6 @@ impl CountKeeper {
             });
             if let Some(messages) = messages {
                 memory.mark_kept();
-                memory.counts.restart();
                 self.current = Some(number);
                 self.free = area.free(&mut Flash(flash));
                 self.message = messages.last.saturating_add(1);

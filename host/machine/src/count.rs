@@ -1,4 +1,4 @@
-//! Describes a load whose cycles a board counts (`Count`): range of the levels, smallest cycle,
+//! Describes a load whose cycles a board is to count (`Count`): range of the levels, smallest cycle,
 //! ratio of its shaft. Checks its fields.
 
 use loadtwin_common::counting::{CountedLoad, GATE_LEVELS, LEVELS, LevelScale, MAX_COUNTED};
@@ -9,7 +9,7 @@ use super::error::Violation;
 use super::field_checks::{Checked, at_most, finite, one_of, positive, refuse, within};
 use super::{Machine, NamedLoad};
 
-/// A load whose cycles a board counts.
+/// A load whose cycles a board is to count.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Count {

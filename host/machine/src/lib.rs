@@ -121,7 +121,7 @@ pub struct Machine {
     /// Other quantities that a recording may carry, such as temperature.
     #[serde(default, rename = "auxiliary")]
     pub auxiliaries: Vec<Auxiliary>,
-    /// Loads whose cycles a board counts, at most 2.
+    /// Loads whose cycles a board is to count, at most 2.
     #[serde(default, rename = "count")]
     pub counts: Vec<Count>,
     /// Named sets of sensors; the first is the default.
