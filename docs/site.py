@@ -4,6 +4,7 @@
 Needs cargo; mdBook is compiled once into target/mdbook. Run it anywhere in the clone.
 """
 
+import os
 import re
 import shutil
 import subprocess
@@ -26,7 +27,7 @@ def mdbook():
     subprocess.run(
         ["cargo", "install", "--quiet", "--locked", "--debug", "--root", folder, "--target-dir", folder / "build",
          "--no-default-features", "--features", "search", f"mdbook@{MDBOOK}"],
-        cwd=ROOT, check=True,
+        cwd=ROOT, check=True, env={**os.environ, "CARGO_PROFILE_DEV_DEBUG": "0"},
     )
     shutil.rmtree(folder / "build")
     return program
