@@ -125,9 +125,12 @@ impl Area {
             };
             match &mut pending {
                 None if begins && piece.message == STATE => pending = Some(begun),
-                None => {}
                 Some(now) if begins && piece.message == now.message => *now = begun,
-                Some(now) if begins && now.is_whole && piece.message == now.message + 1 => {
+                Some(now)
+                    if begins
+                        && now.is_whole
+                        && piece.message.checked_sub(1) == Some(now.message) =>
+                {
                     let whole = *now;
                     if !give(flash, whole) {
                         return taken;
@@ -143,7 +146,7 @@ impl Area {
                     now.is_whole = piece.is_last;
                     now.piece_at = found;
                 }
-                Some(_) => {}
+                _ => {}
             }
         }
         if let Some(whole) = pending.filter(|pending| pending.is_whole)

@@ -233,7 +233,7 @@ mod tests {
     /// Every damage of one word, in every place, is restored; of two words, none is.
     #[test]
     fn any_one_damaged_word_is_restored() {
-        let content: [u8; 77] = core::array::from_fn(|i| (i * 37) as u8);
+        let content: [u8; 80] = core::array::from_fn(|i| (i * 37) as u8);
         let piece = Piece::new(7, 300, 5, true, &content);
         let mut flash = [0xFF_u8; 256];
         for (bytes, word) in flash.chunks_mut(WORD).zip(piece.words()) {
