@@ -106,7 +106,6 @@ impl Zero {
                 Some(words) => words.ratios(channel)?,
                 None => ratios(&machine, channel, &self.recording)?,
             };
-            self.check_readings(channel, &ratios, words.is_some())?;
             self.check_standstill(channel, bridge, &ratios)?;
             let shunt = self.shunt_reading(&machine, channel)?;
             let calibration = calibrate(bridge, &ratios, shunt, &self.date).with_context(|| {
@@ -116,6 +115,7 @@ impl Zero {
                     self.recording.display()
                 )
             })?;
+            self.check_readings(channel, &ratios, words.is_some())?;
             found.push(Zeroed {
                 channel,
                 bridge,
