@@ -20,12 +20,11 @@ use crate::rotor::RotorModel;
 pub const VERSION: u16 = 15;
 
 /// A model image.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Image<'a> {
     /// Version of this layout.
     pub version: u16,
     /// The machine's name.
-    #[serde(borrow)]
     pub machine: &'a str,
     /// Sample rate (Hz), > 0.
     pub rate_hz: f32,
@@ -37,8 +36,19 @@ pub struct Image<'a> {
     /// The loads that a board counts.
     pub counted: CountedLoads,
     /// The machine.
-    #[serde(borrow)]
     pub model: Model<'a>,
+}
+
+/// What of an [`Image`] comes before its model, in the same order.
+#[derive(Deserialize)]
+struct Head<'a> {
+    version: u16,
+    #[serde(borrow)]
+    machine: &'a str,
+    rate_hz: f32,
+    can_base: u16,
+    gains: [Option<u8>; MAX_CHANNELS],
+    counted: CountedLoads,
 }
 
 /// The kinds of machine.
@@ -97,10 +107,22 @@ impl<'a> Image<'a> {
         if version != VERSION {
             return Err(Error::Malformed("image version"));
         }
-        match postcard::take_from_bytes(bytes) {
-            Ok((image, [])) => Ok(image),
-            _ => Err(Error::Malformed("image")),
-        }
+        let malformed = |_| Error::Malformed("image");
+        // The head and the model one after the other: as one structure, the stack would hold the
+        // model twice while it is read.
+        let (head, model) = postcard::take_from_bytes::<Head>(bytes).map_err(malformed)?;
+        let (model, []) = postcard::take_from_bytes(model).map_err(malformed)? else {
+            return Err(Error::Malformed("image"));
+        };
+        Ok(Self {
+            version: head.version,
+            machine: head.machine,
+            rate_hz: head.rate_hz,
+            can_base: head.can_base,
+            gains: head.gains,
+            counted: head.counted,
+            model,
+        })
     }
 
     /// Unit of the load at `place` in the order of the estimates.
