@@ -34,10 +34,10 @@ pub fn raw_samples(
     stop: &AtomicBool,
 ) -> Result<(Vec<RawSample>, RawCounts), CanError> {
     let mut link = Link::new(source.open(Some(base), None)?, POLL);
-    if source.log().is_none() {
-        if let Some(request) = burst_request(burst, SHARE, false) {
-            link.send(&to_bus(&request), stop)?;
-        }
+    if source.log().is_none()
+        && let Some(request) = burst_request(burst, SHARE, false)
+    {
+        link.send(&to_bus(&request), stop)?;
     }
     let mut assembler = RawAssembler::new(base);
     let mut samples = Vec::new();

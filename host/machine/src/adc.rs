@@ -7,7 +7,7 @@ use std::borrow::Cow;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};
 
-use crate::converter::{Converter, Input};
+use crate::converter::{self, Converter, Input};
 
 /// The converter behind an analogue channel: `value = (word - zero) * lsb`.
 ///
@@ -148,8 +148,8 @@ impl AdcFields {
             let found = self.gain.map_or("nothing".into(), |gain| gain.to_string());
             return Err(format!("gain: found {found}, allowed: one of {gains:?}"));
         };
-        if let Some(bits) = self.bits.filter(|bits| *bits != converter.bits()) {
-            let allowed = converter.bits();
+        if let Some(bits) = self.bits.filter(|bits| *bits != converter::BITS) {
+            let allowed = converter::BITS;
             return Err(format!("bits: found {bits}, allowed: {allowed}"));
         }
         let amplifier_gain = self.amplifier_gain.unwrap_or(1.0);

@@ -5,6 +5,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+/// Word length of each of them (bit).
+pub(crate) const BITS: u32 = 24;
+
 /// Millivolts in a volt: bridges are described in mV/V.
 const MILLIVOLTS_PER_VOLT: f64 = 1e3;
 
@@ -33,11 +36,6 @@ pub(crate) enum Input {
 }
 
 impl Converter {
-    /// The word length (bit).
-    pub(crate) const fn bits(self) -> u32 {
-        24
-    }
-
     /// The gains that it has.
     pub(crate) const fn gains(self) -> &'static [u16] {
         match self {
@@ -56,7 +54,7 @@ impl Converter {
             (Self::Hx711, Input::Bridge { excitation_v, .. }) => excitation_v / 2.0,
             (Self::Hx711, Input::PerVolt(_)) => return None,
         };
-        let volt = full_scale_v / f64::from(gain) / f64::from(self.bits() - 1).exp2();
+        let volt = full_scale_v / f64::from(gain) / f64::from(BITS - 1).exp2();
         Some(volt * input.per_volt())
     }
 }

@@ -40,7 +40,7 @@ impl Count {
     }
 
     /// The gate (levels), 1 to 127 in a description that was checked.
-    fn gate_levels(&self, scale: &LevelScale) -> f64 {
+    fn gate_levels(&self, scale: LevelScale) -> f64 {
         let levels = |gate: f64| (gate / f64::from(scale.width())).ceil();
         self.gate.map_or(GATE_LEVELS.into(), levels)
     }
@@ -56,7 +56,7 @@ impl Count {
         let Ok(scale) = self.scale() else {
             return refuse(&field("range"), found, allowed);
         };
-        let gate = self.gate_levels(&scale);
+        let gate = self.gate_levels(scale);
         let is = (1.0..=(LEVELS - 1) as f64).contains(&gate);
         let found = self.gate.unwrap_or_default();
         within(&field("gate"), found, is, "> 0, below the range")?;
@@ -96,7 +96,7 @@ impl Machine {
                 Ok(CountedLoad {
                     load,
                     scale,
-                    gate: count.gate_levels(&scale) as u8,
+                    gate: count.gate_levels(scale) as u8,
                     ratio: count.ratio as f32,
                 })
             })

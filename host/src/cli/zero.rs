@@ -124,7 +124,8 @@ impl Zero {
             });
         }
         self.write(&found)?;
-        self.print(&found, as_json)
+        self.print(&found, as_json);
+        Ok(())
     }
 
     /// The bus or its log, where the recording is one.
@@ -302,7 +303,7 @@ impl Zero {
         Ok(())
     }
 
-    fn print(&self, found: &[Zeroed<'_>], as_json: bool) -> anyhow::Result<()> {
+    fn print(&self, found: &[Zeroed<'_>], as_json: bool) {
         if as_json {
             let channels: Vec<_> = found.iter().map(Zeroed::json).collect();
             let mut printed = match channels.as_slice() {
@@ -311,7 +312,7 @@ impl Zero {
             };
             printed["machine_out"] = json!(shown(&self.output));
             say!("{printed}");
-            return Ok(());
+            return;
         }
         for zeroed in found {
             let name = &zeroed.channel.name;
@@ -340,7 +341,6 @@ impl Zero {
                 );
             }
         }
-        Ok(())
     }
 }
 

@@ -120,17 +120,7 @@ fn all_bridges_are_zeroed_from_the_words_of_a_board() {
     let machine = Machine::load(&bench.path("bridge.toml")).unwrap();
     let names: Vec<&str> = machine.channels.iter().map(|c| c.name.as_str()).collect();
     let expected = |place: usize| 0.25 - 0.1 * place as f64;
-    let mut text = "t [s]".to_owned();
-    names
-        .iter()
-        .for_each(|name| text += &format!(",{name} [mV/V]"));
-    text += ",encoder [counts],index [counts]";
-    for i in 0..200 {
-        text += &format!("\n{:.3}", f64::from(i) / machine.rate_hz);
-        (0..names.len()).for_each(|place| text += &format!(",{}", expected(place)));
-        text += ",7,";
-    }
-    bench.write("zero.csv", text + "\n");
+    bench.write("zero.csv", unloaded(&machine, expected));
     let send = ["send", "bridge.toml", "zero.csv", "--log", "raw.log"];
     done(&bench, &send);
     let zero = |source: &str, output: &str| -> serde_json::Value {
@@ -213,6 +203,23 @@ fn all_bridges_are_zeroed_from_the_words_of_a_board() {
             .contains("found 0 raw samples with identifiers from 0x100 on")
     );
     assert!(!bench.path("c.toml").exists());
+}
+
+/// 200 rows of each bridge's output (mV/V) by its place, with an encoder that stands still.
+fn unloaded(machine: &Machine, mv_per_v: impl Fn(usize) -> f64) -> String {
+    let mut text = "t [s]".to_owned();
+    for channel in &machine.channels {
+        text += &format!(",{} [mV/V]", channel.name);
+    }
+    text += ",encoder [counts],index [counts]";
+    for i in 0..200 {
+        text += &format!("\n{:.3}", f64::from(i) / machine.rate_hz);
+        for place in 0..machine.channels.len() {
+            text += &format!(",{}", mv_per_v(place));
+        }
+        text += ",7,";
+    }
+    text + "\n"
 }
 
 /// What a command that succeeds prints.
