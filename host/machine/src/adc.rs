@@ -337,7 +337,7 @@ mod tests {
             ),
             (
                 "converter = \"hx711\"\ngain = 64\nper_volt = 1",
-                "supply of the HX711",
+                "per_volt: found with hx711",
             ),
             (
                 "converter = \"ads131m04\"\ngain = 1",
