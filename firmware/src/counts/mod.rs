@@ -19,7 +19,7 @@ pub use memory::CountMemory;
 /// Most areas.
 pub const MOST_AREAS: usize = 4;
 
-/// Time from one increment to the next [s]: below the 60 s of running of which counts may be lost,
+/// Time from one increment to the next (s): below the 60 s of running of which counts may be lost,
 /// by more than the second that erasing an area and writing a state take.
 pub const INTERVAL_S: f32 = 50.0;
 
@@ -32,7 +32,7 @@ const ATTEMPTS: u8 = 4;
 pub struct CountsLayout {
     /// Offset of the first one; a multiple of the page.
     pub start: u32,
-    /// Length of each [bytes], a multiple of the page.
+    /// Length of each (bytes), a multiple of the page.
     pub area_bytes: u32,
     /// Number of them, 2 to [`MOST_AREAS`].
     pub areas: usize,
