@@ -6,7 +6,7 @@ use loadtwin_common::Error;
 use loadtwin_common::counting::kept::CONTENT;
 use loadtwin_common::counting::{ByteSink, CountedLoads, MachineCounts};
 
-/// Longest increment [bytes]; a longer one is kept as a whole state. A minute of white noise that
+/// Longest increment (bytes); a longer one is kept as a whole state. A minute of white noise that
 /// changes every counter of a load takes 2.7 kB.
 pub const INCREMENT: usize = 3000;
 
