@@ -48,29 +48,11 @@ impl EncoderHealth {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::measurement::AdcScaling;
 
     /// Blocks until an encoder that stands is at fault, 50 at most, where the strain of the first
     /// `gauges` alternates by this many standard deviations of noise.
     fn named_after(gauges: usize, amplitude: f32) -> Option<usize> {
-        let gauge = GaugeModel {
-            converter: AdcScaling {
-                zero: 0,
-                gain: 1.0,
-                lowest: -1,
-                highest: 1,
-                stuck_after: 0,
-            },
-            passing: 0.0,
-            noise_std: 0.8,
-            resting_error: 0.0,
-            model_error: 0.0,
-            offset: 0.0,
-            bulk_load: Default::default(),
-            bulk_feature: Default::default(),
-            local: Default::default(),
-        };
-        let models = [0; GAUGES].map(|_| gauge.clone());
+        let models = [0; GAUGES].map(|_| GaugeModel::plain());
         let mut sums = HarmonicSums::default();
         for k in 0..20 {
             let strain = if k % 2 == 0 { 0.8 } else { -0.8 } * amplitude;

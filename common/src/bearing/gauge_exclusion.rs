@@ -220,27 +220,6 @@ impl Means {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::measurement::AdcScaling;
-
-    fn gauge() -> GaugeModel {
-        GaugeModel {
-            converter: AdcScaling {
-                zero: 0,
-                gain: 1.0,
-                lowest: -1,
-                highest: 1,
-                stuck_after: 0,
-            },
-            passing: 0.0,
-            noise_std: 0.8,
-            resting_error: 0.0,
-            model_error: 0.0,
-            offset: 0.0,
-            bulk_load: Default::default(),
-            bulk_feature: Default::default(),
-            local: Default::default(),
-        }
-    }
 
     /// A gauge that reads `gain` times the local strain expected, with this normalised innovation.
     fn innovation(gain: f32, cost: f32) -> BlockInnovation {
@@ -255,7 +234,7 @@ mod tests {
 
     /// Blocks of 0.01 s with these innovations of gauge 2; the others agree.
     fn run(exclusion: &mut GaugeExclusion, blocks: usize, gain: f32, cost: f32) {
-        let gauges = [0; GAUGES].map(|_| gauge());
+        let gauges = [0; GAUGES].map(|_| GaugeModel::plain());
         let block = HarmonicBlock {
             count: 20,
             complete: [true; GAUGES],

@@ -97,29 +97,11 @@ impl GaugeHealth {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::measurement::AdcScaling;
 
     /// Blocks until a gauge that reads and is expected at these multiples of its noise is named;
     /// 200 at most.
     fn named_after(read: f32, expected: f32) -> Option<usize> {
-        let gauge = GaugeModel {
-            converter: AdcScaling {
-                zero: 0,
-                gain: 1.0,
-                lowest: -1,
-                highest: 1,
-                stuck_after: 0,
-            },
-            passing: 0.0,
-            noise_std: 0.8,
-            resting_error: 0.0,
-            model_error: 0.0,
-            offset: 0.0,
-            bulk_load: Default::default(),
-            bulk_feature: Default::default(),
-            local: Default::default(),
-        };
-        let gauges = [0; GAUGES].map(|_| gauge.clone());
+        let gauges = [0; GAUGES].map(|_| GaugeModel::plain());
         let block = HarmonicBlock {
             count: 20,
             complete: [true; GAUGES],

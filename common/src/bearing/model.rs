@@ -130,6 +130,30 @@ impl BearingModel {
     }
 }
 
+#[cfg(test)]
+impl GaugeModel {
+    /// A gauge with noise of 0.8, without offset, errors of the model or answer to a load.
+    pub(crate) fn plain() -> Self {
+        Self {
+            converter: AdcScaling {
+                zero: 0,
+                gain: 1.0,
+                lowest: -1,
+                highest: 1,
+                stuck_after: 0,
+            },
+            passing: 0.0,
+            noise_std: 0.8,
+            resting_error: 0.0,
+            model_error: 0.0,
+            offset: 0.0,
+            bulk_load: Default::default(),
+            bulk_feature: Default::default(),
+            local: Default::default(),
+        }
+    }
+}
+
 impl GaugeModel {
     fn check(&self) -> Result<(), Error> {
         let gain = self.converter.gain;
