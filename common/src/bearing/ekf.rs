@@ -330,7 +330,7 @@ impl JointEkf {
         used: bool,
         hold: Hold,
     ) -> BlockInnovation {
-        let slow = self.offsets();
+        let held = (used && hold != Hold::Nothing).then(|| self.offsets());
         let g = gauge % GAUGES;
         let (c, by) = self.predict_with_jacobian(model, model.passing, block.phase, g);
         let mut innovations = BlockInnovation::default();
@@ -370,8 +370,8 @@ impl JointEkf {
             }
             let mut gate = if used { Gate::open() } else { Gate::closed() };
             let row_innovation = kalman::update(&mut self.gaussian, &row, nu, r, &mut gate);
-            if hold != Hold::Nothing && used {
-                self.hold_offsets(&slow, hold);
+            if let Some(slow) = &held {
+                self.hold_offsets(slow, hold);
             }
             innovations.cost += row_innovation.nis;
             rows += 1.0;
