@@ -1,7 +1,6 @@
 //! The command-line interface of `loadtwin`: lists the commands with their help (`Cli`), parses the
 //! arguments, and calls the file that holds the command.
 
-mod board_words;
 mod build;
 mod calibrate;
 mod can;
@@ -28,6 +27,7 @@ mod tables;
 mod tune;
 mod tune_output;
 mod tune_rotor;
+mod unloaded_readings;
 mod zero;
 
 use std::ffi::OsString;

@@ -2,20 +2,19 @@
 //! unloaded structure, or from raw samples of a bus, and, with a shunt recording, the adjusted gauge
 //! factor of one, and writes them to the description.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::board_words::{Words, ratio_of_word, words_of_bus};
 use super::file_plan::{Plan, Replace};
 use super::layout_option::LayoutFile;
 use super::printing::{say, shown};
+use super::unloaded_readings::Unloaded;
 use crate::calibrate::Description;
 use crate::can::frame_source::Source;
-use crate::machine::{Channel, DESCRIPTION, Encoding, Machine, extreme_words};
-use crate::recording::{Reader, Unit, Wanted, columns};
+use crate::machine::{Channel, DESCRIPTION, Encoder, Machine, extreme_words};
 use crate::strain::{Calibration, ShuntReading, Simulates, StrainBridge, calibrate, is_iso_date};
 
 /// Largest standard deviation of the reading of a machine that stands still, in `noise_std` of the
@@ -95,27 +94,25 @@ impl Zero {
         );
         let machine = self.layout.machine(&self.machine)?;
         let channels = self.channels(&machine)?;
-        let words = match bus {
-            Some(bus) => Some(words_of_bus(&machine, bus, &self.recording)?),
-            None => None,
+        let named: Vec<&Channel> = channels.iter().map(|(channel, _)| *channel).collect();
+        let (encoders, source) = (&machine.encoders, self.recording.as_path());
+        let unloaded = match bus {
+            Some(bus) => Unloaded::of_bus(&machine, &named, encoders, (bus, source))?,
+            None => Unloaded::of_recording(&machine, &named, encoders, source)?,
         };
-        self.check_encoders(&machine, words.as_ref())?;
+        self.check_encoders(encoders, &unloaded)?;
         let mut found = Vec::new();
-        for (channel, bridge) in channels {
-            let ratios = match &words {
-                Some(words) => words.ratios(channel)?,
-                None => ratios(&machine, channel, &self.recording)?,
-            };
-            self.check_standstill(channel, bridge, &ratios)?;
+        for ((channel, bridge), ratios) in channels.into_iter().zip(&unloaded.ratios) {
+            self.check_standstill(channel, bridge, ratios)?;
             let shunt = self.shunt_reading(&machine, channel)?;
-            let calibration = calibrate(bridge, &ratios, shunt, &self.date).with_context(|| {
+            let calibration = calibrate(bridge, ratios, shunt, &self.date).with_context(|| {
                 format!(
                     "{}: {}",
                     self.place(&channel.name),
                     self.recording.display()
                 )
             })?;
-            self.check_readings(channel, &ratios, words.is_some())?;
+            self.check_readings(channel, ratios, unloaded.are_words)?;
             found.push(Zeroed {
                 channel,
                 bridge,
@@ -181,12 +178,8 @@ impl Zero {
     }
 
     /// Refuses an encoder that moves.
-    fn check_encoders(&self, machine: &Machine, words: Option<&Words>) -> anyhow::Result<()> {
-        for (place, encoder) in machine.encoders.iter().enumerate() {
-            let counts = match words {
-                Some(words) => words.counts(place),
-                None => counts(machine, &encoder.name, &self.recording)?,
-            };
+    fn check_encoders(&self, encoders: &[Encoder], unloaded: &Unloaded) -> anyhow::Result<()> {
+        for (encoder, counts) in encoders.iter().zip(&unloaded.counts) {
             let turn = f64::from(encoder.bits).exp2();
             let moved = (counts.iter())
                 .map(|count| count - counts[0])
@@ -274,7 +267,8 @@ impl Zero {
         let (Some(path), Some(shunt_ohm)) = (&self.shunt, self.shunt_ohm) else {
             return Ok(None);
         };
-        let readings = ratios(machine, channel, path)?;
+        let unloaded = Unloaded::of_recording(machine, &[channel], &[], path)?;
+        let readings = unloaded.ratios.concat();
         Ok(Some(ShuntReading {
             ratio: readings.iter().sum::<f64>() / readings.len() as f64,
             shunt_ohm,
@@ -368,62 +362,6 @@ impl Zeroed<'_> {
             "offset_replaced": self.replaces_offset(),
         })
     }
-}
-
-/// Counts of an encoder in a recording; none where it has no such column, or angles.
-fn counts(machine: &Machine, encoder: &str, path: &Path) -> anyhow::Result<Vec<f64>> {
-    let layout = &machine.recording;
-    let found = columns(path, layout, &[(encoder, false)])?;
-    let column = found.iter().find(|column| column.name == encoder);
-    let unit = column.and_then(|column| column.unit.as_deref()?.parse::<Unit>().ok());
-    if unit != Some(Unit::COUNTS) {
-        return Ok(Vec::new());
-    }
-    let wanted = [Wanted {
-        name: encoder,
-        unit: Unit::COUNTS,
-        required: false,
-    }];
-    let mut counts = Vec::new();
-    for block in Reader::open(path, layout, &wanted)? {
-        let read = block?.columns.into_iter().flatten().flatten();
-        counts.extend(read.filter(|count| count.is_finite()));
-    }
-    Ok(counts)
-}
-
-/// Bridge output of `channel` over a recording (V/V); missing samples left out.
-fn ratios(machine: &Machine, channel: &Channel, path: &Path) -> anyhow::Result<Vec<f64>> {
-    let layout = &machine.recording;
-    let found = columns(path, layout, &[(&channel.name, true)])?;
-    let counts = Encoding::of(channel, &found) == Encoding::Word;
-    let unit = if counts {
-        Unit::COUNTS
-    } else {
-        Unit::VOLT_PER_VOLT
-    };
-    let wanted = [Wanted {
-        name: &channel.name,
-        unit,
-        required: true,
-    }];
-    let mut ratios = Vec::new();
-    for block in Reader::open(path, layout, &wanted)? {
-        let read = block?
-            .columns
-            .into_iter()
-            .flatten()
-            .flatten()
-            .filter(|value| value.is_finite());
-        ratios.extend(read.map(|value| {
-            if counts {
-                ratio_of_word(channel, value)
-            } else {
-                value
-            }
-        }));
-    }
-    Ok(ratios)
 }
 
 /// Standard deviation of `of` each value; 0 of none.
