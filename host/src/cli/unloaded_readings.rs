@@ -60,7 +60,7 @@ impl Unloaded {
         });
         let counters = encoders
             .iter()
-            .filter(|e| has_counts(e))
+            .filter(|encoder| has_counts(encoder))
             .map(|encoder| Wanted {
                 name: &encoder.name,
                 unit: Unit::COUNTS,
@@ -70,34 +70,25 @@ impl Unloaded {
         let mut values = vec![Vec::new(); wanted.len()];
         for block in Reader::open(path, layout, &wanted)? {
             for (values, column) in values.iter_mut().zip(block?.columns) {
-                values.extend(
-                    column
-                        .into_iter()
-                        .flatten()
-                        .filter(|value| value.is_finite()),
-                );
+                let read = column.into_iter().flatten();
+                values.extend(read.filter(|value| value.is_finite()));
             }
         }
-        let counts = values.split_off(channels.len());
-        for (values, channel) in values.iter_mut().zip(channels) {
+        let of = |name: &str| {
+            let place = wanted.iter().position(|wanted| wanted.name == name);
+            place.map_or(&[][..], |place| values[place].as_slice())
+        };
+        let ratios = channels.iter().map(|channel| {
+            let read = of(&channel.name).iter();
             if are_words(channel) {
-                values
-                    .iter_mut()
-                    .for_each(|value| *value = ratio_of_word(channel, *value));
-            }
-        }
-        let mut counts = counts.into_iter();
-        let counts = encoders.iter().map(|encoder| {
-            let column = if has_counts(encoder) {
-                counts.next()
+                read.map(|word| ratio_of_word(channel, *word)).collect()
             } else {
-                None
-            };
-            column.unwrap_or_default()
+                read.copied().collect()
+            }
         });
         Ok(Self {
-            ratios: values,
-            counts: counts.collect(),
+            ratios: ratios.collect(),
+            counts: encoders.iter().map(|e| of(&e.name).to_vec()).collect(),
             are_words: false,
         })
     }
