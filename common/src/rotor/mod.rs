@@ -1,15 +1,13 @@
 //! Estimates the forces on nodes of a rotor and its modal displacements from displacement sensors,
 //! one raw sample at a time (`RotorEstimator::step`), by an augmented Kalman filter of a reduced
-//! finite-element model at the tracked speed, with a steady gain once it has converged; also some
-//! samples late. Where innovations contradict the model its noise is raised; one sensor that
-//! contradicts the others is held out.
+//! finite-element model at the tracked speed, its matrices over the speed ([`filter`]).
 //!
-//! A reduced finite-element model with the forces as states ([`filter`]), its matrices over the
-//! speed. The full recursion runs until its gain has converged; then the steady gain of the speed
+//! The full recursion runs until its gain has converged; then the steady gain of the speed
 //! takes its place, until a reading is missing or refused. An estimate may lag by some samples, and
 //! is more accurate then ([`fixed_lag_smoother`]). Where the innovations contradict the model,
-//! the noise of the model is larger ([`mismatch`]); where one sensor contradicts the others, it is
-//! held out ([`sensor_exclusion`]).
+//! the noise of the model is larger ([`mismatch`]); where the unbalance changes with the speed, the
+//! deviations allow for the model's error ([`unbalance_consistency`]); where one sensor contradicts
+//! the others, it is held out ([`sensor_exclusion`]).
 //!
 //! Source: Rezende et al. 2023, section 2.
 
@@ -21,6 +19,7 @@ mod output;
 mod scheduled_model;
 pub mod sensor_exclusion;
 mod shaft_tracker;
+pub mod unbalance_consistency;
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -39,6 +38,7 @@ use crate::rotor::mismatch::{Change, Mismatch};
 use crate::rotor::scheduled_model::ScheduledModel;
 use crate::rotor::sensor_exclusion::SensorExclusion;
 use crate::rotor::shaft_tracker::{ShaftTracker, rotation_increment};
+use crate::rotor::unbalance_consistency::UnbalanceConsistency;
 use crate::signal::phase::Phase;
 
 pub use crate::rotor::model::{
@@ -75,6 +75,7 @@ pub struct RotorState<const NZ: usize, const NX: usize> {
     shaft: ShaftTracker,
     scheduled: ScheduledModel<NZ, NX>,
     mismatch: Mismatch,
+    consistency: UnbalanceConsistency,
     /// Standard deviations of the level above, while a lower one is on trial.
     trial_std: [f32; MAX_LOADS],
     /// Samples in a row that used every sensor.
@@ -137,6 +138,7 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
             shaft: ShaftTracker::new(self.model.speeds.nominal),
             scheduled: ScheduledModel::new(),
             mismatch: Mismatch::default(),
+            consistency: UnbalanceConsistency::default(),
             trial_std: [0.0; MAX_LOADS],
             clean_samples: 0,
             smoothed_samples: 0,
@@ -168,6 +170,8 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
         }
         if let Some(by) = m.rehomed {
             state.shaft.rotate(by);
+            let by = by.to_rad();
+            state.consistency.rotate(libm::cosf(by), libm::sinf(by));
         }
         let speed = state.shaft.speed;
         let turn = self.track_shaft(state, &m);
@@ -208,6 +212,7 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
             state.started = self.is_finite(state);
         }
         self.loads(state, &mut estimate);
+        self.compare_unbalances(state, &estimate);
         self.monitor_whiteness(state, &m, &estimate.sensors);
         for angle in m.angles.iter().take(self.counters.len()) {
             let _ = estimate.sensors.push(SensorEstimate {
@@ -293,6 +298,7 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
         state.posterior.state.fill(0.0);
         (self.model.initial_covariance).fill(&mut state.posterior.covariance);
         state.mismatch = Mismatch::default();
+        state.consistency = UnbalanceConsistency::default();
         state.exclusion = SensorExclusion::default();
         state.shaft = ShaftTracker::new(self.model.speeds.nominal);
         state.smoother = FixedLagSmoother::new(LaggedState::diffuse(state.shaft.speed));

@@ -17,10 +17,8 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
     /// Model error that is allowed for, in the usual tolerances.
     pub fn tolerance(&self, state: &RotorState<NZ, NX>) -> f32 {
         let allowed = usize::from(state.mismatch.allowed());
-        self.model
-            .levels
-            .get(allowed)
-            .map_or(0.0, |noise| noise.tolerance)
+        let of_level = (self.model.levels.get(allowed)).map_or(0.0, |noise| noise.tolerance);
+        of_level.max(state.consistency.tolerance())
     }
 
     /// Covariance of the state by rows, in the image's scale, while the gain is recursive.
@@ -31,10 +29,7 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
 
     pub(crate) fn loads(&self, state: &RotorState<NZ, NX>, estimate: &mut Estimate) {
         let lag = self.lag();
-        let converged = state.clean_samples >= self.noise(state).full_samples && state.age == 0;
-        let steady = converged && state.smoothed_samples as usize >= lag;
         let beyond = self.tolerance(state) - self.noise(state).tolerance;
-        let lagged = self.lagged(state);
         let speeds = &self.model.speeds;
         let range = f32::from(speeds.count - 1) * speeds.step;
         let margin = MARGIN * (speeds.lowest + range);
@@ -49,16 +44,7 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
             let (Some(scale), Some(x)) = (self.model.scale.get(d), self.state(state).get(d)) else {
                 continue;
             };
-            let table = state.scheduled.load_std[j % MAX_LOADS];
-            let deviation = if steady {
-                table
-            } else {
-                let own = &state.posterior.covariance[d % NX][d % NX];
-                let own = libm::sqrtf(lagged.map_or(*own, |moment| moment.variances[j % FORCES]));
-                // By a gain, the variance stays that of another speed; and no recursion allows
-                // for errors of the model.
-                if own < table { table } else { own }
-            };
+            let deviation = self.deviation(state, j);
             let deviation = if state.mismatch.on_trial() {
                 deviation.max(state.trial_std[j % MAX_LOADS])
             } else {
@@ -86,6 +72,22 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
                 fault,
             });
         }
+    }
+
+    /// Standard deviation of load `j` by the noise level in use, in the image's scale.
+    pub(super) fn deviation(&self, state: &RotorState<NZ, NX>, j: usize) -> f32 {
+        let table = state.scheduled.load_std[j % MAX_LOADS];
+        let converged = state.clean_samples >= self.noise(state).full_samples && state.age == 0;
+        if converged && state.smoothed_samples as usize >= self.lag() {
+            return table;
+        }
+        let d = 2 * NZ + j;
+        let own = &state.posterior.covariance[d % NX][d % NX];
+        let lagged = self.lagged(state);
+        let own = libm::sqrtf(lagged.map_or(*own, |moment| moment.variances[j % FORCES]));
+        // By a gain, the variance stays that of another speed; and no recursion allows
+        // for errors of the model.
+        if own < table { table } else { own }
     }
 
     /// The sample that the estimate is of, where it lags.

@@ -48,6 +48,11 @@ impl ShaftTracker {
         }
     }
 
+    /// Whether so many readings are there as the encoder's gains look back on.
+    pub fn is_settled(&self) -> bool {
+        self.readings == SETTLED
+    }
+
     /// The tracked angle.
     pub fn angle(&self) -> Phase {
         self.angle
