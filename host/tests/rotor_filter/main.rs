@@ -7,6 +7,7 @@ mod damped;
 mod from_start;
 mod lag;
 mod mismatch;
+mod run_up;
 
 use std::f64::consts::PI;
 use std::path::Path;
