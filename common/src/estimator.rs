@@ -25,7 +25,7 @@ pub const STATES: [usize; 4] = [6, 8, 12, 16];
 pub const ROTOR_SIZES: [(usize, usize); 2] = [(8, 20), (8, 24)];
 
 /// Version of the layout of saved states; another one is refused.
-pub const STATE_VERSION: u16 = 3;
+pub const STATE_VERSION: u16 = 4;
 
 /// Most bytes of a saved state: a number of 16 bits takes 3 bytes in postcard at most, one of 64
 /// bits 10.
