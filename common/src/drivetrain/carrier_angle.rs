@@ -10,7 +10,7 @@ use crate::drivetrain::{
 };
 use crate::io::estimate::SensorEstimate;
 use crate::io::fault::Fault;
-use crate::io::measurement::Measurement;
+use crate::io::measurement::{Measured, Measurement};
 use crate::io::raw::{MAX_CHANNELS, MAX_ENCODERS};
 use crate::kalman;
 use crate::kalman::gaussian::Gaussian;
@@ -24,31 +24,58 @@ const WITHIN: f32 = 5.0;
 /// and a half counts, where the noise is that of the rounding.
 const HELD: f32 = 12.0;
 
+/// Readings of an encoder that were used, from which on the model's angle is sound: ten times those
+/// that show that its counts have shifted.
+const SOUND: u16 = 10 * PATIENCE;
+
+/// Readings before its counts went on evenly for [`PATIENCE`] that a single jump explains: those of
+/// the second difference. After more, the model has gone on alone for too long.
+const JUMP: u16 = 3;
+
 /// Recent readings of an encoder, to detect stuck and shifted counts.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Track {
     angle: f32,
     /// Turn expected since its last change [rad].
     held: f32,
+    /// Whether that was too far, since its last change.
+    stuck: bool,
     /// Last two innovations [rad].
     past: [f32; 2],
     /// Samples in a row whose innovations went on evenly.
     even: u16,
+    /// Readings that were used since the start, or since more were refused than a jump explains.
+    used: u16,
     /// It went on evenly, and not as the model: the estimate has to start anew.
     pub(crate) lost: bool,
 }
 
 impl Track {
-    /// Whether the count stood still while the model turned by `turned` and went further than
-    /// noise of `variance` explains.
+    /// Whether the count has stood still since the model, which turns by `turned` in this sample,
+    /// went further than noise of `variance` explains.
     pub(crate) fn stuck(&mut self, angle: f32, turned: f32, variance: f32) -> bool {
         if angle == self.angle {
             self.held += turned;
         } else {
             self.held = 0.0;
             self.angle = angle;
+            self.stuck = false;
         }
-        libm::fabsf(self.held) > HELD * libm::sqrtf(variance)
+        self.stuck |= libm::fabsf(self.held) > HELD * libm::sqrtf(variance);
+        self.stuck
+    }
+
+    /// As it is after a new start of the estimate: a stuck encoder stays so until it moves.
+    pub(crate) fn restarted(self) -> Self {
+        Self {
+            angle: self.angle,
+            stuck: self.stuck,
+            ..Self::default()
+        }
+    }
+
+    pub(crate) fn is_stuck(self) -> bool {
+        self.stuck
     }
 
     /// Takes in an innovation that was refused: counts that went on evenly have shifted,
@@ -101,9 +128,10 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
         };
         let angle = match m.angles.get(k) {
             Some(Ok(angle)) => angle.to_rad(),
-            _ => {
+            other => {
+                state.tracks[k % MAX_ENCODERS].used = 0;
                 return SensorEstimate {
-                    fault: Fault::Missing,
+                    fault: reason(other),
                     ..SensorEstimate::default()
                 };
             }
@@ -124,9 +152,19 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
             encoder.variance,
             gate,
         );
+        if update.used() {
+            track.used = track.used.saturating_add(1);
+        } else if stuck || gate.rejections() > PATIENCE + JUMP {
+            track.used = 0;
+        }
         if update.outcome == Outcome::Gated && !stuck && track.refuse(innovation, encoder.variance)
         {
-            absorb_count_shift(&mut state.posterior, encoder, row, innovation);
+            if track.used >= SOUND && encoder.offset_state == 0 {
+                // No shaft jumps: the counts did.
+                state.unwrap.shift(k, Phase::from_rad(-innovation));
+            } else {
+                absorb_count_shift(&mut state.posterior, encoder, row, innovation);
+            }
         }
         let refused = if stuck { Fault::Stuck } else { Fault::Slipped };
         to_sensor_estimate(angle, &update, 1.0, refused)
@@ -156,6 +194,13 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
             state.homed_by_pulse = true;
         }
     }
+}
+
+/// Why an encoder gives no angle.
+pub(crate) fn reason(angle: Option<&Measured<Phase>>) -> Fault {
+    angle
+        .and_then(|angle| angle.err())
+        .unwrap_or(Fault::Missing)
 }
 
 /// Turns the carrier angle of a posterior.
@@ -192,4 +237,22 @@ fn absorb_count_shift<const NX: usize>(
         encoder.variance,
         &mut Gate::open(),
     );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stuck_encoder_stays_so_until_it_moves() {
+        let mut track = Track::default();
+        // By hand: 12 deviations of 0.01 rad are 0.12 rad.
+        assert!(!(0..12).any(|_| track.stuck(1.0, 0.01, 1e-4)));
+        assert!(track.stuck(1.0, 0.02, 1e-4));
+        // The model turns back; and it starts anew.
+        assert!((0..20).all(|_| track.stuck(1.0, -0.01, 1e-4)));
+        track = track.restarted();
+        assert!(track.is_stuck() && track.stuck(1.0, 0.0, 1e-4));
+        assert!(!track.stuck(1.001, 0.01, 1e-4));
+    }
 }

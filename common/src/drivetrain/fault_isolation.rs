@@ -128,6 +128,10 @@ pub(crate) struct Isolation {
     turn: u8,
     /// Samples for which the gauges of a direction were sound since the start.
     sound: [u16; MAX_CHANNELS],
+    /// Square of each gauge's reading over that at the limit without a load.
+    silent: [f32; MAX_CHANNELS],
+    /// Gauges that were left out while the others read a load.
+    confirmed: u8,
 }
 
 impl Default for Isolation {
@@ -151,6 +155,8 @@ impl Default for Isolation {
             jumped: 0,
             turn: 0,
             sound: [0; MAX_CHANNELS],
+            silent: [0.0; MAX_CHANNELS],
+            confirmed: 0,
         }
     }
 }
@@ -471,6 +477,7 @@ impl FaultIsolation {
 }
 
 mod decision;
+mod silence;
 
 #[cfg(test)]
 mod tests;

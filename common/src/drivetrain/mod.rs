@@ -56,6 +56,9 @@ const LONGEST_GAP: u32 = 100;
 /// contradicts the model for a few samples, a fault of a channel for longer.
 const PATIENCE: u16 = 25;
 
+/// Variance of an angle that is anywhere in the turn, `pi^2 / 3` [rad^2].
+const ANY_ANGLE: f32 = 3.29;
+
 /// The estimator of a gearbox, fixed after start.
 #[derive(Clone, Debug)]
 pub struct DrivetrainEstimator<'a, const NX: usize> {
@@ -271,7 +274,7 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         state.posterior = self.initial;
         state.gates = [self.gate; MAX_SENSORS];
         state.isolation = Isolation::default();
-        state.tracks = [Track::default(); MAX_ENCODERS];
+        state.tracks = state.tracks.map(Track::restarted);
         state.braking = [0.0; MAX_FRICTIONS];
         state.memories = [HysteresisState::default(); MAX_CHANNELS];
         state.age = u16::MAX;
@@ -281,6 +284,10 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         state.movements = [Movement::default(); LOADS];
         if let Some(Ok(angle)) = m.angles.first() {
             state.posterior.state[0] = angle.to_rad();
+        }
+        if state.tracks[0].is_stuck() {
+            // Nothing measures the angle: anywhere in the turn.
+            state.posterior.widen(0, ANY_ANGLE);
         }
     }
 

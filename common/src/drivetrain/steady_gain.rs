@@ -7,6 +7,7 @@ use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
+use crate::drivetrain::carrier_angle::reason;
 use crate::drivetrain::fault_isolation::{Gauge, Prior};
 use crate::drivetrain::{DrivetrainEstimator, DrivetrainState, LOADS, dot, to_sensor_estimate};
 use crate::io::estimate::{Estimate, SensorEstimate};
@@ -147,7 +148,7 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
             .enumerate()
         {
             let mut sensor = SensorEstimate {
-                fault: Fault::Missing,
+                fault: reason(m.angles.get(k)),
                 ..SensorEstimate::default()
             };
             if let (Some(Ok(angle)), Some((g, v))) = (m.angles.get(k), bin.direction(k)) {

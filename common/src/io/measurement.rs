@@ -113,6 +113,10 @@ pub struct SignalConditioner {
     homed: bool,
     suspect: Option<Phase>,
     passage: IndexSupervisor,
+    /// Whether the count of the index's encoder changed since the last pulse, or the start.
+    moved: bool,
+    /// Whether a pulse came without: the encoder stands still while the shaft turns.
+    frozen: bool,
 }
 
 /// Whether the index came each time that its place was passed.
@@ -219,6 +223,9 @@ impl SignalConditioner {
             if raw.has_encoder(k) {
                 let count = raw.encoders.get(k).copied().unwrap_or(0);
                 let moved = last.map_or(0, |last| counter.difference(count, last));
+                if moved != 0 && index.is_some_and(|index| usize::from(index.encoder) == k) {
+                    (self.moved, self.frozen) = (true, false);
+                }
                 *phase = phase.advanced(moved, counter.step);
                 *last = Some(count);
                 *angle = Ok(*phase);
@@ -226,8 +233,10 @@ impl SignalConditioner {
         }
 
         let rehomed = index.and_then(|index| {
-            if raw.has_encoder(index.encoder.into()) {
+            let k = usize::from(index.encoder);
+            if raw.has_encoder(k) {
                 self.supervise_index(raw.index.is_some(), lost > 0, index, lead);
+                self.detect_frozen(raw.index.is_some(), k, &mut angles);
             }
             self.home(raw, index, counters, lead)
         });
@@ -250,8 +259,28 @@ impl SignalConditioner {
             angles,
             rehomed,
             homed: self.homed,
-            slipped: self.suspect.is_some() || self.passage.missed,
+            slipped: self.suspect.is_some() || self.passage.missed || self.frozen,
         }
+    }
+
+    /// Takes encoder `k` for frozen from an index pulse since whose last its count has not changed,
+    /// until it does: a pulse at standstill, or before the first count, homes nothing either.
+    fn detect_frozen(&mut self, pulse: bool, k: usize, angles: &mut [Measured<Phase>]) {
+        if pulse {
+            self.frozen = !self.moved;
+            self.moved = false;
+        }
+        if let Some(angle) = angles.get_mut(k).filter(|_| self.frozen) {
+            *angle = Err(Fault::Stuck);
+        }
+    }
+
+    /// Takes a shift of the counts of encoder `k` back: its angle goes on where it was.
+    pub(crate) fn shift(&mut self, k: usize, by: Phase) {
+        if let Some(angle) = self.angles.get_mut(k) {
+            *angle = angle.wrapping_add(by);
+        }
+        (self.suspect, self.passage) = (None, IndexSupervisor::default());
     }
 
     /// Notes whether the pulse came while the encoder went from one side of its
@@ -294,7 +323,7 @@ impl SignalConditioner {
         counters: &[EncoderScaling],
         lead: Phase,
     ) -> Option<Phase> {
-        let latched = raw.index?;
+        let latched = raw.index.filter(|_| !self.frozen)?;
         let k = usize::from(index.encoder);
         let (counter, count) = (counters.get(k)?, (*self.counts.get(k)?)?);
         let since = counter.difference(count, latched);

@@ -250,3 +250,47 @@ fn lost_samples_are_counted() {
     assert_eq!(convert(&mut unwrap, &sample(u32::MAX, 1, 0)).lost, 0);
     assert_eq!(convert(&mut unwrap, &sample(3, 2, 0)).lost, 3);
 }
+
+#[test]
+fn a_pulse_while_the_count_stands_still_shows_a_frozen_encoder() {
+    let pulse = |tick, count, latched| RawSample {
+        index: Some(latched),
+        ..sample(tick, tick as i32, count)
+    };
+    // From the start: it homes nothing.
+    let mut unwrap = SignalConditioner::default();
+    convert(&mut unwrap, &sample(0, 0, 10));
+    let m = convert(&mut unwrap, &pulse(1, 10, 7));
+    assert_eq!((m.homed, m.angles[0]), (false, Err(Fault::Stuck)));
+    // Later: since the last pulse, until the count changes.
+    let mut unwrap = homed();
+    for tick in 2..4 {
+        let m = convert(&mut unwrap, &sample(tick, tick as i32, 12));
+        assert!(m.angles[0].is_ok() && !m.slipped);
+    }
+    for tick in 4..6 {
+        let m = convert(&mut unwrap, &pulse(tick, 12, 12));
+        assert_eq!((m.slipped, m.angles[0]), (true, Err(Fault::Stuck)));
+    }
+    let m = convert(&mut unwrap, &sample(6, 6, 15));
+    assert!(m.angles[0].is_ok() && !m.slipped);
+}
+
+/// A shift of the counts is taken back, and the next pulse stands where it is expected.
+#[test]
+fn a_pulse_after_a_shift_that_was_taken_back_is_where_it_is_expected() {
+    let mut unwrap = homed();
+    let before = convert(&mut unwrap, &sample(2, 2, 13)).angles[0];
+    let jumped = convert(&mut unwrap, &sample(3, 3, 1013)).angles[0];
+    let by = jumped.unwrap().wrapping_sub(before.unwrap());
+    unwrap.shift(0, Phase::default().wrapping_sub(by));
+    assert_eq!(convert(&mut unwrap, &sample(4, 4, 1013)).angles[0], before);
+    let m = convert(
+        &mut unwrap,
+        &RawSample {
+            index: Some(1015),
+            ..sample(5, 5, 1016)
+        },
+    );
+    assert_eq!((m.rehomed, m.slipped), (None, false));
+}

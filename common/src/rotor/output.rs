@@ -36,6 +36,8 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
         let inside = [state.shaft.speed, self.speed(state)].iter().all(|speed| {
             *speed >= speeds.lowest - margin && *speed <= speeds.lowest + range + margin
         });
+        let untested = self.model.levels.len() > 1 && !state.mismatch.is_tested();
+        let unsettled = Self::silent(state) || untested;
         // A load that does not turn may jump at any time.
         let contradicted = state.mismatch.is_contradicted()
             || self.has_turning_loads_only() && state.mismatch.is_rejected();
@@ -58,7 +60,7 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
             };
             let (value, std) = (x * scale, deviation * scale);
             let finite = value.is_finite() && std.is_finite();
-            let fault = if !finite || std > signal.valid_std || !inside || Self::silent(state) {
+            let fault = if !finite || std > signal.valid_std || !inside || unsettled {
                 Fault::NotValid
             } else if contradicted {
                 Fault::Contradicted

@@ -2,6 +2,9 @@
 //! excluded, and names the kinds of their faults. The prediction of the filter is further evidence
 //! after the gauges have agreed for five windows.
 
+use crate::drivetrain::fault_isolation::silence::{
+    doubt_silent_majority, is_swapped, vanishes_without_load,
+};
 use crate::drivetrain::fault_isolation::{
     ANCHORED, FaultIsolation, Gauge, Isolation, Prior, RETURN, pair,
 };
@@ -14,24 +17,27 @@ const CALM: f32 = 0.5 * RETURN;
 
 /// Gauges of a direction that a hypothesis leaves out, one bit each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Hypothesis {
-    left_out: u8,
-    swapped: bool,
+pub(super) struct Hypothesis {
+    pub(super) left_out: u8,
+    pub(super) swapped: bool,
+    /// Whether another hypothesis explains the readings as simply.
+    pub(super) ambiguous: bool,
 }
 
 impl Hypothesis {
     const SOUND: Self = Self {
         left_out: 0,
         swapped: false,
+        ambiguous: false,
     };
 }
 
-fn bit(i: usize) -> u8 {
+pub(super) fn bit(i: usize) -> u8 {
     1 << (i % MAX_CHANNELS)
 }
 
 /// The gauges of a direction.
-fn set(members: &[u8]) -> u8 {
+pub(super) fn set(members: &[u8]) -> u8 {
     members.iter().fold(0, |all, i| all | bit((*i).into()))
 }
 
@@ -63,10 +69,19 @@ impl FaultIsolation {
             isolation.sound[d] = isolation.sound[d].saturating_add(1);
             return;
         }
-        let chosen = if sound {
+        let begins = before == 0 && isolation.contradicted & bit(d) == 0;
+        self.follow_silence(isolation, members, gauges, begins);
+        let chosen = if before != 0 && vanishes_without_load(isolation, members) {
+            Some(Hypothesis {
+                left_out: before,
+                swapped: is_swapped(isolation, members),
+                ambiguous: isolation.ambiguous & bit(d) != 0,
+            })
+        } else if sound {
             Some(Hypothesis::SOUND)
         } else {
-            self.culprits(isolation, d, members, before)
+            (self.culprits(isolation, d, members, before))
+                .map(|chosen| doubt_silent_majority(isolation, members, chosen))
         };
         isolation.contradicted &= !bit(d);
         let chosen = chosen.unwrap_or_else(|| {
@@ -74,6 +89,7 @@ impl FaultIsolation {
             Hypothesis::SOUND
         });
         isolation.left_out = isolation.left_out & !all | chosen.left_out;
+        isolation.confirmed &= chosen.left_out | !all;
         for i in members {
             let i = at(*i);
             self.name(isolation, i, chosen, before, &gauges[i]);
@@ -140,7 +156,7 @@ impl FaultIsolation {
         let leave = |left_out: u8| {
             Some(Hypothesis {
                 left_out,
-                swapped: false,
+                ..Hypothesis::SOUND
             })
         };
         // A jump away from a prediction that was sound.
@@ -189,6 +205,7 @@ impl FaultIsolation {
                 return Some(Hypothesis {
                     left_out: bit(i) | bit(j),
                     swapped: true,
+                    ambiguous: false,
                 });
             }
             if n > 3 {
@@ -277,6 +294,9 @@ fn test_alternative(
     before: u8,
 ) {
     isolation.ambiguous &= !bit(d);
+    if chosen.ambiguous {
+        isolation.ambiguous |= bit(d);
+    }
     if members.len() != 3 || chosen.left_out.count_ones() != 1 {
         return;
     }
@@ -293,7 +313,7 @@ fn test_alternative(
     }
 }
 
-fn at(i: u8) -> usize {
+pub(super) fn at(i: u8) -> usize {
     usize::from(i) % MAX_CHANNELS
 }
 

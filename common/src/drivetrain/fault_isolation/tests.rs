@@ -29,6 +29,8 @@ struct Rig {
     /// it is off.
     follows: f32,
     off: f32,
+    /// Part of the load that is there.
+    load: f32,
 }
 
 impl Rig {
@@ -50,6 +52,7 @@ impl Rig {
             sample: 0,
             follows: 0.0,
             off: 0.0,
+            load: 1.0,
         }
     }
 
@@ -58,7 +61,7 @@ impl Rig {
         for k in 0..samples {
             self.sample += 1;
             let swing = libm::sinf(self.sample as f32 * 0.01);
-            let sensed = 0.8 + 0.3 * swing;
+            let sensed = self.load * (0.8 + 0.3 * swing);
             let mut readings = core::array::from_fn(|i| {
                 let noise: f32 = self.rng.sample(StandardNormal);
                 MAPS[i] * self.errors[i] * sensed + NOISE * noise
@@ -194,6 +197,55 @@ fn two_of_three_gauges_with_one_gain_do_not_pass_for_the_third() {
         assert!(rig.isolation.contradicted(), "{ramp} {:?}", rig.faults());
         rig.run(1000, |_, _| ());
         assert!(!rig.isolation.contradicted());
+    }
+}
+
+#[test]
+fn two_dead_gauges_do_not_outvote_the_third() {
+    for seed in 0..10 {
+        let mut rig = Rig::new(3, seed);
+        rig.follows = 0.3;
+        // Dead while no load is there, with which all agree; from the start, and later.
+        rig.load = 0.0;
+        rig.run(1000 * (seed as u32 % 2), |_, _| ());
+        let dead: fn(&mut [f32; 4], u32) = |y, _| (y[0], y[1]) = (0.1, -0.1);
+        rig.run(500, dead);
+        assert!(!rig.isolation.contradicted());
+        rig.load = 1.0;
+        rig.run(500, dead);
+        assert_eq!(rig.faults()[2], None, "{seed}");
+        assert!(rig.faults()[..2].iter().all(Option::is_some), "{seed}");
+        assert!(rig.isolation.contradicted(), "{seed}");
+        rig.run(1000, |_, _| ());
+        assert_eq!(rig.faults(), [None; 4], "{seed}");
+        assert!(!rig.isolation.contradicted(), "{seed}");
+    }
+}
+
+/// The two that read no load are right once they read one while the third is left out.
+#[test]
+fn an_offset_without_a_load_is_ambiguous_until_the_load_is_there() {
+    let mut rig = Rig::new(3, 1);
+    rig.load = 0.0;
+    let offset: fn(&mut [f32; 4], u32) = |y, _| y[1] += 50.0;
+    rig.run(500, offset);
+    assert!(rig.isolation.contradicted());
+    for load in [1.0, 0.0] {
+        rig.load = load;
+        rig.run(500, offset);
+        assert_eq!(rig.faults()[..3], [None, Some(Fault::Offset), None]);
+        assert!(!rig.isolation.contradicted());
+    }
+}
+
+#[test]
+fn a_dead_gauge_stays_left_out_while_no_load_is_there() {
+    let mut rig = Rig::new(3, 1);
+    rig.run(1000, |_, _| ());
+    for load in [1.0, 0.0, 1.0] {
+        rig.load = load;
+        rig.run(500, |y, _| y[1] = 0.1);
+        assert_eq!(rig.faults()[..3], [None, Some(Fault::Dead), None], "{load}");
     }
 }
 
