@@ -21,20 +21,17 @@
 #![no_std]
 #![no_main]
 
+mod clocks;
 mod flash;
 mod panic;
 #[path = "../boards/stack_guard.rs"]
 mod stack_guard;
 
-use core::num::{NonZeroU8, NonZeroU16};
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering::Relaxed};
 
 use cortex_m::peripheral::NVIC;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
-use embassy_stm32::can::config::{
-    DataBitTiming, FdCanConfig, FrameTransmissionConfig, NominalBitTiming, TxBufferMode,
-};
 use embassy_stm32::can::enums::BusErrorMode;
 use embassy_stm32::can::{self, CanConfigurator, CanRx, CanTx, Properties};
 use embassy_stm32::exti::{ExtiInput, TriggerEdge};
@@ -46,7 +43,7 @@ use embassy_stm32::spi::{self, Spi, mode::Master};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::qei::{self, Qei};
 use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{bind_interrupts, interrupt, pac, rcc};
+use embassy_stm32::{bind_interrupts, interrupt, pac};
 use embassy_time::{Delay, Instant, Timer};
 use embedded_hal_bus::spi::{ExclusiveDevice, NoDelay};
 use heapless::spsc::{Consumer, Producer, Queue};
@@ -67,10 +64,6 @@ use static_cell::{ConstStaticCell, StaticCell};
 
 /// Clock input of the converter (Hz); its rates are those of [`NUCLEO_G474RE`].
 const CONVERTER_CLOCK_HZ: f32 = 8.192e6;
-
-/// Time quanta of a bit: 170 MHz at the controller / 20 / 17 = 500 kbit/s, and / 5 / 17 = 2 Mbit/s
-/// in the data phase of FD frames.
-const QUANTA: u8 = 17;
 
 /// Time without progress after which the watchdog restarts the board [us].
 const WATCHDOG_US: u32 = 500_000;
@@ -190,62 +183,6 @@ fn EXTI9_5() {
     });
 }
 
-fn clocks() -> embassy_stm32::Config {
-    let mut config = embassy_stm32::Config::default();
-    config.rcc.hse = Some(rcc::Hse {
-        freq: Hertz(24_000_000),
-        mode: rcc::HseMode::Oscillator,
-    });
-    // 24 MHz / 6 * 85 = 340 MHz; / 2 = 170 MHz.
-    config.rcc.pll = Some(rcc::Pll {
-        source: rcc::PllSource::HSE,
-        prediv: rcc::PllPreDiv::DIV6,
-        mul: rcc::PllMul::MUL85,
-        divp: None,
-        divq: Some(rcc::PllQDiv::DIV2),
-        divr: Some(rcc::PllRDiv::DIV2),
-    });
-    config.rcc.sys = rcc::Sysclk::PLL1_R;
-    config.rcc.boost = true;
-    config.rcc.mux.fdcansel = rcc::mux::Fdcansel::PLL1_Q;
-    config
-}
-
-/// 500 kbit/s, sampled at 88 % of a bit, and 2 Mbit/s, at 76 %; frames leave in the
-/// order in which they were queued. A queue by priority would let the head of a raw sample overtake
-/// the end of the one before, and returns a frame that it takes back.
-fn bit_timing(config: FdCanConfig) -> FdCanConfig {
-    const fn quanta(quanta: u8) -> NonZeroU8 {
-        NonZeroU8::new(quanta).expect("not 0")
-    }
-    const fn prescaler(prescaler: u16) -> NonZeroU16 {
-        NonZeroU16::new(prescaler).expect("not 0")
-    }
-    let nominal = const {
-        NominalBitTiming {
-            prescaler: prescaler(20),
-            seg1: quanta(QUANTA - 3),
-            seg2: quanta(2),
-            sync_jump_width: quanta(1),
-        }
-    };
-    let data = const {
-        DataBitTiming {
-            // The driver does not set it up on this family; 2 Mbit/s do without.
-            transceiver_delay_compensation: false,
-            prescaler: prescaler(5),
-            seg1: quanta(QUANTA - 5),
-            seg2: quanta(4),
-            sync_jump_width: quanta(4),
-        }
-    };
-    config
-        .set_nominal_bit_timing(nominal)
-        .set_data_bit_timing(data)
-        .set_frame_transmit(FrameTransmissionConfig::AllowFdCanAndBRS)
-        .set_tx_buffer_mode(TxBufferMode::Fifo)
-}
-
 #[embassy_executor::main]
 async fn main(thread: Spawner) {
     static OUTBOX_QUEUE: StaticCell<Queue<Frame, OUTBOX>> = StaticCell::new();
@@ -260,7 +197,7 @@ async fn main(thread: Spawner) {
     static MODELS: StaticCell<BoardModels> = StaticCell::new();
 
     stack_guard::forbid_below_stack();
-    let p = embassy_stm32::init(clocks());
+    let p = embassy_stm32::init(clocks::clocks());
     let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
     watchdog.unleash();
 
@@ -312,7 +249,7 @@ async fn main(thread: Spawner) {
     let ready = ExtiInput::new_blocking(p.PC7, p.EXTI7, Pull::Up, TriggerEdge::Falling);
 
     let mut can = CanConfigurator::new(p.FDCAN1, p.PA11, p.PA12, Irqs);
-    can.set_config(bit_timing(can.config()));
+    can.set_config(clocks::bit_timing(can.config()));
     let (tx, rx, properties) = can.into_normal_mode().split();
 
     let (outbox_in, outbox) = OUTBOX_QUEUE.init(Queue::new()).split();
