@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use loadtwin_common::counting::CountSample;
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;
 use loadtwin_firmware::board::Board;
@@ -18,6 +19,8 @@ pub struct Bench {
     pub outbox: VecDeque<Frame>,
     /// Where bursts of raw samples wait.
     pub raw: Option<RawWriter<'static>>,
+    /// Samples of the counted loads.
+    pub counted: Vec<CountSample>,
     /// What its parts count.
     pub counters: Counters,
     room: usize,
@@ -31,6 +34,7 @@ impl Bench {
             late: false,
             outbox: VecDeque::new(),
             raw: None,
+            counted: Vec::new(),
             counters: Counters::new(),
             room: frames,
         }
@@ -48,6 +52,10 @@ impl Board for Bench {
         }
         self.outbox.push_back(frame);
         Ok(())
+    }
+
+    fn count(&mut self, sample: CountSample) {
+        self.counted.push(sample);
     }
 
     fn overrun(&mut self) -> bool {

@@ -12,6 +12,9 @@ use std::time::{Duration, Instant};
 use std::{fs, io};
 
 use defmt_decoder::{DecodeError, Table};
+use loadtwin::can;
+use loadtwin::can::bus::{BusError, Received};
+use loadtwin::can::bus_frame::BusFrame;
 use loadtwin::key::SigningKey;
 use loadtwin::seal::seal;
 use loadtwin::upload_protocol::{Next, UploadError, Uploader};
@@ -367,6 +370,78 @@ impl Iterator for Bus {
                 String::from_utf8_lossy(&line)
             ),
         }
+    }
+}
+
+/// The board's bus as the host's programs use one.
+pub struct CanBus {
+    bus: Bus,
+    /// The line that has come so far.
+    line: Vec<u8>,
+    start: Instant,
+}
+
+impl CanBus {
+    /// `bus` from now on.
+    pub fn new(bus: Bus) -> Self {
+        let (line, start) = (Vec::new(), Instant::now());
+        Self { bus, line, start }
+    }
+
+    /// The bus below.
+    ///
+    /// # Panics
+    /// Where the socket refuses a time limit.
+    pub fn into_inner(self) -> Bus {
+        let socket = self.bus.reader.get_ref();
+        socket.set_read_timeout(None).expect("a socket");
+        self.bus
+    }
+}
+
+impl can::bus::Bus for &mut CanBus {
+    fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {
+        let limit = Some(timeout.max(Duration::from_millis(1)));
+        self.bus.reader.get_ref().set_read_timeout(limit)?;
+        match self.bus.reader.read_until(b'\r', &mut self.line) {
+            Ok(0) => return Err(BusError::Ended),
+            Ok(_) => {}
+            // What has come of the line stays.
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(None),
+            Err(error) => return Err(error.into()),
+        }
+        let mut decoder = slcan::Decoder::default();
+        let line = std::mem::take(&mut self.line);
+        let found = line.iter().find_map(|byte| decoder.push(*byte));
+        let t_us = self.start.elapsed().as_micros() as u64;
+        Ok(match found {
+            Some(slcan::Line::Frame(frame)) => Some(Received {
+                t_us,
+                frame: can::to_bus(&frame),
+            }),
+            _ => None,
+        })
+    }
+
+    fn send(&mut self, frame: &BusFrame) -> Result<(), BusError> {
+        let (id, data) = can::standard(frame).ok_or(BusError::Down)?;
+        let data = data.try_into().map_err(|_| BusError::Down)?;
+        Ok(self
+            .bus
+            .writer
+            .write_all(&slcan::encode(&Frame { id, data }))?)
+    }
+
+    fn restart(&mut self) -> Result<(), BusError> {
+        Ok(())
+    }
+
+    fn now(&self) -> Duration {
+        self.start.elapsed()
+    }
+
+    fn wait(&mut self, time: Duration) {
+        thread::sleep(time);
     }
 }
 

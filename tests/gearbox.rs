@@ -15,13 +15,28 @@ use crate::bench::Bench;
 /// # Panics
 /// Where it cannot be built.
 pub fn image() -> Vec<u8> {
+    image_of(&machine())
+}
+
+/// The description `tests/machines/gearbox.toml`.
+///
+/// # Panics
+/// Where it cannot be read.
+pub fn machine() -> Machine {
     let path = Path::new(concat!(
         env!("CARGO_MANIFEST_DIR"),
         "/machines/gearbox.toml"
     ));
-    let machine = Machine::load(path).expect("the description is valid");
-    let sensors = Sensors::choose(&machine, None).expect("few enough sensors");
-    image_build::image(&machine, &sensors).expect("the machine fits an image")
+    Machine::load(path).expect("the description is valid")
+}
+
+/// The model image of a machine with its first set of sensors.
+///
+/// # Panics
+/// Where it cannot be built.
+pub fn image_of(machine: &Machine) -> Vec<u8> {
+    let sensors = Sensors::choose(machine, None).expect("few enough sensors");
+    image_build::image(machine, &sensors).expect("the machine fits an image")
 }
 
 /// Whether the frame is the same wherever it is computed: all but the status and what a board says

@@ -4,6 +4,7 @@
 
 use core::fmt;
 
+use crate::counting::MAX_COUNTED;
 use crate::drivetrain::GearboxModel;
 use crate::image::{Image, Model};
 use crate::io::measurement::EncoderScaling;
@@ -27,7 +28,7 @@ pub struct Hardware {
     /// Widest counter of an encoder (bit), which counts to any width from 8 bit; none where any width
     /// is served.
     pub counter_bits: Option<u8>,
-    /// Loads whose cycles it counts; none so far.
+    /// Most loads whose cycles it counts.
     pub counted_loads: usize,
 }
 
@@ -47,7 +48,7 @@ pub const NUCLEO_G474RE: Hardware = Hardware {
     channels: 4,
     encoders: 1,
     counter_bits: Some(16),
-    counted_loads: 0,
+    counted_loads: 1,
 };
 
 /// The emulated board: its clock follows the image, and its samples come over a serial port.
@@ -57,7 +58,7 @@ pub const EMULATED: Hardware = Hardware {
     channels: MAX_CHANNELS,
     encoders: MAX_ENCODERS,
     counter_bits: None,
-    counted_loads: 0,
+    counted_loads: MAX_COUNTED,
 };
 
 /// Why an image does not fit a board.

@@ -1,11 +1,12 @@
 //! Runs the estimator of a model image on a board (`App`): at each data-ready takes a raw sample,
-//! steps, and queues the CAN frames of the estimate, of the status with the board's counters, and
-//! of the raw sample where that is asked for (`sends_raw`). Without a usable image there are no
-//! estimates.
+//! steps, hands on the counted loads, and queues the CAN frames of the estimate, of the status with
+//! the board's counters, and of the raw sample where that is asked for (`sends_raw`). Without a
+//! usable image there are no estimates.
 
 use core::sync::atomic::Ordering::Relaxed;
 
 use loadtwin_common::Error;
+use loadtwin_common::counting::LoadSampler;
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::hardware::Sampling;
 use loadtwin_common::image::Image;
@@ -52,6 +53,7 @@ pub struct App<'a> {
     first_tick: Option<u32>,
     raw: RawOutput,
     sampling: Sampling,
+    sampler: LoadSampler,
     /// Whether the raw samples are sent too, so that somebody on the bus can
     /// recompute the estimates.
     pub sends_raw: bool,
@@ -83,6 +85,7 @@ impl<'a> App<'a> {
                 gains: [None; MAX_CHANNELS],
                 counter_bits: None,
             },
+            sampler: LoadSampler::new(),
             sends_raw: false,
         }
     }
@@ -137,9 +140,11 @@ impl<'a> App<'a> {
     fn take(&mut self, image: Image<'a>, image_hash: u32) -> Result<(), Error> {
         let encoder = FrameEncoder::try_build(&image, image_hash)?;
         let sampling = Sampling::of(&image);
+        let sampler = LoadSampler::try_new(&image.counted, image.loads().len())?;
         Estimator::build_into(&mut self.line, image)?;
         self.encoder = encoder;
         self.sampling = sampling;
+        self.sampler = sampler;
         self.status.state = State::Waiting;
         Ok(())
     }
@@ -211,6 +216,11 @@ impl<'a> App<'a> {
         }
         let Some(line) = &mut self.line else { return };
         let estimate = line.step(raw);
+        // The board's own ticks: they go on where the estimator begins anew.
+        let tick = raw.tick.wrapping_add(self.first_tick.unwrap_or(0));
+        if let Some(sample) = self.sampler.take(tick, &estimate) {
+            board.count(sample);
+        }
         self.encoder
             .estimate(&estimate, |frame| queue(board, frame));
         board.counters().missed.fetch_add(estimate.lost, Relaxed);

@@ -1,6 +1,8 @@
 //! Defines the trait `Board`, by which the application takes raw samples and the overrun flag from
-//! a board, queues frames to the bus and counts events. Each board's program implements it.
+//! a board, queues frames to the bus, hands on loads to be counted, and counts events. Each board's
+//! program implements it.
 
+use loadtwin_common::counting::CountSample;
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;
 
@@ -22,6 +24,10 @@ pub trait Board {
     /// # Errors
     /// The frame, where the queue is full.
     fn queue(&mut self, frame: Frame) -> Result<(), Frame>;
+
+    /// Hands a sample of the counted loads on to where counts are, below the priority of the sample
+    /// clock; one that finds no place is a gap in the counts.
+    fn count(&mut self, sample: CountSample);
 
     /// Whether data-ready has come again since [`Self::acquire`].
     fn overrun(&mut self) -> bool;

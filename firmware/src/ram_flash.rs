@@ -1,6 +1,6 @@
 //! Behaves as NOR flash in ordinary memory (`RamFlash`): erases pages to ones and programs each
 //! word of 8 bytes once. For the emulated board, which has no flash to write, with the layout of
-//! its slots and key page.
+//! its slots, areas of counts and key page.
 //!
 //! So does the flash of the STM32G4. Loss of power is simulated by
 //! [`simulated_flash`](crate::simulated_flash).
@@ -9,20 +9,28 @@ use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
 
+use crate::counts::CountsLayout;
 use crate::store::Layout;
 
 /// Smallest part that is erased (bytes).
 pub const PAGE: usize = 2048;
 /// Smallest part that is written (bytes).
 const WORD: usize = 8;
-/// Length of the emulated board's flash for models and the key (bytes).
-pub const LEN: usize = 256 * 1024;
+/// Length of the emulated board's flash for models, counts and the key (bytes).
+pub const LEN: usize = 320 * 1024;
 /// Offset of the page with the key that images are checked with.
 pub const KEY_AT: usize = LEN - PAGE;
 /// Two slots of 96 KiB at the start.
 pub const LAYOUT: Layout = Layout {
     start: 0,
     slot_bytes: 96 * 1024,
+};
+
+/// Four areas of counts of 24 KiB behind them.
+pub const COUNTS: CountsLayout = CountsLayout {
+    start: 2 * LAYOUT.slot_bytes,
+    area_bytes: 24 * 1024,
+    areas: 4,
 };
 
 /// A flash of as many bytes as `M` has.

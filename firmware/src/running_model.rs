@@ -1,29 +1,43 @@
 //! Chooses the model image that a board runs from its flash slots at start, checks that it fits the
-//! hardware, and takes a new image by an upload over the bus (`Models`).
+//! hardware, takes a new image by an upload over the bus, and counts the loads of the one that runs
+//! (`Models`).
 
 use embedded_storage::nor_flash::NorFlash;
+use heapless::Vec;
+use loadtwin_common::counting::kept::WORD;
+use loadtwin_common::counting::{CountSample, LoadCounts};
 use loadtwin_common::hardware::Hardware;
 use loadtwin_common::image::Image;
 use loadtwin_common::io::frame::Frame;
+use loadtwin_common::io::isotp::{Sender, Sending};
 use loadtwin_common::io::signed_image::{Header, Identity, ImageError};
 use loadtwin_common::io::uds;
 
 use crate::app::App;
+use crate::counting::Counting;
+use crate::counts::{CountsLayout, Owner};
 use crate::raw_burst::Burst;
+use crate::room::Room;
 use crate::store::{Layout, Store};
-use crate::upload::{Event, Upload};
+use crate::upload::{Asked, Event, Upload};
 
-/// The slots, and the upload that fills the one that does not run.
+/// The slots, the upload that fills the one that does not run, and the counts of the one that runs.
 ///
-/// `N`: page of the flash plus [`BLOCK_OVERHEAD`](crate::upload::BLOCK_OVERHEAD).
-/// Belongs below the estimator: it erases and checks signatures.
+/// `N`: page of the flash plus [`BLOCK_OVERHEAD`](crate::upload::BLOCK_OVERHEAD); `R`: longest
+/// image [bytes]; `L`: most loads that are counted. Belongs below the estimator: it erases and
+/// checks signatures.
 #[derive(Debug)]
-pub struct Models<F, const N: usize> {
+pub struct Models<F, const N: usize, const R: usize, const L: usize> {
     store: Store<F>,
     upload: Upload<N>,
-    room: &'static mut [u8],
+    room: &'static mut Room<R, L>,
     hardware: Hardware,
+    counting: Counting,
+    answer: Option<Sender<Answer>>,
 }
+
+/// An answer about kept counts.
+type Answer = Vec<u8, { uds::MOST_READ as usize + 1 }>;
 
 /// What a turn of the work on uploads led to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,7 +50,7 @@ pub struct Turn {
     pub burst: Option<Burst>,
 }
 
-impl<F: NorFlash, const N: usize> Models<F, N> {
+impl<F: NorFlash, const N: usize, const R: usize, const L: usize> Models<F, N, R, L> {
     /// Finds the image to run.
     ///
     /// `board`: key and machine; `room`: holds an image while it is checked and installed, and sets
@@ -46,12 +60,12 @@ impl<F: NorFlash, const N: usize> Models<F, N> {
     /// As [`Store::boot`].
     pub fn boot(
         flash: F,
-        layout: Layout,
+        (layout, counts): (Layout, CountsLayout),
         (board, hardware): (Option<Identity>, Hardware),
-        room: &'static mut [u8],
+        room: &'static mut Room<R, L>,
     ) -> Result<Self, loadtwin_common::Error> {
         let store = Store::boot(flash, layout, board, |flash, at, len| {
-            let image = read(flash, at, len, room).ok_or(ImageError::Flash)?;
+            let image = read(flash, at, len, room.image()).ok_or(ImageError::Flash)?;
             accept(image, &hardware)
         })?;
         Ok(Self {
@@ -59,36 +73,77 @@ impl<F: NorFlash, const N: usize> Models<F, N> {
             upload: Upload::new(),
             room,
             hardware,
+            counting: Counting::new(counts),
+            answer: None,
         })
     }
 
-    /// Gives an application without image the image to run, where there is one.
+    /// Gives an application without image the image to run, where there is one, and reads the
+    /// counts that were kept of it.
     ///
-    /// `room`: as long as the longest payload; the model is run from there, so that no erase of
+    /// `running`: as long as the longest payload; the model is run from there, so that no erase of
     /// the flash stops the estimator.
-    pub fn start(&mut self, app: &mut App<'static>, room: &'static mut [u8]) {
+    // Inlined, its temporaries would stay on the stack while images are checked.
+    #[inline(never)]
+    pub fn start(&mut self, app: &mut App<'static>, running: &'static mut [u8]) {
         if let Some(active) = self.store.active().copied() {
             let (at, len) = (active.payload, active.header.length);
-            let image = read(self.store.flash_mut(), at, len, room);
+            let hash = name(&active.header);
+            let image = read(self.store.flash_mut(), at, len, running);
             // It was checked before it became the active one.
-            let _ = image.map(|image| app.load(image, name(&active.header)));
+            if let Some(image) = image
+                && app.load(image, hash).is_ok()
+                && let Some(owner) = owner(image, hash)
+            {
+                self.counting
+                    .start(owner, self.store.flash_mut(), self.room);
+            }
         }
         app.set_refused(self.store.passed_over().map_or(0, ImageError::code));
     }
 
     /// Takes a frame from the bus; gives the one to send at once.
+    #[inline(never)]
     pub fn on_frame(&mut self, frame: &Frame, now_us: u32) -> Option<Frame> {
         if frame.id != uds::REQUEST_ID {
             return None;
         }
+        if let Some(answer) = &mut self.answer {
+            answer.on_frame(&frame.data, now_us);
+        }
         self.upload.on_frame(&frame.data, now_us).map(answer)
     }
 
-    /// Works on the upload.
-    pub fn poll(&mut self) -> Turn {
+    /// Takes a sample of the counted loads.
+    #[inline(never)]
+    pub fn count(&mut self, sample: &CountSample) {
+        self.counting.count(sample, self.room);
+    }
+
+    /// Works on the upload and on the counts.
+    pub fn poll(&mut self, now_us: u32) -> Turn {
+        if let Some(reply) = self.go_on_answering(now_us) {
+            return Turn {
+                reply: Some(reply),
+                ..Turn::default()
+            };
+        }
+        let needs_room = self.upload.needs_room(now_us);
+        let is_ready = (self.counting).poll(needs_room, self.store.flash_mut(), self.room);
+        if needs_room && !is_ready {
+            return Turn::default();
+        }
         let hardware = self.hardware;
         let accept = |image: &[u8]| accept(image, &hardware);
-        let progress = self.upload.poll(&mut self.store, self.room, accept);
+        let room = if needs_room {
+            self.room.image()
+        } else {
+            &mut []
+        };
+        let progress = (self.upload).poll(&mut self.store, room, R, accept);
+        if let Some(asked) = progress.asked {
+            self.begin_answer(asked);
+        }
         let refused = progress.event.map(|event| match event {
             Event::Accepted(_) => 0,
             Event::Refused(refusal) => refusal.code(),
@@ -99,6 +154,71 @@ impl<F: NorFlash, const N: usize> Models<F, N> {
             burst: progress.burst,
         }
     }
+
+    /// The counts of each load, where they are counted.
+    pub fn counted(&mut self) -> &mut [LoadCounts] {
+        let memory = self.room.counting();
+        memory.map_or(&mut [], |memory| memory.counts.loads_mut())
+    }
+
+    /// The next frame of an answer about kept counts.
+    #[inline(never)]
+    fn go_on_answering(&mut self, now_us: u32) -> Option<Frame> {
+        match self.answer.as_mut()?.poll(now_us) {
+            Sending::Frame(data) => Some(answer(data)),
+            Sending::Wait(_) => None,
+            Sending::Done | Sending::Failed(_) => {
+                self.answer = None;
+                None
+            }
+        }
+    }
+
+    /// Begins the answer to a request about kept counts.
+    #[inline(never)]
+    fn begin_answer(&mut self, asked: Asked) {
+        let layout = self.counting.layout();
+        let mut message = Answer::new();
+        // There is room for the longest one.
+        match asked {
+            Asked::Layout => {
+                let [high, low] = ((layout.area_bytes / uds::LAYOUT_UNIT) as u16).to_be_bytes();
+                let [service, id @ ..] = uds::COUNTS_LAYOUT;
+                let begin = [service + uds::POSITIVE, id[0], id[1]];
+                _ = message.extend_from_slice(&begin);
+                _ = message.extend_from_slice(&[layout.areas as u8, high, low]);
+            }
+            Asked::Memory { address, size } => {
+                _ = message.push(uds::READ_MEMORY + uds::POSITIVE);
+                let length = layout.area_bytes * layout.areas as u32;
+                for address in address..address.saturating_add(size.into()) {
+                    let byte = if address < length {
+                        read_byte(self.store.flash_mut(), layout.start + address)
+                    } else {
+                        None
+                    };
+                    // What cannot be read is restored by the parity of its piece.
+                    _ = message.push(byte.unwrap_or(0));
+                }
+            }
+        }
+        self.answer = Sender::new(message);
+    }
+}
+
+/// A byte of a flash that may read whole words only.
+fn read_byte<F: NorFlash>(flash: &mut F, at: u32) -> Option<u8> {
+    let mut word = [0; WORD];
+    let place = at % WORD as u32;
+    flash.read(at - place, &mut word).ok()?;
+    word.get(place as usize).copied()
+}
+
+/// Whose counts are kept with an image; none where it counts nothing.
+#[inline(never)]
+fn owner(image: &[u8], image_hash: u32) -> Option<Owner> {
+    let image = Image::from_bytes(image).ok()?;
+    (!image.counted.is_empty()).then(|| Owner::of(&image, image_hash))
 }
 
 fn answer(data: [u8; 8]) -> Frame {

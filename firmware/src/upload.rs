@@ -54,6 +54,22 @@ pub struct Progress {
     pub event: Option<Event>,
     /// Raw samples were asked for.
     pub burst: Option<Burst>,
+    /// Kept counts were asked for.
+    pub asked: Option<Asked>,
+}
+
+/// A request about kept counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Asked {
+    /// Where they are.
+    Layout,
+    /// A part of their memory.
+    Memory {
+        /// Offset in that memory.
+        address: u32,
+        /// Bytes.
+        size: u8,
+    },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,6 +77,10 @@ enum Phase {
     Idle,
     /// Announced; the first block brings the header.
     Announced {
+        image_len: u32,
+    },
+    /// The header in the first block was checked; the block itself waits for room.
+    Admitted {
         image_len: u32,
     },
     /// `counter`: of the last block received.
@@ -112,6 +132,15 @@ impl<const N: usize> Upload<N> {
         }
     }
 
+    /// Whether the upload needs room for its image: from a header on that was signed for this board,
+    /// until the upload is over or silent.
+    pub fn needs_room(&mut self, now_us: u32) -> bool {
+        if self.request == Request::None {
+            self.end_if_silent(now_us);
+        }
+        !matches!(self.phase, Phase::Idle | Phase::Announced { .. })
+    }
+
     /// Takes the data of a frame with [`uds::REQUEST_ID`]; gives the flow
     /// control frame to send with [`uds::ANSWER_ID`].
     ///
@@ -128,11 +157,7 @@ impl<const N: usize> Upload<N> {
                 Some(frame)
             }
             Received::Message => {
-                // An upload that is silent is over. One that goes on is not ended by another
-                // announcement, see `announce`.
-                if now_us.wrapping_sub(self.heard_us) >= IDLE_US {
-                    self.phase = Phase::Idle;
-                }
+                self.end_if_silent(now_us);
                 // The header's signature and the whole image take longer than
                 // the 50 ms within which an answer is due.
                 let slow = match self.receiver.message() {
@@ -149,6 +174,14 @@ impl<const N: usize> Upload<N> {
         }
     }
 
+    /// An upload that is silent is over. One that goes on is not ended by another announcement, see
+    /// `announce`.
+    fn end_if_silent(&mut self, now_us: u32) {
+        if now_us.wrapping_sub(self.heard_us) >= IDLE_US {
+            self.phase = Phase::Idle;
+        }
+    }
+
     /// Whether the message belongs to the upload under way: other requests do not keep it alive.
     fn is_of_upload(&self) -> bool {
         matches!(
@@ -159,12 +192,13 @@ impl<const N: usize> Upload<N> {
 
     /// Works on the request received, if any.
     ///
-    /// `room`: holds the image until it is installed; as long as the longest image. `accept`
-    /// checks a payload, as for [`Store::boot`].
+    /// `room`: holds the image until it is installed; of `longest` bytes, the longest image, where
+    /// [`Self::needs_room`]. `accept` checks a payload, as for [`Store::boot`].
     pub fn poll<F: NorFlash>(
         &mut self,
         store: &mut Store<F>,
         room: &mut [u8],
+        longest: usize,
         accept: impl FnOnce(&[u8]) -> Result<(), ImageError>,
     ) -> Progress {
         const {
@@ -189,8 +223,9 @@ impl<const N: usize> Upload<N> {
             Request::Ready => {}
         }
         let mut burst = None;
+        let mut asked = None;
         let outcome = match service {
-            uds::REQUEST_DOWNLOAD => announce(&mut self.phase, message, store, room.len()),
+            uds::REQUEST_DOWNLOAD => announce(&mut self.phase, message, store, longest),
             uds::TRANSFER_DATA => transfer(&mut self.phase, body, store, room),
             uds::TRANSFER_EXIT => match self.phase {
                 Phase::Installing { image_len } => install(&mut self.phase, image_len, store, room)
@@ -211,9 +246,16 @@ impl<const N: usize> Upload<N> {
                 }
                 Err(code) => Err(No::Request(code)),
             },
+            uds::READ_DATA | uds::READ_MEMORY => match kept_counts(message) {
+                Ok(request) => {
+                    asked = Some(request);
+                    Ok(Yes::WORKING)
+                }
+                Err(code) => Err(No::Request(code)),
+            },
             _ => Err(No::Request(uds::SERVICE_NOT_SUPPORTED)),
         };
-        if !matches!(outcome, Ok(Yes { answer: None, .. })) {
+        if asked.is_some() || !matches!(outcome, Ok(Yes { answer: None, .. })) {
             self.request = Request::None;
         }
         match outcome {
@@ -221,6 +263,7 @@ impl<const N: usize> Upload<N> {
                 answer,
                 event,
                 burst,
+                asked,
             },
             Err(No::Request(code)) => Progress {
                 answer: single_frame(&[uds::NEGATIVE, service, code]),
@@ -232,7 +275,7 @@ impl<const N: usize> Upload<N> {
                 Progress {
                     answer: single_frame(&[uds::NEGATIVE, service, refusal.code()]),
                     event: Some(Event::Refused(refusal)),
-                    burst: None,
+                    ..Progress::default()
                 }
             }
         }
@@ -313,6 +356,23 @@ fn start_burst(message: &[u8]) -> Result<Burst, u8> {
     Burst::from_request(record).ok_or(uds::OUT_OF_RANGE)
 }
 
+/// What a request about kept counts asks for; the code of its refusal.
+fn kept_counts(message: &[u8]) -> Result<Asked, u8> {
+    if message == uds::COUNTS_LAYOUT {
+        return Ok(Asked::Layout);
+    }
+    let record = message
+        .strip_prefix(&uds::READ_FORMAT)
+        .ok_or(uds::OUT_OF_RANGE)?;
+    match *record {
+        [a, b, c, d, size] if (1..=uds::MOST_READ).contains(&size) => Ok(Asked::Memory {
+            address: u32::from_be_bytes([a, b, c, d]),
+            size,
+        }),
+        _ => Err(uds::INCORRECT_LENGTH),
+    }
+}
+
 /// Takes a block; all but the last are as long as a page.
 fn transfer<F: NorFlash>(
     phase: &mut Phase,
@@ -331,8 +391,10 @@ fn transfer<F: NorFlash>(
                 return Err(No::Request(uds::WRONG_BLOCK_COUNTER));
             }
             store.check_header(piece, image_len).map_err(No::Image)?;
-            (0, image_len)
+            *phase = Phase::Admitted { image_len };
+            return Ok(Yes::WORKING);
         }
+        Phase::Admitted { image_len } => (0, image_len),
         // Sent again because our answer was lost.
         Phase::Transfer { counter: last, .. } if counter == last => return Ok(answer),
         Phase::Transfer {

@@ -22,7 +22,7 @@ const LAYOUT: Layout = Layout {
     slot_bytes: 4 * PAGE as u32,
 };
 /// Polls that any request takes at most.
-const POLLS: usize = 2 + 3;
+const POLLS: usize = 3 + 3;
 type Flash = SimulatedFlash<PAGE, { 8 * PAGE / 8 }>;
 
 /// A board as the bus sees it.
@@ -69,10 +69,11 @@ impl Board {
             .into_iter()
             .collect();
         // At most "still at work", the check, a poll for each page, and the answer.
+        let longest = self.room.len();
         for _ in 0..POLLS {
             let progress = self
                 .upload
-                .poll(&mut self.store, &mut self.room, |_| Ok(()));
+                .poll(&mut self.store, &mut self.room, longest, |_| Ok(()));
             answers.extend(progress.answer);
             self.events.extend(progress.event);
         }
@@ -227,7 +228,11 @@ fn requests_out_of_order_are_refused_and_repeated_blocks_written_once() {
     );
     assert_eq!(
         board.request(&[0x22, 0xF1, 0x90]),
-        no(0x22, uds::SERVICE_NOT_SUPPORTED)
+        no(0x22, uds::OUT_OF_RANGE)
+    );
+    assert_eq!(
+        board.request(&[0x3E, 0]),
+        no(0x3E, uds::SERVICE_NOT_SUPPORTED)
     );
     assert_eq!(
         board.request(&[uds::REQUEST_DOWNLOAD, 0]),
@@ -413,7 +418,7 @@ proptest! {
                 let frame = [start, data].concat();
                 upload.on_frame(&frame, u32::from(*kind) * 150_000);
                 for _ in 0..POLLS {
-                    let progress = upload.poll(store, &mut [0; 3 * PAGE], |_| Ok(()));
+                    let progress = upload.poll(store, &mut [0; 3 * PAGE], 3 * PAGE, |_| Ok(()));
                     prop_assert!(!matches!(progress.event, Some(Event::Accepted(_))));
                 }
             }

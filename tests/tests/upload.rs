@@ -3,14 +3,18 @@
 
 use loadtwin::image_build::{self, Sensors};
 use loadtwin::key::SigningKey;
-use loadtwin::machine::Machine;
+use loadtwin::machine::{Count, Machine};
 use loadtwin::seal::seal;
 use loadtwin::upload_protocol::{Next, UploadError, Uploader};
+use loadtwin_common::counting::{CountSample, MAX_COUNTED};
 use loadtwin_common::hardware::{EMULATED, Hardware, NUCLEO_G474RE};
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::isotp::FrameData;
 use loadtwin_common::io::signed_image::ImageError;
 use loadtwin_common::io::uds;
+use loadtwin_firmware::app::App;
+use loadtwin_firmware::counts::CountsLayout;
+use loadtwin_firmware::room::Room;
 use loadtwin_firmware::running_model::{Models, Turn};
 use loadtwin_firmware::simulated_flash::SimulatedFlash;
 use loadtwin_firmware::store::{Layout, Store};
@@ -24,12 +28,18 @@ const LAYOUT: Layout = Layout {
     start: 0,
     slot_bytes: 8 * PAGE as u32,
 };
-type Flash = SimulatedFlash<PAGE, { 16 * PAGE / 8 }>;
+/// Two areas of counts behind the slots.
+const COUNTS: CountsLayout = CountsLayout {
+    start: 16 * PAGE as u32,
+    area_bytes: PAGE as u32,
+    areas: 2,
+};
+type Flash = SimulatedFlash<PAGE, { 18 * PAGE / 8 }>;
 
 /// The machine that the board is on.
 const MACHINE: &str = "bench";
-/// Polls that a request takes at most: two, and one for each page.
-const POLLS: usize = 2 + 8;
+/// Polls that a request takes at most: three, and one for each page.
+const POLLS: usize = 3 + 8;
 
 struct Bus {
     /// Frames lost, of a thousand.
@@ -76,7 +86,7 @@ impl Bus {
                 Next::Wait(us) => {
                     let mut answers = Vec::new();
                     for _ in 0..POLLS {
-                        let progress = upload.poll(store, &mut room, |_| Ok(()));
+                        let progress = upload.poll(store, &mut room, 7 * PAGE, |_| Ok(()));
                         self.events.extend(progress.event);
                         answers.extend(progress.answer);
                     }
@@ -158,13 +168,17 @@ fn an_image_arrives_and_an_older_or_foreign_one_does_not() {
     assert_eq!(running(&boot(store.release(), &key)), Some(2));
 }
 
-/// Uploads `image` to a board of `hardware`: what the host is answered, and what the board's status says.
-fn offered(hardware: Hardware, image: Vec<u8>, key: &SigningKey) -> (Result<(), UploadError>, u8) {
-    let room = vec![0; 7 * PAGE].leak();
+type BoardModels = Models<Flash, { PAGE + BLOCK_OVERHEAD }, { 7 * PAGE }, 1>;
+
+/// A board of `hardware`.
+fn models(flash: Flash, hardware: Hardware, key: &SigningKey) -> BoardModels {
+    let room = Box::leak(Box::new(Room::new()));
     let board = (Some(key.identity(MACHINE)), hardware);
-    let mut models =
-        Models::<Flash, { PAGE + BLOCK_OVERHEAD }>::boot(Flash::new(1), LAYOUT, board, room)
-            .unwrap();
+    BoardModels::boot(flash, (LAYOUT, COUNTS), board, room).unwrap()
+}
+
+/// Uploads `image` to a board: what the host is answered, and what the board's status says.
+fn offered(models: &mut BoardModels, image: Vec<u8>) -> (Result<(), UploadError>, u8) {
     let mut uploader = Uploader::new(image).unwrap();
     let (mut now_us, mut refused) = (0, 0);
     loop {
@@ -182,7 +196,7 @@ fn offered(hardware: Hardware, image: Vec<u8>, key: &SigningKey) -> (Result<(), 
                         reply: answer,
                         refused: code,
                         ..
-                    } = models.poll();
+                    } = models.poll(now_us);
                     refused = code.unwrap_or(refused);
                     answer
                 })
@@ -197,29 +211,80 @@ fn offered(hardware: Hardware, image: Vec<u8>, key: &SigningKey) -> (Result<(), 
     }
 }
 
-#[test]
-fn a_board_refuses_an_image_that_its_hardware_does_not_serve() {
-    let key = SigningKey::generate().unwrap();
+/// A load that is counted.
+fn count(machine: &Machine, load: usize) -> Count {
+    Count {
+        load: machine.loads()[load].name.to_owned(),
+        range: [-100.0, 100.0],
+        gate: None,
+        ratio: 1.0,
+    }
+}
+
+/// An image of `examples/bench` after a change.
+fn bench(change: impl FnOnce(&mut Machine), issue: u32, key: &SigningKey) -> Vec<u8> {
     let example = concat!(
         env!("CARGO_MANIFEST_DIR"),
         "/../examples/bench/machine.toml"
     );
-    let described = Machine::load(example.as_ref()).unwrap();
-    let image = |change: fn(&mut Machine)| {
-        let mut machine = described.clone();
-        change(&mut machine);
-        let sensors = Sensors::choose(&machine, None).unwrap();
-        let payload = image_build::image(&machine, &sensors).unwrap();
-        seal(&payload, MACHINE, 2, None, Some(&key)).unwrap()
+    let mut machine = Machine::load(example.as_ref()).unwrap();
+    change(&mut machine);
+    let sensors = Sensors::choose(&machine, None).unwrap();
+    let payload = image_build::image(&machine, &sensors).unwrap();
+    seal(&payload, MACHINE, issue, None, Some(key)).unwrap()
+}
+
+/// The counts are kept before an image has their room, and go on when it was refused; the time
+/// between is a gap.
+#[test]
+fn counts_outlast_an_image_that_is_refused() {
+    let key = SigningKey::generate().unwrap();
+    let mut flash = boot(Flash::new(1), &key);
+    let counts = |machine: &mut Machine| machine.counts = vec![count(machine, 0)];
+    let mut bus = Bus::new(0, 1);
+    bus.run(&mut flash, bench(counts, 1, &key)).unwrap();
+    let mut models = models(flash.release(), EMULATED, &key);
+    let mut app = App::without_image();
+    models.start(&mut app, vec![0; 7 * PAGE].leak());
+    let sample = |tick| CountSample {
+        tick,
+        advance: 0,
+        loads: [(tick % 7) as f32 * 9.0; MAX_COUNTED],
     };
+    for tick in 0..100 {
+        models.count(&sample(tick));
+        assert_eq!(models.poll(tick * 500), Turn::default());
+    }
+    let no_model = seal(&[0; 3000], MACHINE, 2, None, Some(&key)).unwrap();
+    let refused = Err(UploadError::Refused(ImageError::BadModel));
+    assert_eq!(offered(&mut models, no_model).0, refused);
+    for _ in 0..20 {
+        models.poll(0);
+    }
+    models.count(&sample(150));
+    let [counts] = models.counted() else {
+        panic!("one load is counted")
+    };
+    let seen = counts.observation();
+    assert_eq!((seen.seen, seen.missing, seen.gaps), (101, 50, 1));
+    assert_eq!(seen.restarts, 0);
+    assert!(counts.closed().cycles() > 10);
+}
+
+#[test]
+fn a_board_refuses_an_image_that_its_hardware_does_not_serve() {
+    let key = SigningKey::generate().unwrap();
+    let image = |change: fn(&mut Machine)| bench(change, 2, &key);
+    let on = |hardware, image| offered(&mut models(Flash::new(1), hardware, &key), image);
     for change in [
         |_: &mut Machine| (),
         |machine: &mut Machine| machine.rate_hz = 500.0,
         |machine: &mut Machine| machine.encoders[0].bits = 12,
     ] {
-        assert_eq!(offered(NUCLEO_G474RE, image(change), &key), (Ok(()), 0));
+        assert_eq!(on(NUCLEO_G474RE, image(change)), (Ok(()), 0));
     }
     for change in [
+        |machine: &mut Machine| machine.counts = [0, 1].map(|load| count(machine, load)).into(),
         |machine: &mut Machine| machine.rate_hz = 600.0,
         |machine: &mut Machine| machine.rate_hz = 16_000.0,
         |machine: &mut Machine| machine.encoders[0].bits = 32,
@@ -232,11 +297,8 @@ fn a_board_refuses_an_image_that_its_hardware_does_not_serve() {
         let refusal = ImageError::WrongHardware;
         let answered = Err(UploadError::Refused(refusal));
         let other = image(change);
-        assert_eq!(
-            offered(NUCLEO_G474RE, other.clone(), &key),
-            (answered, refusal.code())
-        );
-        assert_eq!(offered(EMULATED, other, &key), (Ok(()), 0));
+        assert_eq!(on(NUCLEO_G474RE, other.clone()), (answered, refusal.code()));
+        assert_eq!(on(EMULATED, other), (Ok(()), 0));
     }
 }
 

@@ -7,10 +7,14 @@
 //! | `36 counter data` transfer data               | `76 counter`        |
 //! | `37` request transfer exit                    | `77`                |
 //! | `31 01 02 00 samples[2] share` start routine  | `71 01 02 00`       |
+//! | `22 02 00` read layout of kept counts         | `62 02 00 areas size[2]` |
+//! | `23 14 address[4] size` read kept counts      | `63 data`           |
 //!
 //! Big endian. The routine sends a burst of raw samples, 1 to 65534; share of the bus (%) in bits 0
-//! to 6, as FD frames with bit 7. The address is 0, the size that of the sealed image. `block` is
-//! the longest transfer request with its two leading bytes; every block but the last is that long.
+//! to 6, as FD frames with bit 7. Kept counts are in areas of `size` KiB, one behind the other from
+//! address 0 on; a request reads 1 to 240 bytes, and a byte that cannot be read is 0. In an upload
+//! the address is 0, the size that of the sealed image. `block` is the longest transfer request
+//! with its two leading bytes; every block but the last is that long.
 //! The counter starts at 1 and wraps from 255 to 0. A refused request is answered `7F service code`;
 //! code 0x78 means "still at work". What is wrong with an image comes as
 //! [`ImageError::code`](crate::io::signed_image::ImageError::code).
@@ -33,6 +37,19 @@ pub const ROUTINE_CONTROL: u8 = 0x31;
 /// The start of a request for a burst of raw samples: start the first routine of the range that the
 /// standard leaves to makers.
 pub const BURST_ROUTINE: [u8; 4] = [ROUTINE_CONTROL, 0x01, 0x02, 0x00];
+
+/// Service: reads a value by its identifier.
+pub const READ_DATA: u8 = 0x22;
+/// The request for the layout of kept counts.
+pub const COUNTS_LAYOUT: [u8; 3] = [READ_DATA, 0x02, 0x00];
+/// Bytes in the unit of the layout of kept counts.
+pub const LAYOUT_UNIT: u32 = 1024;
+/// Service: reads memory, that of kept counts.
+pub const READ_MEMORY: u8 = 0x23;
+/// The start of a request to read memory: an address of four bytes, a size of one.
+pub const READ_FORMAT: [u8; 2] = [READ_MEMORY, 0x14];
+/// Most bytes of one request to read memory.
+pub const MOST_READ: u8 = 240;
 
 /// A positive answer starts with the service plus this.
 pub const POSITIVE: u8 = 0x40;

@@ -14,6 +14,7 @@
 use core::panic::PanicInfo;
 
 use heapless::Vec;
+use loadtwin_common::counting::CountSample;
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;
 use loadtwin_firmware::app::{App, MAX_FRAMES};
@@ -24,6 +25,7 @@ use loadtwin_firmware::raw_burst::RawWriter;
 struct Bare<'a> {
     sample: Option<RawSample>,
     outbox: Vec<Frame, MAX_FRAMES>,
+    counted: Option<CountSample>,
     counters: &'a Counters,
 }
 
@@ -34,6 +36,10 @@ impl Board for Bare<'_> {
 
     fn queue(&mut self, frame: Frame) -> Result<(), Frame> {
         self.outbox.push(frame)
+    }
+
+    fn count(&mut self, sample: CountSample) {
+        self.counted = Some(sample);
     }
 
     fn overrun(&mut self) -> bool {

@@ -14,6 +14,9 @@ const SLCAN: &str = "slcan:";
 /// Bit rate of a serial adapter where none is stated (bit/s).
 const BIT_RATE: u32 = 500_000;
 
+/// Ends of the names of logs of a bus.
+const LOGS: [&str; 4] = ["log", "asc", "blf", "trc"];
+
 /// Interface in a log that is written of no interface.
 pub const DEVICE: &str = "can0";
 
@@ -54,6 +57,20 @@ impl<'a> Source<'a> {
         } else {
             Self::Interface(name)
         })
+    }
+
+    /// The bus that `path` stands for, or its log; none for a recording.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn of_path(path: &'a Path) -> Result<Option<Self>, CanError> {
+        let Some(name) = path.to_str() else {
+            return Ok(None);
+        };
+        let source = Self::of(name)?;
+        let end = path.extension().and_then(|end| end.to_str());
+        let is_bus = source.log().is_none() || end.is_some_and(|end| LOGS.contains(&end));
+        Ok(is_bus.then_some(source))
     }
 
     /// The log, where it is one.

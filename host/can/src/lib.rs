@@ -5,9 +5,9 @@
 //!
 //! [`estimator_node`] replaces the microcontroller, [`sample_sender`] puts raw samples on a bus,
 //! [`twin_and_prove`] recomputes what the microcontroller sent and compares it bit for bit, on a
-//! bus or in a log, [`monitor`] watches, [`upload`] sends a model image to a board. All of them run
-//! on the [`bus::Bus`] trait: a socket, a serial adapter, a log, or a simulated controller. [`dbc`]
-//! writes the description of the frames.
+//! bus or in a log, [`monitor`] watches, [`upload`] sends a model image to a board, [`kept_counts`]
+//! reads its counts of load cycles. All of them run on the [`bus::Bus`] trait: a socket, a serial
+//! adapter, a log, or a simulated controller. [`dbc`] writes the description of the frames.
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),
@@ -29,6 +29,7 @@ pub mod estimator_node;
 pub mod frame_comparison;
 pub mod frame_source;
 pub mod image;
+pub mod kept_counts;
 pub mod live_display;
 pub mod log;
 pub mod logging_bus;
@@ -111,6 +112,9 @@ pub enum CanError {
     /// The board did not take the image.
     #[error("upload: {0}")]
     Upload(#[from] image::upload_protocol::UploadError),
+    /// There are no kept counts.
+    #[error("counts of load cycles: {0}")]
+    Counts(#[from] kept_counts::KeptCountsError),
     /// Ended by the user before it was done.
     #[error("stopped before the end")]
     Stopped,

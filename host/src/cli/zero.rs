@@ -28,9 +28,6 @@ const RESTS: f64 = 2.0;
 /// Name by which all channels with a bridge are meant.
 const ALL: &str = "all";
 
-/// Ends of the names of logs of a bus.
-const LOGS: [&str; 4] = ["log", "asc", "blf", "trc"];
-
 /// Zero strain bridges, and adjust a gauge factor by a shunt resistor.
 ///
 /// Recordings are of the unloaded structure, the bridge's column in mV/V or in
@@ -76,7 +73,7 @@ enum Arm {
 
 impl Zero {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
-        let bus = self.bus()?;
+        let bus = Source::of_path(&self.recording)?;
         let files = [
             (bus.is_none_or(|bus| bus.log().is_some())).then_some(&self.recording),
             self.shunt.as_ref(),
@@ -123,17 +120,6 @@ impl Zero {
         self.write(&found)?;
         self.print(&found, as_json);
         Ok(())
-    }
-
-    /// The bus or its log, where the recording is one.
-    fn bus(&self) -> anyhow::Result<Option<Source<'_>>> {
-        let Some(name) = self.recording.to_str() else {
-            return Ok(None);
-        };
-        let source = Source::of(name)?;
-        let end = self.recording.extension().and_then(|end| end.to_str());
-        let is_bus = source.log().is_none() || end.is_some_and(|end| LOGS.contains(&end));
-        Ok(is_bus.then_some(source))
     }
 
     fn place(&self, channel: &str) -> String {

@@ -32,6 +32,15 @@ fn status(frames: &[Frame]) -> (Status, Option<u32>) {
     (reported, name)
 }
 
+/// Waits for a start of the board, which says so first; the model's name.
+pub(super) fn started(bus: &mut Bus) -> u32 {
+    bus.find_map(|frame| {
+        let (reported, model) = status(&[frame]);
+        model.filter(|_| reported.state == State::Waiting)
+    })
+    .expect("the board starts again")
+}
+
 fn signed(model: &[u8], issue: u32, key: &SigningKey) -> Vec<u8> {
     seal(model, MACHINE_ID, issue, None, Some(key)).unwrap()
 }
@@ -134,15 +143,7 @@ fn a_model_from_the_bus_runs_after_a_restart_and_a_refused_one_never() {
     let (taken, _) = bus.upload(signed(&new, 2, &key));
     assert_eq!(taken, Ok(()));
     sensors.send(&Stimulus::Restart);
-    // The new start says so first.
-    loop {
-        let frame = bus.next().expect("the board starts again");
-        let (reported, model) = status(&[frame]);
-        if reported.state == State::Waiting && model.is_some() {
-            assert_eq!(model, Some(name(&new)));
-            break;
-        }
-    }
+    assert_eq!(started(&mut bus), name(&new));
     let (frames, _) = run_to_the_end(board, bus, 1000);
     let (reported, model) = status(&frames);
     assert_eq!((model, reported.refused), (Some(name(&new)), 0));

@@ -3,6 +3,7 @@
 
 mod burst;
 mod campaign;
+mod counts;
 mod descriptions;
 mod ends;
 mod image;

@@ -22,17 +22,20 @@ use cortex_m::peripheral::NVIC;
 use cortex_m_rt::{entry, exception};
 use defmt_semihosting as _;
 use heapless::spsc::{Consumer, Producer, Queue};
+use loadtwin_common::counting::saved_counts::MAX_BYTES;
+use loadtwin_common::counting::{CountSample, MAX_COUNTED};
 use loadtwin_common::hardware::EMULATED;
 use loadtwin_common::io::frame::Frame;
 use loadtwin_common::io::raw::RawSample;
-use loadtwin_common::io::signed_image::OVERHEAD;
+use loadtwin_common::io::signed_image::{CRC, OVERHEAD};
 use loadtwin_firmware::app::{App, MAX_FRAMES};
 use loadtwin_firmware::board::Board;
 use loadtwin_firmware::board_counters::Counters;
 use loadtwin_firmware::interrupt_owned::Owned;
 use loadtwin_firmware::progress_check::Progress;
-use loadtwin_firmware::ram_flash::{LAYOUT, PAGE};
+use loadtwin_firmware::ram_flash::{COUNTS, LAYOUT, PAGE};
 use loadtwin_firmware::raw_burst::{RawFrame, RawLink, RawReader, RawWriter};
+use loadtwin_firmware::room::Room;
 use loadtwin_firmware::running_model::Models;
 use loadtwin_firmware::slcan;
 use loadtwin_firmware::stimulus::{self, Stimulus};
@@ -46,6 +49,8 @@ const OUTBOX: usize = 64;
 const ARRIVED: usize = 16;
 /// Bytes of raw samples that may wait for the bus.
 const RAW_BYTES: usize = 64 * 1024;
+/// Samples of counted loads that may wait for the main loop.
+const SAMPLES: usize = 1024;
 /// Room for frames from the bus.
 const INBOX: usize = 32;
 /// Longest payload of an image [bytes].
@@ -67,7 +72,8 @@ static TICKS: AtomicU32 = AtomicU32::new(0);
 /// What the status says of the image offered last.
 static REFUSED: AtomicU8 = AtomicU8::new(0);
 
-type BoardModels = Models<flash::Memory, { PAGE + BLOCK_OVERHEAD }>;
+type BoardModels =
+    Models<flash::Memory, { PAGE + BLOCK_OVERHEAD }, { IMAGE + OVERHEAD }, MAX_COUNTED>;
 
 /// What the sample clock's interrupt owns.
 struct Converter {
@@ -79,12 +85,14 @@ struct Emulated {
     arrived: Consumer<'static, Stimulus>,
     outbox: Producer<'static, Frame>,
     raw: RawWriter<'static>,
+    counted: Producer<'static, CountSample>,
     waits: bool,
 }
 
 impl Board for Emulated {
     fn acquire(&mut self) -> Option<RawSample> {
-        if self.waits && self.outbox.capacity() - self.outbox.len() < MAX_FRAMES {
+        let is_full = self.outbox.capacity() - self.outbox.len() < MAX_FRAMES;
+        if self.waits && (is_full || !self.counted.ready()) {
             return None;
         }
         let stimulus = self.arrived.dequeue();
@@ -103,6 +111,11 @@ impl Board for Emulated {
 
     fn queue(&mut self, frame: Frame) -> Result<(), Frame> {
         self.outbox.enqueue(frame)
+    }
+
+    fn count(&mut self, sample: CountSample) {
+        // One that is dropped is a gap in the counts.
+        _ = self.counted.enqueue(sample);
     }
 
     fn overrun(&mut self) -> bool {
@@ -169,8 +182,9 @@ fn main() -> ! {
     static RAW_QUEUE: ConstStaticCell<Queue<u8, RAW_BYTES>> = ConstStaticCell::new(Queue::new());
     static INBOX_QUEUE: StaticCell<Queue<Frame, INBOX>> = StaticCell::new();
     static RUNNING: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
-    static ROOM: ConstStaticCell<[u8; IMAGE + OVERHEAD]> =
-        ConstStaticCell::new([0; IMAGE + OVERHEAD]);
+    static COUNTED_QUEUE: StaticCell<Queue<CountSample, SAMPLES>> = StaticCell::new();
+    static ROOM: ConstStaticCell<Room<{ IMAGE + OVERHEAD }, MAX_COUNTED>> =
+        ConstStaticCell::new(Room::new());
     static MODELS: StaticCell<BoardModels> = StaticCell::new();
     static APP: ConstStaticCell<App> = ConstStaticCell::new(App::without_image());
     static CONVERTER_CELL: StaticCell<Converter> = StaticCell::new();
@@ -181,7 +195,7 @@ fn main() -> ! {
     let mut flash = flash::powered();
     let identity = flash::identity(&mut flash);
     let models = MODELS.init_with(|| {
-        BoardModels::boot(flash, LAYOUT, (identity, EMULATED), ROOM.take())
+        BoardModels::boot(flash, (LAYOUT, COUNTS), (identity, EMULATED), ROOM.take())
             .expect("the layout is constant and fits the flash")
     });
     let app = APP.take();
@@ -204,12 +218,14 @@ fn main() -> ! {
         lines: slcan::Decoder::default(),
         inbox: inbox_in,
     }));
+    let (counted_in, mut counted) = COUNTED_QUEUE.init(Queue::new()).split();
     let (raw_in, raw_out) = RAW_QUEUE.take().split();
     let mut raw = RawReader::new(&RAW_LINK, raw_out, app.base());
     let mut board = Emulated {
         arrived: arrived_out,
         outbox: outbox_in,
         raw: RawWriter::new(&RAW_LINK, raw_in),
+        counted: counted_in,
         waits: true,
     };
     app.announce(&mut board);
@@ -237,7 +253,10 @@ fn main() -> ! {
                 send(&reply, &mut progress);
             }
         }
-        let turn = models.poll();
+        while let Some(sample) = counted.dequeue() {
+            models.count(&sample);
+        }
+        let turn = models.poll(now_us);
         if let Some(reply) = turn.reply {
             send(&reply, &mut progress);
         }
@@ -248,9 +267,10 @@ fn main() -> ! {
             // The sample clock lets its ticks pass meanwhile; conversions wait for it.
             CONVERTER.with(|Converter { app, board }| app.begin_burst(burst, board));
         }
-        if outbox.is_empty() && raw.is_empty() {
+        if outbox.is_empty() && raw.is_empty() && !counted.ready() {
             if ENDED.load(Relaxed) {
                 while !UART1.idle() {}
+                print_counts(models);
                 defmt::info!("ended: {}", defmt::Debug2Format(&COUNTERS));
                 exit::success()
             }
@@ -261,6 +281,17 @@ fn main() -> ! {
         }
         feed(&mut progress);
         cortex_m::asm::wfi();
+    }
+}
+
+/// Prints the CRC of the counts of each load; called once, at the end.
+fn print_counts(models: &mut BoardModels) {
+    static BYTES: ConstStaticCell<[u8; MAX_BYTES]> = ConstStaticCell::new([0; MAX_BYTES]);
+    let bytes = BYTES.take();
+    for (load, counts) in models.counted().iter_mut().enumerate() {
+        let saved = counts.save(bytes).ok().and_then(|len| bytes.get(..len));
+        let crc = saved.map_or(0, |saved| CRC.checksum(saved));
+        defmt::println!("counts of load {}: {:08x}", load, crc);
     }
 }
 

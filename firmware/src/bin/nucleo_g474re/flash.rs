@@ -1,6 +1,6 @@
-//! Reads, programs and erases flash bank 2 of the STM32G474, which holds the model slots and the
-//! key page (`Checked`). A word in them that ECC cannot correct is an error of the read (NMI);
-//! elsewhere it resets the board.
+//! Reads, programs and erases flash bank 2 of the STM32G474, which holds the model slots, the
+//! counts and the key page (`Checked`). A word in them that ECC cannot correct is an error of the
+//! read (NMI); elsewhere it resets the board.
 //!
 //! Written through the registers, for the crate's own driver turns interrupts
 //! off while it erases: the program runs from bank 1, and the estimator goes on.
@@ -18,6 +18,7 @@ use embedded_storage::nor_flash::{
     check_write,
 };
 use loadtwin_common::io::signed_image::{Identity, KEY_PAGE_LEN};
+use loadtwin_firmware::counts::CountsLayout;
 use loadtwin_firmware::store::Layout;
 
 /// Smallest part that is erased [bytes].
@@ -33,13 +34,20 @@ const BANK_LEN: usize = 256 * 1024;
 /// The last page holds the key.
 const KEY_AT: u32 = (BANK_LEN - PAGE) as u32;
 
+/// Four areas of counts of 18 KiB before the key's page.
+pub const COUNTS: CountsLayout = CountsLayout {
+    start: KEY_AT - 4 * 18 * 1024,
+    area_bytes: 18 * 1024,
+    areas: 4,
+};
+
 /// Two slots of 32 KiB at the start of the bank.
 pub const LAYOUT: Layout = Layout {
     start: 0,
     slot_bytes: 32 * 1024,
 };
 
-/// A read of the slots or of the key's page is under way.
+/// A read of data is under way.
 static READING: AtomicBool = AtomicBool::new(false);
 /// It met an ECC error that cannot be corrected: a write was cut there.
 static DAMAGED: AtomicBool = AtomicBool::new(false);
@@ -182,9 +190,9 @@ impl NorFlash for Checked {
     }
 }
 
-/// Whether `offset` of bank 2 holds data, not program: the slots, or the key's page.
+/// Whether `offset` of bank 2 holds data, not program: the slots, the counts, or the key's page.
 fn is_data(offset: u32) -> bool {
-    !(LAYOUT.start + 2 * LAYOUT.slot_bytes..KEY_AT).contains(&offset)
+    !(LAYOUT.start + 2 * LAYOUT.slot_bytes..COUNTS.start).contains(&offset)
 }
 
 /// The flash met a word that it cannot correct.

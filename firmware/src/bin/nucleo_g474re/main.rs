@@ -21,20 +21,17 @@
 #![no_std]
 #![no_main]
 
+mod clocks;
 mod flash;
 mod panic;
 #[path = "../boards/stack_guard.rs"]
 mod stack_guard;
 
-use core::num::{NonZeroU8, NonZeroU16};
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering::Relaxed};
 
 use cortex_m::peripheral::NVIC;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
-use embassy_stm32::can::config::{
-    DataBitTiming, FdCanConfig, FrameTransmissionConfig, NominalBitTiming, TxBufferMode,
-};
 use embassy_stm32::can::enums::BusErrorMode;
 use embassy_stm32::can::{self, CanConfigurator, CanRx, CanTx, Properties};
 use embassy_stm32::exti::{ExtiInput, TriggerEdge};
@@ -46,10 +43,11 @@ use embassy_stm32::spi::{self, Spi, mode::Master};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::qei::{self, Qei};
 use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{bind_interrupts, interrupt, pac, rcc};
+use embassy_stm32::{bind_interrupts, interrupt, pac};
 use embassy_time::{Delay, Instant, Timer};
 use embedded_hal_bus::spi::{ExclusiveDevice, NoDelay};
 use heapless::spsc::{Consumer, Producer, Queue};
+use loadtwin_common::counting::CountSample;
 use loadtwin_common::hardware::NUCLEO_G474RE;
 use loadtwin_common::io::frame::{FdFrame, Frame};
 use loadtwin_common::io::raw::RawSample;
@@ -61,16 +59,13 @@ use loadtwin_firmware::driver::ads131m04::{Ads131m04, Config, Error};
 use loadtwin_firmware::interrupt_owned::Owned;
 use loadtwin_firmware::progress_check::Progress;
 use loadtwin_firmware::raw_burst::{Burst, RawFrame, RawLink, RawReader, RawWriter};
+use loadtwin_firmware::room::Room;
 use loadtwin_firmware::running_model::Models;
 use loadtwin_firmware::upload::BLOCK_OVERHEAD;
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// Clock input of the converter (Hz); its rates are those of [`NUCLEO_G474RE`].
 const CONVERTER_CLOCK_HZ: f32 = 8.192e6;
-
-/// Time quanta of a bit: 170 MHz at the controller / 20 / 17 = 500 kbit/s, and / 5 / 17 = 2 Mbit/s
-/// in the data phase of FD frames.
-const QUANTA: u8 = 17;
 
 /// Time without progress after which the watchdog restarts the board [us].
 const WATCHDOG_US: u32 = 500_000;
@@ -84,6 +79,10 @@ const OUTBOX: usize = 64;
 
 /// Bytes of raw samples that may wait for the bus: with four words and a counter, 325 samples.
 const RAW_BYTES: usize = 7 * 1024;
+
+/// Samples of counted loads that may wait for the thread, one less: at 2 kHz as long as the
+/// erase of a page takes, 24.5 ms (DS12288 table 54), and some.
+const COUNTED: usize = 64;
 
 /// Frames from the bus that may wait.
 const INBOX: usize = 32;
@@ -109,7 +108,12 @@ bind_interrupts!(struct Irqs {
 });
 
 type Bus = ExclusiveDevice<Spi<'static, Blocking, Master>, Output<'static>, NoDelay>;
-type BoardModels = Models<flash::Checked, { flash::PAGE + BLOCK_OVERHEAD }>;
+type BoardModels = Models<
+    flash::Checked,
+    { flash::PAGE + BLOCK_OVERHEAD },
+    { IMAGE + OVERHEAD },
+    { NUCLEO_G474RE.counted_loads },
+>;
 
 /// What the interrupt of data-ready owns.
 struct Sampler {
@@ -123,6 +127,7 @@ struct Nucleo {
     ready: ExtiInput<'static, Blocking>,
     outbox: Producer<'static, Frame>,
     raw: RawWriter<'static>,
+    counted: Producer<'static, CountSample>,
     tick: u32,
 }
 
@@ -153,6 +158,11 @@ impl Board for Nucleo {
 
     fn queue(&mut self, frame: Frame) -> Result<(), Frame> {
         self.outbox.enqueue(frame)
+    }
+
+    fn count(&mut self, sample: CountSample) {
+        // One that is dropped is a gap in the counts.
+        _ = self.counted.enqueue(sample);
     }
 
     fn overrun(&mut self) -> bool {
@@ -190,62 +200,6 @@ fn EXTI9_5() {
     });
 }
 
-fn clocks() -> embassy_stm32::Config {
-    let mut config = embassy_stm32::Config::default();
-    config.rcc.hse = Some(rcc::Hse {
-        freq: Hertz(24_000_000),
-        mode: rcc::HseMode::Oscillator,
-    });
-    // 24 MHz / 6 * 85 = 340 MHz; / 2 = 170 MHz.
-    config.rcc.pll = Some(rcc::Pll {
-        source: rcc::PllSource::HSE,
-        prediv: rcc::PllPreDiv::DIV6,
-        mul: rcc::PllMul::MUL85,
-        divp: None,
-        divq: Some(rcc::PllQDiv::DIV2),
-        divr: Some(rcc::PllRDiv::DIV2),
-    });
-    config.rcc.sys = rcc::Sysclk::PLL1_R;
-    config.rcc.boost = true;
-    config.rcc.mux.fdcansel = rcc::mux::Fdcansel::PLL1_Q;
-    config
-}
-
-/// 500 kbit/s, sampled at 88 % of a bit, and 2 Mbit/s, at 76 %; frames leave in the
-/// order in which they were queued. A queue by priority would let the head of a raw sample overtake
-/// the end of the one before, and returns a frame that it takes back.
-fn bit_timing(config: FdCanConfig) -> FdCanConfig {
-    const fn quanta(quanta: u8) -> NonZeroU8 {
-        NonZeroU8::new(quanta).expect("not 0")
-    }
-    const fn prescaler(prescaler: u16) -> NonZeroU16 {
-        NonZeroU16::new(prescaler).expect("not 0")
-    }
-    let nominal = const {
-        NominalBitTiming {
-            prescaler: prescaler(20),
-            seg1: quanta(QUANTA - 3),
-            seg2: quanta(2),
-            sync_jump_width: quanta(1),
-        }
-    };
-    let data = const {
-        DataBitTiming {
-            // The driver does not set it up on this family; 2 Mbit/s do without.
-            transceiver_delay_compensation: false,
-            prescaler: prescaler(5),
-            seg1: quanta(QUANTA - 5),
-            seg2: quanta(4),
-            sync_jump_width: quanta(4),
-        }
-    };
-    config
-        .set_nominal_bit_timing(nominal)
-        .set_data_bit_timing(data)
-        .set_frame_transmit(FrameTransmissionConfig::AllowFdCanAndBRS)
-        .set_tx_buffer_mode(TxBufferMode::Fifo)
-}
-
 #[embassy_executor::main]
 async fn main(thread: Spawner) {
     static OUTBOX_QUEUE: StaticCell<Queue<Frame, OUTBOX>> = StaticCell::new();
@@ -253,14 +207,14 @@ async fn main(thread: Spawner) {
     static INBOX_QUEUE: StaticCell<Queue<Frame, INBOX>> = StaticCell::new();
     static REPLIES_QUEUE: StaticCell<Queue<Frame, INBOX>> = StaticCell::new();
     static RUNNING: ConstStaticCell<[u8; IMAGE]> = ConstStaticCell::new([0; IMAGE]);
-    static ROOM: ConstStaticCell<[u8; IMAGE + OVERHEAD]> =
-        ConstStaticCell::new([0; IMAGE + OVERHEAD]);
-    static APP: ConstStaticCell<App> = ConstStaticCell::new(App::without_image());
+    static COUNTED_QUEUE: StaticCell<Queue<CountSample, COUNTED>> = StaticCell::new();
+    static ROOM: ConstStaticCell<Room<{ IMAGE + OVERHEAD }, { NUCLEO_G474RE.counted_loads }>> =
+        ConstStaticCell::new(Room::new());
     static SAMPLER_CELL: StaticCell<Sampler> = StaticCell::new();
     static MODELS: StaticCell<BoardModels> = StaticCell::new();
 
     stack_guard::forbid_below_stack();
-    let p = embassy_stm32::init(clocks());
+    let p = embassy_stm32::init(clocks::clocks());
     let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
     watchdog.unleash();
 
@@ -270,15 +224,15 @@ async fn main(thread: Spawner) {
         defmt::error!("no key in its page: no model runs");
     }
     let models = MODELS.init_with(|| {
-        let booted =
-            BoardModels::boot(flash, flash::LAYOUT, (identity, NUCLEO_G474RE), ROOM.take());
+        let places = (flash::LAYOUT, flash::COUNTS);
+        let booted = BoardModels::boot(flash, places, (identity, NUCLEO_G474RE), ROOM.take());
         let Ok(models) = booted else {
             defmt::panic!("the layout is constant and fits the flash")
         };
         models
     });
     watchdog.pet();
-    let app = APP.take();
+    let app = application();
     models.start(app, RUNNING.take());
     REFUSED.store(app.refused(), Relaxed);
     watchdog.pet();
@@ -312,12 +266,13 @@ async fn main(thread: Spawner) {
     let ready = ExtiInput::new_blocking(p.PC7, p.EXTI7, Pull::Up, TriggerEdge::Falling);
 
     let mut can = CanConfigurator::new(p.FDCAN1, p.PA11, p.PA12, Irqs);
-    can.set_config(bit_timing(can.config()));
+    can.set_config(clocks::bit_timing(can.config()));
     let (tx, rx, properties) = can.into_normal_mode().split();
 
     let (outbox_in, outbox) = OUTBOX_QUEUE.init(Queue::new()).split();
     let (inbox_in, inbox) = INBOX_QUEUE.init(Queue::new()).split();
     let (replies_in, replies) = REPLIES_QUEUE.init(Queue::new()).split();
+    let (counted_in, counted) = COUNTED_QUEUE.init(Queue::new()).split();
     let (raw_in, raw_out) = RAW_QUEUE.take().split();
     let board = Nucleo {
         converter,
@@ -325,6 +280,7 @@ async fn main(thread: Spawner) {
         ready,
         outbox: outbox_in,
         raw: RawWriter::new(&RAW_LINK, raw_in),
+        counted: counted_in,
         tick: 0,
     };
     let raw = RawReader::new(&RAW_LINK, raw_out, app.base());
@@ -338,7 +294,7 @@ async fn main(thread: Spawner) {
         send(tx, outbox, replies, raw),
         receive(rx, inbox_in),
         watch(watchdog, properties),
-        take_models(models, inbox, replies_in),
+        take_models(models, inbox, counted, replies_in),
     );
     let (Ok(send), Ok(receive), Ok(watch), Ok(take_models)) = tasks else {
         defmt::panic!("each task is spawned once")
@@ -347,6 +303,14 @@ async fn main(thread: Spawner) {
     above.spawn(receive);
     above.spawn(watch);
     thread.spawn(take_models);
+}
+
+/// The application without an image. Built at start: as the initial value of its memory it would
+/// take 10.5 kB of flash.
+#[inline(never)]
+fn application() -> &'static mut App<'static> {
+    static APP: StaticCell<App> = StaticCell::new();
+    APP.init_with(App::without_image)
 }
 
 #[interrupt]
@@ -430,11 +394,12 @@ async fn receive(mut rx: CanRx<'static>, mut inbox: Producer<'static, Frame>) {
     }
 }
 
-/// New models from the bus.
+/// New models from the bus, and the counts.
 #[embassy_executor::task]
 async fn take_models(
     models: &'static mut BoardModels,
     mut inbox: Consumer<'static, Frame>,
+    mut counted: Consumer<'static, CountSample>,
     mut replies: Producer<'static, Frame>,
 ) -> ! {
     loop {
@@ -444,7 +409,10 @@ async fn take_models(
                 let _ = replies.enqueue(reply);
             }
         }
-        let turn = models.poll();
+        while let Some(sample) = counted.dequeue() {
+            models.count(&sample);
+        }
+        let turn = models.poll(Instant::now().as_micros() as u32);
         if let Some(reply) = turn.reply {
             let _ = replies.enqueue(reply);
         }
@@ -460,6 +428,8 @@ async fn take_models(
 
 /// Begins a burst, and the estimator anew. Data-ready waits: its handler would find the estimator
 /// in use, leave the line pending, and come again at once for ever.
+// Inlined, the image that is read would stay on the stack while another one is checked.
+#[inline(never)]
 fn begin(burst: Burst) {
     NVIC::mask(pac::Interrupt::EXTI9_5);
     SAMPLER.with(|Sampler { app, board }| app.begin_burst(burst, board));

@@ -6,6 +6,7 @@ use anyhow::Context;
 use loadtwin_common::counting::{LEVELS, LevelScale, LoadCounts};
 
 use super::Life;
+use super::board_counts::Boards;
 use crate::cli::progress::Progress;
 use crate::life::{CountedLoad, GATE_LEVELS, LoadFile, LoadSurvey, Loads, NoiseRemoved, Spectrum};
 use crate::machine::Machine;
@@ -84,21 +85,27 @@ impl Life {
         &self,
         loads: &Loads,
         empty: &[CountedLoad],
+        boards: &Boards,
     ) -> anyhow::Result<(f64, Vec<Counted>)> {
         let progress = Progress::new("life");
         let mut machines: Vec<Vec<CountedLoad>> = vec![empty.to_vec()];
         let mut period_s = None;
         for (done, path) in self.files.iter().enumerate() {
-            let file = LoadFile::open(path, loads)?;
-            let period = *period_s.get_or_insert(file.period_s());
+            let (found_s, counts) = if let Some(board) = boards.at(done) {
+                (board.period_s, board.counts())
+            } else {
+                let file = LoadFile::open(path, loads)?;
+                let found_s = file.period_s();
+                let mut counts = empty.to_vec();
+                file.count(&mut counts)?;
+                (found_s, counts)
+            };
+            let period = *period_s.get_or_insert(found_s);
             anyhow::ensure!(
-                (file.period_s() / period - 1.0).abs() < 1e-3,
-                "{}: a sample every {} s, and every {period} s in the files before; allowed: one rate",
-                path.display(),
-                file.period_s()
+                (found_s / period - 1.0).abs() < 1e-3,
+                "{}: a sample every {found_s} s, and every {period} s in the files before; allowed: one rate",
+                path.display()
             );
-            let mut counts = empty.to_vec();
-            file.count(&mut counts)?;
             match machines.last_mut() {
                 Some(machine) if done > 0 && !self.machines => {
                     for (earlier, later) in machine.iter_mut().zip(counts) {

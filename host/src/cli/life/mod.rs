@@ -1,39 +1,46 @@
-//! The command `loadtwin life`: counts the load cycles of files, computes damage-equivalent loads,
-//! damage and life, prints them, and writes counts and page. Here: options, the sequence of the
-//! steps, and the S-N curve from `--sn`.
+//! The command `loadtwin life`: counts the load cycles of files, or reads those that a board counted;
+//! computes damage-equivalent loads, damage and life, prints them, and writes counts and page. Here:
+//! options, the sequence of the steps, and the S-N curve from `--sn`.
 
+mod board_counts;
 mod count;
 mod figures;
 mod json;
 mod report_page;
 mod text_output;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
 
+use self::board_counts::{Board, Boards};
 use self::count::Counted;
 use self::figures::Figures;
 use super::file_plan::{Plan, Replace};
 use super::printing::{say, shown_all};
 use crate::atomic_file::publish;
-use crate::life::{Beyond, COUNTS, CountsTable, EXPONENTS, Loads, SnCurve, number_pair};
+use crate::can::frame_source::Source;
+use crate::life::{
+    Beyond, COUNTS, CountedLoad, CountsTable, EXPONENTS, Loads, SnCurve, number_pair,
+};
 use crate::origin::with_origin;
 use crate::report::PAGE;
 
 /// Count load cycles and compute damage-equivalent loads.
 ///
 /// The files are estimates, as `replay --estimates` writes them, or recordings with measured
-/// loads. Several files are counted as one machine over time, in the order given.
+/// loads. Several files are counted as one machine over time, in the order given. From a bus, the
+/// counts come that its board keeps (`[[count]]` of its description).
 #[derive(Debug, Args)]
 pub struct Life {
-    /// Estimates or recordings (CSV, Parquet or MDF4), in the order of time.
+    /// Estimates or recordings (CSV, Parquet or MDF4), in the order of time; a bus (can0,
+    /// `slcan:/dev/ttyACM0@500000`) with a board, or a log of its reading (candump, ASC, BLF, TRC).
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Machine description (TOML), whose nominal loads give the range that is counted.
+    /// Machine description (TOML): of a board; of files, whose range its nominal loads give.
     #[arg(long, value_name = "FILE")]
     machine: Option<PathBuf>,
     /// The files are of several machines, whose cycles are added and not joined.
@@ -68,11 +75,11 @@ pub struct Life {
     #[arg(long, value_name = "RATIO", default_value_t = 1.0, requires = "speed")]
     ratio: f64,
     /// Exponent of the damage line of a gear, for its equivalent torque.
-    #[arg(long, value_name = "P", requires = "speed")]
+    #[arg(long, value_name = "P")]
     gear: Option<f64>,
     /// Load rating [N] and exponent of a bearing that the load acts on: 3 for balls, 3.333 for
     /// rollers.
-    #[arg(long, value_name = "C:P", requires = "speed")]
+    #[arg(long, value_name = "C:P")]
     bearing: Option<Pair>,
     /// Write the counts to FILE.parquet.
     #[arg(short, long, value_name = "FILE")]
@@ -110,7 +117,12 @@ impl FromStr for Pair {
 
 impl Life {
     pub(super) fn run(&self, as_json: bool) -> anyhow::Result<()> {
-        let mut plan = Plan::new(self.replace).reads(&self.files);
+        let mut files = Vec::new();
+        for path in &self.files {
+            let bus = Source::of_path(path)?.filter(|source| source.log().is_none());
+            files.extend(bus.is_none().then_some(path));
+        }
+        let mut plan = Plan::new(self.replace).reads(files);
         if let Some(machine) = &self.machine {
             plan = plan.description(machine);
         }
@@ -123,14 +135,15 @@ impl Life {
             self.ratio
         );
         let curve = self.curve()?;
-        let loads = Loads::find(
-            &self.files[0],
-            &self.loads,
-            self.speed.as_deref(),
-            self.ratio,
-        )?;
-        let empty = self.empty_counts(&loads)?;
-        let (period_s, counted) = self.count(&loads, &empty)?;
+        let boards = Boards::read(&self.files, self.machine.as_deref(), &self.loads)?;
+        let (loads, empty) = if let Some(board) = boards.first() {
+            self.of_board(board, &boards)?
+        } else {
+            let loads = self.loads_of(&self.files[0], &self.loads)?;
+            let empty = self.empty_counts(&loads)?;
+            (loads, empty)
+        };
+        let (period_s, counted) = self.count(&loads, &empty, &boards)?;
         let figures = (counted.iter())
             .map(|counted| self.figures(counted, period_s, curve.as_ref()))
             .collect::<anyhow::Result<Vec<_>>>()?;
@@ -154,6 +167,34 @@ impl Life {
             }
         }
         Ok(())
+    }
+
+    /// The loads of a file.
+    fn loads_of(&self, path: &Path, names: &[String]) -> anyhow::Result<Loads> {
+        let turns = self.speed.is_some() || (self.gear.is_none() && self.bearing.is_none());
+        anyhow::ensure!(
+            turns,
+            "--gear, --bearing: allowed with --speed, or of a board, which counts turns"
+        );
+        Ok(Loads::find(path, names, self.speed.as_deref(), self.ratio)?)
+    }
+
+    /// Loads and levels of a board, by which the files beside it are counted too.
+    fn of_board(
+        &self,
+        board: &Board,
+        boards: &Boards,
+    ) -> anyhow::Result<(Loads, Vec<CountedLoad>)> {
+        anyhow::ensure!(
+            self.range.is_none() && self.gate.is_none(),
+            "--range, --gate: a board counts by [[count]] of its description"
+        );
+        let loads = board.loads(self.speed.as_deref(), self.ratio);
+        if let Some(place) = boards.first_file() {
+            let names: Vec<String> = loads.loads.iter().map(|(name, _)| name.clone()).collect();
+            self.loads_of(&self.files[place], &names)?;
+        }
+        Ok((loads, board.empty()?))
     }
 
     /// Writes the page and the counts, both or none.
