@@ -18,7 +18,13 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
     pub fn tolerance(&self, state: &RotorState<NZ, NX>) -> f32 {
         let allowed = usize::from(state.mismatch.allowed());
         let of_level = (self.model.levels.get(allowed)).map_or(0.0, |noise| noise.tolerance);
-        of_level.max(state.consistency.tolerance())
+        let of_speeds = state.consistency.tolerance();
+        // A call of `max` takes more instructions.
+        if of_level > of_speeds {
+            of_level
+        } else {
+            of_speeds
+        }
     }
 
     /// Covariance of the state by rows, in the image's scale, while the gain is recursive.
