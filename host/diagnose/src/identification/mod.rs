@@ -202,7 +202,7 @@ fn combinations(posterior: &Posterior) -> Vec<Combination> {
     let covariance = &posterior.covariance;
     let all = 0..posterior.offsets.len();
     let goes_along = |i: usize| {
-        let with = |j: usize| covariance[(i, j)] / (posterior.std(i) * posterior.std(j));
+        let with = |j: usize| covariance[(i, j)] / (covariance[(i, i)] * covariance[(j, j)]).sqrt();
         all.clone().any(|j| j != i && with(j).abs() > TOGETHER)
     };
     let hidden: Vec<usize> = (all.clone())

@@ -6,7 +6,6 @@ use std::collections::BTreeMap;
 use faer::Mat;
 use rayon::prelude::*;
 
-use super::SHOWN;
 use super::data_part::DataPart;
 use super::parameter::Quantity;
 use crate::regression::normal_equations::{dot, solve_ridge};
@@ -27,9 +26,6 @@ const STEPS: usize = 12;
 /// Gain in twice the log-posterior below which a descent ends.
 const LEAST_GAIN: f64 = 0.05;
 
-/// Squared deviations from which sensors contradict each other.
-const BEYOND_CHANCE: f64 = 4.0;
-
 /// Descents, each with the weights that the residuals before it give.
 const DESCENTS: usize = 3;
 
@@ -47,7 +43,7 @@ pub(super) struct Posterior {
 impl Posterior {
     /// Standard deviation of parameter `i`, over that of the description, at most 1.
     pub fn std(&self, i: usize) -> f64 {
-        self.covariance[(i, i)].sqrt()
+        self.covariance[(i, i)].sqrt().min(1.0)
     }
 
     /// Fits the parameters of `data`.
@@ -60,10 +56,11 @@ impl Posterior {
     /// Each variance has the square of the error of a chain of lumped inertias added
     /// ([`Parameter::model_std`](super::parameter::Parameter::model_std)).
     ///
-    /// Sensors that contradict each other widen it. Each group of sensors would move parameter `i` by `d_ig`, with a
-    /// deviation `s_ig` of its own. The mean over the groups that show the parameter of `d_ig^2 - s_ig^2`, where that
-    /// is beyond chance (`d_ig > 2 s_ig`), is added to its variance: the variance between groups by the method of
-    /// moments. No variance is above that of the description.
+    /// Sensors that contradict each other widen it. Each of `m` groups of sensors, with the score
+    /// `g = sum_k w_k X_k' r_k` and the covariance `C_g` of its own, would move the parameters by `d_g = C_g g`. Where
+    /// that is beyond chance, `q = g' C_g g` above the mean of its chi-squared distribution by two deviations,
+    /// `(1 - p / q) d_g d_g' / m` is added, with `p` parameters: the covariance between groups by the method of
+    /// moments. Gauges that contradict each other in how two inertias share a sum leave the sum as it is.
     ///
     /// Sources: Marquardt 1963 (damping); DerSimonian and Laird 1986, "Meta-analysis in clinical trials" (variance
     /// between groups).
@@ -240,33 +237,22 @@ impl<'a> Search<'a> {
         }
         let identity = Mat::<f64>::identity(p, p);
         let covariance = solve_ridge(information, &identity, &[]);
-        let mut between = vec![(0.0, 0.0); p];
+        let (count, most) = (p as f64, p as f64 + 2.0 * (2.0 * p as f64).sqrt());
+        let mut wider = covariance.clone();
+        for (i, parameter) in self.data.parameters.iter().enumerate() {
+            wider[(i, i)] += (parameter.model_std() / parameter.prior_std).powi(2);
+        }
+        let share = 1.0 / groups.len().max(1) as f64;
         for (score, information) in groups.into_values() {
-            let own = solve_ridge(information, &identity, &[]);
-            let moved = &own * &score;
-            for (i, sum) in between.iter_mut().enumerate() {
-                let (own, moved) = (own[(i, i)], moved[(i, 0)].powi(2));
-                if own <= SHOWN * SHOWN {
-                    sum.0 += if moved > BEYOND_CHANCE * own {
-                        moved - own
-                    } else {
-                        0.0
-                    };
-                    sum.1 += 1.0;
-                }
+            let moved = solve_ridge(information, &score, &[]);
+            let q = (score.transpose() * &moved)[(0, 0)];
+            if q > most {
+                let part = share * (1.0 - count / q);
+                wider += Mat::from_fn(p, p, |a, b| part * moved[(a, 0)] * moved[(b, 0)]);
             }
         }
-        let more = |i: usize| {
-            let parameter = &self.data.parameters[i];
-            let model = (parameter.model_std() / parameter.prior_std).powi(2);
-            let (sum, groups) = between[i];
-            let between = sum / f64::max(groups, 1.0);
-            (between + model).min(1.0 - covariance[(i, i)]).max(0.0)
-        };
         Posterior {
-            covariance: Mat::from_fn(p, p, |a, b| {
-                covariance[(a, b)] + if a == b { more(a) } else { 0.0 }
-            }),
+            covariance: wider,
             offsets: self.offsets,
             samples: self.samples,
         }
