@@ -34,6 +34,11 @@ pub enum DiagnoseError {
         "the machine has none of [drivetrain], [rotor] and [bearing]; only these can be diagnosed"
     )]
     NoDrivetrain,
+    /// The machine has no chain of inertias and shafts.
+    #[error(
+        "the machine has no [drivetrain]; only inertias, stiffness, damping and drag of a drivetrain can be identified"
+    )]
+    OnlyDrivetrain,
     /// The recording does not say enough.
     #[error("{}: {reason}", recording.display())]
     TooLittle {

@@ -8,7 +8,8 @@
 //! ```
 //!
 //! A machine kind gives residuals, regressors and null samples ([`Diagnosable`]). Regression, selection
-//! and assessment know no machine.
+//! and assessment know no machine. `loadtwin identify` ([`identify`]) fits the parameters of a drivetrain to the
+//! same residuals.
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),
@@ -33,6 +34,7 @@ mod error_interval;
 mod filter_check;
 mod filter_contradiction;
 mod filter_run;
+mod identification;
 mod null_samples;
 mod regression;
 mod residual_model;
@@ -66,6 +68,10 @@ pub use drivetrain::residual_signals::{
 };
 pub use error_interval::{Interval, LoadErrors};
 pub use filter_check::{Evaluated, FilterCheck, check_filter};
+pub use identification::{
+    Combination, Gain, Identification, Identified, Parameter, Quantity, SensorError, Shown,
+    identify, write_identified,
+};
 pub use residual_model::{Covariate, ResidualModel, Shaft};
 pub use rotor::RotorResiduals;
 pub use selection::candidates::RankedCandidate;

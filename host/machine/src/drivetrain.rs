@@ -54,12 +54,16 @@ pub struct Inertia {
     pub name: String,
     /// Moment of inertia about its own axis [kg m^2], > 0.
     pub moment_kg_m2: f64,
+    /// Standard deviation of that [kg m^2], >= 0; 5 % of it where absent. `loadtwin identify` writes it.
+    pub moment_std_kg_m2: Option<f64>,
     /// Turns per turn of the main shaft, not 0; negative where it turns the other way.
     #[serde(default = "one")]
     pub speed_ratio: f64,
     /// Viscous drag to the housing, at its own speed [N m s/rad], >= 0.
     #[serde(default)]
     pub drag_nm_s_per_rad: f64,
+    /// Standard deviation of that [N m s/rad], >= 0; 50 % of it where absent. `loadtwin identify` writes it.
+    pub drag_std_nm_s_per_rad: Option<f64>,
     /// Dry friction to the housing.
     pub friction: Option<Friction>,
 }
@@ -125,9 +129,13 @@ pub struct Shaft {
     pub name: String,
     /// Torsional stiffness [N m/rad] at `speed_ratio`, > 0.
     pub stiffness_nm_per_rad: f64,
+    /// Standard deviation of that [N m/rad], >= 0; 10 % of it where absent. `loadtwin identify` writes it.
+    pub stiffness_std_nm_per_rad: Option<f64>,
     /// Torsional damping [N m s/rad] at `speed_ratio`, >= 0.
     #[serde(default)]
     pub damping_nm_s_per_rad: f64,
+    /// Standard deviation of that [N m s/rad], >= 0; 50 % of it where absent. `loadtwin identify` writes it.
+    pub damping_std_nm_s_per_rad: Option<f64>,
     /// Turns per turn of the main shaft at which stiffness, damping and the
     /// carried torque are meant.
     #[serde(default = "one")]
@@ -192,6 +200,11 @@ impl Direction {
     }
 }
 
+/// Checks a standard deviation, where one is stated.
+fn stated(field: &str, std: Option<f64>) -> Checked {
+    std.map_or(Ok(()), |std| at_least(field, std, 0.0))
+}
+
 fn one() -> f64 {
     1.0
 }
@@ -243,6 +256,11 @@ impl Drivetrain {
             positive(&field("moment_kg_m2"), inertia.moment_kg_m2)?;
             nonzero(&field("speed_ratio"), inertia.speed_ratio)?;
             at_least(&field("drag_nm_s_per_rad"), inertia.drag_nm_s_per_rad, 0.0)?;
+            stated(&field("moment_std_kg_m2"), inertia.moment_std_kg_m2)?;
+            stated(
+                &field("drag_std_nm_s_per_rad"),
+                inertia.drag_std_nm_s_per_rad,
+            )?;
             if let Some(friction) = &inertia.friction {
                 friction.check(&field("friction"))?;
             }
@@ -254,6 +272,14 @@ impl Drivetrain {
                 &field("damping_nm_s_per_rad"),
                 shaft.damping_nm_s_per_rad,
                 0.0,
+            )?;
+            stated(
+                &field("stiffness_std_nm_per_rad"),
+                shaft.stiffness_std_nm_per_rad,
+            )?;
+            stated(
+                &field("damping_std_nm_s_per_rad"),
+                shaft.damping_std_nm_s_per_rad,
             )?;
             nonzero(&field("speed_ratio"), shaft.speed_ratio)?;
         }

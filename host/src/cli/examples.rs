@@ -14,7 +14,7 @@ pub(super) const EXIT_STATUS: [(&str, &str); 3] = [
 ];
 
 /// Command lines of each command, without `loadtwin`; "" is the program itself.
-const EXAMPLES: [(&str, &[&str]); 25] = [
+const EXAMPLES: [(&str, &[&str]); 26] = [
     ("", &["", "replay machine.toml run.csv", "help diagnose"]),
     ("init", &["init bench.csv -o mine.toml"]),
     (
@@ -34,6 +34,10 @@ const EXAMPLES: [(&str, &[&str]); 25] = [
             "calibrate machine.toml ramps.parquet -o calibrated.toml --report calibration.html",
             "calibrate machine.toml loads.csv --static motor_flange -o calibrated.toml",
         ],
+    ),
+    (
+        "identify",
+        &["identify calibrated.toml ramps.parquet start-stop.parquet -o identified.toml"],
     ),
     (
         "simulate",

@@ -10,6 +10,7 @@ mod diagnose_drive;
 mod examples;
 mod explain;
 mod file_plan;
+mod identify;
 mod init;
 mod key;
 mod layout_option;
@@ -64,6 +65,8 @@ enum Command {
     Reduce(reduce::Reduce),
     /// Fit gauges to recordings with reference loads.
     Calibrate(calibrate::Calibrate),
+    /// Fit inertias, stiffness, damping and drag to recordings with reference loads.
+    Identify(identify::Identify),
     /// Write a recording of a machine that is not there.
     Simulate(simulate::Simulate),
     /// Find which physical effect a model lacks, and add it.
@@ -140,6 +143,7 @@ impl Cli {
             Some(Command::Replay(replay)) => replay.run(json),
             Some(Command::Reduce(reduce)) => reduce.run(json),
             Some(Command::Calibrate(calibrate)) => calibrate.run(json),
+            Some(Command::Identify(identify)) => identify.run(json),
             Some(Command::Simulate(simulate)) => simulate.run(json),
             Some(Command::Diagnose(diagnose)) => diagnose.run(json),
             Some(Command::Life(life)) => life.run(json),

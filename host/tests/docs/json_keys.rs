@@ -15,7 +15,7 @@ use crate::{printed, root};
 /// Not run, for they take many seconds, a board or the results of a finite-element package:
 /// `calibrate` of a bearing, `diagnose` of rotors and bearings, `tables`, `tune` of a rotor,
 /// `reduce`, `upload`, `build --fmu`, and `loadtwin` alone.
-const RUNS: [(&str, &str); 32] = [
+const RUNS: [(&str, &str); 33] = [
     ("init", "init examples/gearbox/start-stop.parquet"),
     (
         "simulate",
@@ -44,6 +44,7 @@ const RUNS: [(&str, &str); 32] = [
         "calibrate --static",
         "calibrate bench.toml examples/bench/static-loads.csv --static motor_flange -o static.toml",
     ),
+    ("identify", "identify bench.toml fit.parquet"),
     ("diagnose", "diagnose bench.toml fit.parquet"),
     (
         "simulate",

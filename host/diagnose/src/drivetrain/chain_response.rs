@@ -6,14 +6,37 @@
 use crate::drivetrain::chain_simulation::BacklashSimulation;
 use crate::drivetrain::inserted_gear::with_gear;
 use loadtwin_design::gearbox::Torsion;
-use loadtwin_machine::{Drivetrain, Senses};
+use loadtwin_machine::{Drivetrain, Inertia, Senses, Shaft};
 
 /// Relative tolerance of inertias and stiffnesses, the standard deviation of nuisances and the
 /// limit in null samples: how long a vibration stays in step with the simulated one.
-pub(crate) const TOLERANCE: f64 = 0.002;
+const TOLERANCE: f64 = 0.002;
 
 /// Relative tolerance of damping, which is never known better.
-pub(crate) const DAMPING_TOLERANCE: f64 = 0.1;
+const DAMPING_TOLERANCE: f64 = 0.1;
+
+/// Relative standard deviation of a parameter of the described chain: that stated, else its tolerance.
+fn relative_std(stated: Option<f64>, value: f64, tolerance: f64) -> f64 {
+    let stated = stated.filter(|_| value > 0.0);
+    stated.map_or(tolerance, |std| std / value)
+}
+
+/// The same of the moment of `inertia`.
+pub(crate) fn moment_std(inertia: &Inertia) -> f64 {
+    relative_std(inertia.moment_std_kg_m2, inertia.moment_kg_m2, TOLERANCE)
+}
+
+/// The same of the stiffness of `shaft`.
+pub(crate) fn stiffness_std(shaft: &Shaft) -> f64 {
+    let stated = shaft.stiffness_std_nm_per_rad;
+    relative_std(stated, shaft.stiffness_nm_per_rad, TOLERANCE)
+}
+
+/// The same of the damping of `shaft`.
+pub(crate) fn damping_std(shaft: &Shaft) -> f64 {
+    let stated = shaft.damping_std_nm_s_per_rad;
+    relative_std(stated, shaft.damping_nm_s_per_rad, DAMPING_TOLERANCE)
+}
 
 /// Torque of the vibrations that a recording may begin with, part of nominal: as much as where a load is
 /// put on at once.
@@ -100,7 +123,8 @@ impl DrivenChain {
                 s,
                 twist * (motion.stiffness[s] * lighter).sqrt(),
             );
-            let out_of_step = TOLERANCE * (motion.stiffness[s] * lighter).sqrt();
+            let std = stiffness_std(&self.drivetrain.shafts[s]);
+            let out_of_step = std * (motion.stiffness[s] * lighter).sqrt();
             [twisted, turning].map(|start| {
                 let vibration = motion.from(start);
                 let times_elapsed = vibration.times_elapsed(out_of_step * self.dt_s);
@@ -156,9 +180,11 @@ impl DrivenChain {
         let mut changes = Vec::new();
         for s in 0..self.drivetrain.shafts.len() {
             let mut stiffer = self.clone();
-            stiffer.drivetrain.shafts[s].stiffness_nm_per_rad *= 1.0 + TOLERANCE;
+            let shaft = &mut stiffer.drivetrain.shafts[s];
+            shaft.stiffness_nm_per_rad *= 1.0 + stiffness_std(shaft);
             let mut damped = self.clone();
-            damped.drivetrain.shafts[s].damping_nm_s_per_rad *= 1.0 + DAMPING_TOLERANCE;
+            let shaft = &mut damped.drivetrain.shafts[s];
+            shaft.damping_nm_s_per_rad *= 1.0 + damping_std(shaft);
             changes.extend([stiffer, damped].map(|d| d.carried().difference(as_described)));
         }
         changes
@@ -169,7 +195,8 @@ impl DrivenChain {
         let bodies = 0..self.drivetrain.inertias.len();
         let inertia_sensitivities = |body: usize| {
             let mut inertia_sensitivities = self.clone();
-            inertia_sensitivities.drivetrain.inertias[body].moment_kg_m2 *= 1.0 + TOLERANCE;
+            let inertia = &mut inertia_sensitivities.drivetrain.inertias[body];
+            inertia.moment_kg_m2 *= 1.0 + moment_std(inertia);
             inertia_sensitivities.carried().difference(as_described)
         };
         bodies.map(inertia_sensitivities).collect()

@@ -4,7 +4,7 @@
 
 use faer::Mat;
 
-use crate::drivetrain::chain_response::{DrivenChain, ShaftResponse, TOLERANCE};
+use crate::drivetrain::chain_response::{DrivenChain, ShaftResponse, moment_std};
 use crate::smoothing::smooth;
 
 /// Samples by which torques and angles of one row may be apart: read at once, or as means.
@@ -159,6 +159,7 @@ impl Signals {
             .driven
             .inertia_sensitivities(&response.carried)
             .into_iter();
+        let inertias = &response.driven.drivetrain.inertias;
         let bodies = response.bodies.iter().enumerate();
         bodies
             .zip(changes)
@@ -166,7 +167,7 @@ impl Signals {
                 let mut change = self.high_passed(change);
                 // The slow part follows from the loads of one side, with the moment described.
                 for (torque, side) in change.torque.iter_mut().zip(&response.side) {
-                    let unmodelled = TOLERANCE * moment * side[body];
+                    let unmodelled = moment_std(&inertias[body]) * moment * side[body];
                     for (torque, a) in torque.iter_mut().zip(&self.acceleration) {
                         *torque += unmodelled * a;
                     }

@@ -23,7 +23,7 @@ use crate::residual_model::Columns;
 use crate::residual_model::{Covariate, Nuisance, ResidualModel, Shaft};
 use crate::selection::relevance::RELEVANT_PART;
 use crate::selection::stepwise::Selection;
-use loadtwin_machine::{Machine, Senses};
+use loadtwin_machine::{Drivetrain, Inertia, Machine, Senses};
 
 /// Length of the blocks of the cross-validation [s].
 const BLOCK_S: f64 = 1.5;
@@ -34,11 +34,32 @@ const ZERO_BETWEEN: f64 = 0.02;
 /// Index of the described quantity, inertia or twist, among the nuisances of a balance or an angle.
 const DESCRIBED: usize = 1;
 
-/// Prior standard deviation of all moments of inertia together, relative.
+/// Prior standard deviation of all moments of inertia together, relative, where not each has a stated one.
 const INERTIA: f64 = 0.02;
 
-/// Prior standard deviation of the twist between encoders, relative.
+/// Prior standard deviation of the twist between encoders, relative, where not each stiffness has a stated one.
 const TWIST: f64 = 0.1;
+
+/// Relative standard deviation of the sum of all moments of `drivetrain`, whose errors are independent.
+fn total_moment_std(drivetrain: &Drivetrain) -> f64 {
+    let stated = |i: &Inertia| Some(i.moment_std_kg_m2? * i.speed_ratio.powi(2));
+    let squares = drivetrain.inertias.iter().map(|i| Some(stated(i)?.powi(2)));
+    let total: f64 = drivetrain
+        .inertias
+        .iter()
+        .map(Inertia::referred_moment)
+        .sum();
+    let square = squares.sum::<Option<f64>>();
+    square.map_or(INERTIA, |square| square.sqrt() / total)
+}
+
+/// Relative standard deviation of a twist of the shafts of `drivetrain`: that of the least known stiffness.
+fn twist_std(drivetrain: &Drivetrain) -> f64 {
+    let shafts = drivetrain.shafts.iter();
+    let stds = shafts.map(|s| Some(s.stiffness_std_nm_per_rad? / s.stiffness_nm_per_rad));
+    let stds: Option<Vec<f64>> = stds.collect();
+    stds.map_or(TWIST, |stds| stds.into_iter().fold(0.0, f64::max))
+}
 
 /// Standard deviations from which an error of the description is reported.
 const OFF: f64 = 2.0;
@@ -219,13 +240,16 @@ impl ResidualModel for DrivetrainResiduals {
                 let time_skew = signals.time_skew().into_iter().map(|a| a * moment);
                 vec![
                     zero(1.0),
-                    Nuisance::shared(inertia.collect(), INERTIA),
+                    Nuisance::shared(inertia.collect(), self.described_std(Kind::Balance)),
                     Nuisance::shared(time_skew.collect(), 1.0),
                 ]
             }
             Kind::Angle => {
                 let twist = signals.level.iter().map(|l| l * signal.scale);
-                vec![zero(1.0), Nuisance::shared(twist.collect(), TWIST)]
+                vec![
+                    zero(1.0),
+                    Nuisance::shared(twist.collect(), self.described_std(Kind::Angle)),
+                ]
             }
         };
         if signal.over_angle() && signals.count > 0.0 {
@@ -311,16 +335,26 @@ impl ResidualModel for DrivetrainResiduals {
 }
 
 impl DrivetrainResiduals {
+    /// Relative standard deviation of what a signal of `kind` shows at once of the description.
+    fn described_std(&self, kind: Kind) -> f64 {
+        let chain = self.signals.response.as_ref().map(|r| &r.driven.drivetrain);
+        match kind {
+            Kind::Angle => chain.map_or(TWIST, twist_std),
+            _ => chain.map_or(INERTIA, total_moment_std),
+        }
+    }
+
     /// Where the description is off by more than it should be, by the nuisances of each signal.
     fn description_off(&self, nuisance: &[Vec<f64>]) -> Vec<String> {
         (self.residuals.iter().zip(nuisance))
             .filter_map(|(signal, own)| {
                 let name = &signal.name;
-                let (what, known_to) = match signal.kind {
-                    Kind::Balance => ("moments of inertia that differ", INERTIA),
-                    Kind::Angle => ("a twist that differs", TWIST),
+                let what = match signal.kind {
+                    Kind::Balance => "moments of inertia that differ",
+                    Kind::Angle => "a twist that differs",
                     Kind::Strain | Kind::Innovation => return None,
                 };
+                let known_to = self.described_std(signal.kind);
                 let part = own.get(DESCRIBED).filter(|part| part.abs() > OFF * known_to)?;
                 let percent = 100.0 * part * signal.sign_of_twist();
                 Some(format!(

@@ -117,6 +117,15 @@ fn write_shafts(description: &mut Description, was: &[Shaft], is: &[Shaft]) {
             for (key, value) in &numbers[..2] {
                 description.set_number(LIST, &shaft.name, key, *value);
             }
+            let stated = [
+                ("stiffness_std_nm_per_rad", shaft.stiffness_std_nm_per_rad),
+                ("damping_std_nm_s_per_rad", shaft.damping_std_nm_s_per_rad),
+            ];
+            for (key, std) in stated {
+                if let Some(std) = std {
+                    description.set_number(LIST, &shaft.name, key, std);
+                }
+            }
         }
     }
 }

@@ -17,14 +17,22 @@ pub(super) fn with_gear(chain: &Drivetrain, s: usize, part: f64) -> Drivetrain {
     let gear = Inertia {
         name: format!("{}_gear", chain.shafts[s].name),
         moment_kg_m2: moment,
+        moment_std_kg_m2: None,
         speed_ratio: 1.0,
         drag_nm_s_per_rad: 0.0,
+        drag_std_nm_s_per_rad: None,
         friction: None,
     };
     with.inertias.insert(s + 1, gear);
     let behind = &mut with.shafts[s];
     behind.stiffness_nm_per_rad *= 2.0;
     behind.damping_nm_s_per_rad *= 2.0;
+    for std in [
+        &mut behind.stiffness_std_nm_per_rad,
+        &mut behind.damping_std_nm_s_per_rad,
+    ] {
+        *std = std.map(|std| 2.0 * std);
+    }
     let before = Shaft {
         name: format!("{}_before_gear", behind.name),
         ..behind.clone()

@@ -12,6 +12,7 @@ use loadtwin_design::gearbox::Torsion;
 use loadtwin_machine::{CREEP, Drivetrain, Inertia, Machine};
 
 /// The torques in the chain.
+#[derive(Default)]
 pub(crate) struct ShaftTorques {
     /// Torque of each shaft, referred [N m].
     pub shafts: Vec<Option<Vec<f64>>>,

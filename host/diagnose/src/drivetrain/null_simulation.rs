@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::diagnosis::DiagnoseError;
-use crate::drivetrain::chain_response::{DAMPING_TOLERANCE, TOLERANCE};
+use crate::drivetrain::chain_response::{damping_std, moment_std, stiffness_std};
 use crate::drivetrain::residual_reader::{read_residuals_given, remove_carrier_offset};
 use crate::drivetrain::residual_signals::DrivetrainResiduals;
 use crate::null_samples::{NullSamples, resample_blocks};
@@ -169,7 +169,8 @@ fn perturbed_machine(machine: &Machine, seed: u64) -> Machine {
     let mut machine = machine.clone();
     if let Some(drivetrain) = &mut machine.drivetrain {
         for inertia in &mut drivetrain.inertias {
-            about(&mut inertia.moment_kg_m2, TOLERANCE);
+            let std = moment_std(inertia);
+            about(&mut inertia.moment_kg_m2, std);
             if let Some(friction) = &mut inertia.friction {
                 about(&mut friction.coulomb_nm, FRICTION_TOLERANCE);
                 about(&mut friction.stribeck_nm, FRICTION_TOLERANCE);
@@ -177,8 +178,9 @@ fn perturbed_machine(machine: &Machine, seed: u64) -> Machine {
             }
         }
         for shaft in &mut drivetrain.shafts {
-            about(&mut shaft.stiffness_nm_per_rad, TOLERANCE);
-            about(&mut shaft.damping_nm_s_per_rad, DAMPING_TOLERANCE);
+            let stds = [stiffness_std(shaft), damping_std(shaft)];
+            about(&mut shaft.stiffness_nm_per_rad, stds[0]);
+            about(&mut shaft.damping_nm_s_per_rad, stds[1]);
         }
     }
     machine

@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use crate::drivetrain::chain_response::Encoders;
 use crate::drivetrain::decimated_signals::Signals;
 use crate::drivetrain::decimation::{Decimator, forward_filled, interpolate_map};
-use crate::drivetrain::inverse_dynamics::{InertiaMotion, ShaftTorques};
+use crate::drivetrain::inverse_dynamics::{AppliedTorques, InertiaMotion, ShaftTorques, torques};
 use crate::drivetrain::motion_sensor::moved_inertias;
 use crate::drivetrain::recorded_samples::{
     DrivetrainRecording, Outliers, derivatives, mask_outliers, mask_stuck,
@@ -20,7 +20,7 @@ use loadtwin_machine::{
 };
 
 /// Width of each of the three moving means that smooth accelerations [s].
-pub(crate) const SMOOTHING_S: f64 = 0.2;
+const SMOOTHING_S: f64 = 0.2;
 
 /// Moving means of this time smooth temperatures [s]: short against the temperature rise of a housing.
 const WARMING_S: f64 = 2.0;
@@ -31,6 +31,11 @@ const FAST_S: f64 = 0.03;
 
 /// Entries of a map between which lines are drawn.
 const ENTRIES: usize = 4096;
+
+/// Samples of a period of `dt_s` in each of the moving means that smooth accelerations; odd.
+pub(crate) fn smoothing_width(dt_s: f64) -> usize {
+    (SMOOTHING_S / dt_s) as usize | 1
+}
 
 /// A recording with the torques that it is given.
 pub(crate) struct RecordingContext<'a> {
@@ -49,6 +54,22 @@ pub(crate) struct RecordingContext<'a> {
 }
 
 impl RecordingContext<'_> {
+    /// Samples in each of the moving means that smooth accelerations; odd.
+    pub fn width(&self) -> usize {
+        smoothing_width(self.recorded.dt_s)
+    }
+
+    /// The torques in `drivetrain`, a chain of the same inertias, under the loads that are known.
+    pub fn torques_of(&self, drivetrain: &Drivetrain) -> ShaftTorques {
+        let applied = AppliedTorques {
+            loads: &self.known,
+            drives: &self.drives,
+        };
+        let torsion = Torsion::new(drivetrain);
+        let (width, dt_s) = (self.width(), self.recorded.dt_s);
+        torques(drivetrain, &torsion, &self.motion, &applied, width, dt_s)
+    }
+
     fn nominal_torque(&self) -> f64 {
         self.drivetrain.nominal_torque()
     }
@@ -103,7 +124,7 @@ impl RecordingContext<'_> {
         let nominal_torque = self.nominal_torque();
         let dt_s = recorded.dt_s * thin.every as f64;
         let fast = ((FAST_S / recorded.dt_s) as usize | 1).max(3);
-        let smoothing = ((SMOOTHING_S / dt_s) as usize | 1).max(1);
+        let smoothing = smoothing_width(dt_s);
         let response = self.torques.response.clone().map(|mut response| {
             response.transition = self.torsion.discretised(dt_s);
             let driven = &mut response.driven;

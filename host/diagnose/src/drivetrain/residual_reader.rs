@@ -10,13 +10,13 @@ use crate::drivetrain::common_mode::remove_common_mode;
 use crate::drivetrain::decimated_signals::Signals;
 use crate::drivetrain::decimation::{Decimator, forward_filled};
 use crate::drivetrain::gauge_median;
-use crate::drivetrain::inverse_dynamics::{AppliedTorques, InertiaMotion, torques};
+use crate::drivetrain::inverse_dynamics::{InertiaMotion, ShaftTorques};
 use crate::drivetrain::known_torques::{
     drives, loads, operating_profile, operating_profile_from_shaft,
 };
 use crate::drivetrain::plausibility::{SHORTEST_OF_SEVERAL_S, SHORTEST_S, implausibility};
 use crate::drivetrain::recorded_samples::{DrivetrainRecording, Outliers, derivatives};
-use crate::drivetrain::residual_computation::{RecordingContext, SMOOTHING_S};
+use crate::drivetrain::residual_computation::{RecordingContext, smoothing_width};
 use crate::drivetrain::residual_signals::{
     DrivetrainResiduals, Kind, ResidualSignal, TorqueSource, product,
 };
@@ -53,74 +53,69 @@ pub(crate) fn read_residuals_given(
     path: &Path,
     mut torque_source: TorqueSource,
 ) -> Result<DrivetrainResiduals, DiagnoseError> {
+    let mut context = read_given(machine, path, torque_source)?;
+    if torque_source == TorqueSource::References && context.known.iter().all(Option::is_none) {
+        torque_source = TorqueSource::Gauges;
+    }
+    if torque_source != TorqueSource::References {
+        context.torques = gauge_median::torques(machine, context.drivetrain, &context.recorded)?;
+    }
+    let mut innovations = Vec::new();
+    if torque_source != TorqueSource::References
+        && context.torques.shafts.iter().all(Option::is_none)
+    {
+        torque_source = TorqueSource::Filter;
+        let filtered = Filtered::run(machine, &Sensors::choose(machine, None)?, path)?;
+        let load = |of: &Vec<f64>| Some(smooth(&forward_filled(of), context.width()));
+        context.known = filtered.loads.iter().map(load).collect();
+        context.torques = context.torques_of(context.drivetrain);
+        innovations = filtered.innovations;
+    }
+    let recording = recording(&context, torque_source, &innovations)?;
+    match implausibility(&recording) {
+        Some(reason) => Err(DiagnoseError::TooLittle {
+            recording: path.to_owned(),
+            reason,
+        }),
+        None => Ok(recording),
+    }
+}
+
+/// Reads `path` with the torques that follow from its references, where these are `torque_source`.
+///
+/// # Errors
+/// When the recording cannot be read or is too short.
+pub(crate) fn read_given<'a>(
+    machine: &'a Machine,
+    path: &Path,
+    torque_source: TorqueSource,
+) -> Result<RecordingContext<'a>, DiagnoseError> {
     let drivetrain = machine
         .drivetrain
         .as_ref()
         .ok_or(DiagnoseError::NoDrivetrain)?;
     let recorded = DrivetrainRecording::read(machine, path)?;
-    let refused = |reason: String| DiagnoseError::TooLittle {
-        recording: path.to_owned(),
-        reason,
-    };
     let duration = recorded.len() as f64 * recorded.dt_s;
     if duration < SHORTEST_OF_SEVERAL_S {
-        return Err(refused(format!(
-            "{duration:.1} s are too short to tell an effect from chance; at least {SHORTEST_OF_SEVERAL_S} s are \
-             needed, and {SHORTEST_S} s in all recordings that are fitted"
-        )));
+        return Err(DiagnoseError::TooLittle {
+            recording: path.to_owned(),
+            reason: format!(
+                "{duration:.1} s are too short to tell an effect from chance; at least {SHORTEST_OF_SEVERAL_S} s are \
+                 needed, and {SHORTEST_S} s in all recordings that are fitted"
+            ),
+        });
     }
-    let torsion = Torsion::new(drivetrain);
-    let width = (SMOOTHING_S / recorded.dt_s) as usize | 1;
+    let width = smoothing_width(recorded.dt_s);
     let (speeds, accelerations): (Vec<_>, Vec<_>) = recorded
         .encoders
         .iter()
         .map(|angle| derivatives(angle, width, recorded.dt_s))
         .unzip();
-    let motion = InertiaMotion::new(machine, drivetrain, &speeds, &accelerations);
-    let mut known = match torque_source {
-        TorqueSource::References => loads(machine, drivetrain, &recorded),
-        TorqueSource::Gauges | TorqueSource::Filter => vec![None; drivetrain.loads.len()],
-    };
-    if torque_source == TorqueSource::References && known.iter().all(Option::is_none) {
-        torque_source = TorqueSource::Gauges;
-    }
-    let drives = drives(machine, drivetrain, &recorded);
-    let by_loads = |known: &[Option<Vec<f64>>]| {
-        let applied = AppliedTorques {
-            loads: known,
-            drives: &drives,
-        };
-        torques(
-            drivetrain,
-            &torsion,
-            &motion,
-            &applied,
-            width,
-            recorded.dt_s,
-        )
-    };
-    let mut encoder_inertia = match torque_source {
-        TorqueSource::References => by_loads(&known),
-        TorqueSource::Gauges | TorqueSource::Filter => {
-            gauge_median::torques(machine, drivetrain, &recorded)?
-        }
-    };
-    let mut innovations = Vec::new();
-    if torque_source != TorqueSource::References
-        && encoder_inertia.shafts.iter().all(Option::is_none)
-    {
-        torque_source = TorqueSource::Filter;
-        let filtered = Filtered::run(machine, &Sensors::choose(machine, None)?, path)?;
-        let load = |of: &Vec<f64>| Some(smooth(&forward_filled(of), width));
-        known = filtered.loads.iter().map(load).collect();
-        encoder_inertia = by_loads(&known);
-        innovations = filtered.innovations;
-    }
     let every = ((1.0 / (recorded.dt_s * RATE_HZ)).round() as usize).max(1);
     // Nor is known what a gauge reads that is late by as much as is looked for, and the samples
     // beside that.
     let late = (LATEST_S / recorded.dt_s) as usize + 2 * every;
-    let context = RecordingContext {
+    let mut context = RecordingContext {
         machine,
         drivetrain,
         thin: Decimator {
@@ -128,22 +123,22 @@ pub(crate) fn read_residuals_given(
             edge: 2 * width + late,
             n: recorded.len(),
         },
-        torsion,
+        torsion: Torsion::new(drivetrain),
+        motion: InertiaMotion::new(machine, drivetrain, &speeds, &accelerations),
+        known: match torque_source {
+            TorqueSource::References => loads(machine, drivetrain, &recorded),
+            TorqueSource::Gauges | TorqueSource::Filter => vec![None; drivetrain.loads.len()],
+        },
+        drives: drives(machine, drivetrain, &recorded),
         recorded,
-        motion,
-        known,
-        drives,
-        torques: encoder_inertia,
+        torques: ShaftTorques::default(),
     };
-    let recording = recording(&context, torque_source, &innovations)?;
-    match implausibility(&recording) {
-        Some(reason) => Err(refused(reason)),
-        None => Ok(recording),
-    }
+    context.torques = context.torques_of(drivetrain);
+    Ok(context)
 }
 
 /// All residuals of `context`, given the torque from `torque_source`.
-fn recording(
+pub(crate) fn recording(
     context: &RecordingContext<'_>,
     torque_source: TorqueSource,
     innovations: &[(String, Vec<f64>)],
