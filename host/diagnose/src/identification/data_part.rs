@@ -64,7 +64,9 @@ impl Stretch {
             annihilate(&mut column, &nuisances);
             let size = dot(&column, &column);
             if size > INDEPENDENT * before {
-                column.iter_mut().for_each(|c| *c /= size.sqrt());
+                for c in &mut column {
+                    *c /= size.sqrt();
+                }
                 nuisances.push(column);
             }
         }

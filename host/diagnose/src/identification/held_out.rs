@@ -187,7 +187,7 @@ mod tests {
         for block in blocks.iter_mut().step_by(2) {
             *block = -*block;
         }
-        let [low, high] = Gain::of(blocks).unwrap().interval;
+        let [low, high] = Gain::of(&blocks).unwrap().interval;
         assert!(low < 0.0 && high > 0.0, "{low} {high}");
     }
 }

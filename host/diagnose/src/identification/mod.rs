@@ -274,7 +274,9 @@ fn accepted(
     let better: Vec<Vec<usize>> = (groups.into_iter())
         .filter(|group| {
             let mut without = all.clone();
-            group.iter().for_each(|i| without[*i] = false);
+            for i in group {
+                without[*i] = false;
+            }
             held_out.is_better(&at(&without), &at(&all))
         })
         .collect();

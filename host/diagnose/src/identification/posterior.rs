@@ -62,7 +62,7 @@ impl Posterior {
     /// `(1 - p / q) d_g d_g' / m` is added, with `p` parameters: the covariance between groups by the method of
     /// moments. Gauges that contradict each other in how two inertias share a sum leave the sum as it is.
     ///
-    /// Sources: Marquardt 1963 (damping); DerSimonian and Laird 1986, "Meta-analysis in clinical trials" (variance
+    /// Sources: Marquardt 1963 (damping); R. `DerSimonian` and N. Laird 1986, "Meta-analysis in clinical trials" (variance
     /// between groups).
     pub fn fit(data: &DataPart<'_>, progress: impl Fn(f64)) -> Self {
         let mut search = Search::new(data, vec![0.0; data.parameters.len()]);
