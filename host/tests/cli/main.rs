@@ -86,16 +86,17 @@ impl Bench {
     }
 }
 
-/// `rows` samples of a standing machine under half its nominal torque.
+/// `rows` samples of a machine under half its nominal torque, which moves by one count before its index pulse and stands.
 fn recording(rows: usize) -> String {
     let mut text =
         "t [s],constant [µm/m],varying [µm/m],encoder [counts],index [counts],torque_main [kNm]\n"
             .to_owned();
     for i in 0..rows {
         let noise = [0.1, -0.2, 0.15, -0.05, 0.0][i % 5];
-        let index = if i == 5 { "0" } else { "" };
+        let index = if i == 5 { "1" } else { "" };
+        let count = u8::from(i >= 3);
         text += &format!(
-            "{:.3},{:.3},{:.3},0,{index},150\n",
+            "{:.3},{:.3},{:.3},{count},{index},150\n",
             i as f64 / 500.0,
             50.0 + noise,
             63.507 - noise

@@ -90,7 +90,7 @@ fn a_board_of_every_kind_counts_to_the_bit_of_the_host() {
     // As long as it takes until loads are valid, and a second more.
     for (file, scenario, seconds) in [
         ("examples/gearbox/calibrated.toml", "turbulent", 3.0),
-        ("examples/rotor/machine.toml", "constant", 0.3),
+        ("examples/rotor/machine.toml", "constant", 0.6),
         ("examples/bearing/calibrated.toml", "lc1", 2.5),
         ("tests/machines/cogging-drive.toml", "", 1.0),
     ] {

@@ -12,7 +12,7 @@ use loadtwin_tests::descriptions::{Variant, variants};
 use crate::line;
 
 /// Of each variant; `LOADTWIN_SECONDS` sets another.
-const SECONDS: f64 = 1.5;
+const SECONDS: f64 = 2.5;
 
 /// Runs a variant on both sides and compares.
 fn compare(variant: &Variant, seconds: f64) {

@@ -136,9 +136,9 @@ fn steps_stay_within_their_bounds() {
             })
             .unwrap_or_else(|| panic!("no {name} in {text}"))
     };
-    // Of 4000 samples, those after the first index pulse.
+    // Of 4000 samples, those after the second index pulse, at 1024: at the first one no count has moved yet.
     assert!(
-        number("gearbox_steady_line_by_steady_gains") > 3500,
+        number("gearbox_steady_line_by_steady_gains") > 2900,
         "{text}"
     );
     for kind in ["", "biased_"] {

@@ -99,7 +99,7 @@ pub struct Identification {
     pub sensors: Vec<SensorError>,
     /// By how much the residuals of held-out data are smaller with what is accepted, or tried where nothing is.
     pub gain: Option<Gain>,
-    /// Time of the held-out data [s].
+    /// Time of the held-out data (s).
     pub held_out_s: f64,
 }
 
