@@ -24,7 +24,7 @@ use crate::upload::{Asked, Event, Upload};
 /// The slots, the upload that fills the one that does not run, and the counts of the one that runs.
 ///
 /// `N`: page of the flash plus [`BLOCK_OVERHEAD`](crate::upload::BLOCK_OVERHEAD); `R`: longest
-/// image [bytes]; `L`: most loads that are counted. Belongs below the estimator: it erases and
+/// image (bytes); `L`: most loads that are counted. Belongs below the estimator: it erases and
 /// checks signatures.
 #[derive(Debug)]
 pub struct Models<F, const N: usize, const R: usize, const L: usize> {
