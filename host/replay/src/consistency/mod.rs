@@ -136,15 +136,15 @@ impl Consistency {
 
     fn cause_in(&self, machine: &Machine, sensors: &Sensors, path: &Path) -> Option<Cause> {
         let by_counter = self.counters.iter().find_map(Counter::cause);
-        let by_index = || self.index.as_ref()?.cause();
-        if let Some(cause) = by_counter.or_else(by_index) {
-            return Some(cause);
-        }
         // Without the encoder's angle no other cause can be tested.
-        let mut encoders = self.sensors.iter().skip(sensors.channels.len());
-        let by_encoder = encoders.find_map(SensorConsistency::mostly_faulty);
-        if by_encoder.is_some() {
-            return by_encoder;
+        let by_encoder = || {
+            let mut encoders = self.sensors.iter().skip(sensors.channels.len());
+            encoders.find_map(SensorConsistency::mostly_faulty)
+        };
+        let by_index = || self.index.as_ref()?.cause();
+        let of_angle = by_counter.or_else(by_encoder).or_else(by_index);
+        if of_angle.is_some() {
+            return of_angle;
         }
         let contradicted = !self.contradicting().is_empty();
         let by_reference = self.by_reference(machine);
