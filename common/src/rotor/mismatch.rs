@@ -116,8 +116,8 @@ pub struct Mismatch {
     times: u32,
     lowered: bool,
     unexplained: bool,
-    /// Where the speed was when no level but the highest explained the readings, before any was
-    /// established, and the windows that a level explained at another speed since.
+    /// Where the speed was when no level explained the readings, before any was established, and
+    /// the windows that a level explained at another speed since.
     rejected: Option<f32>,
     confirmed: u32,
     /// Where the speed was last, in steps of the tables, and the windows since it moved by one.
@@ -156,7 +156,7 @@ impl Mismatch {
         self.windows > STARTING
     }
 
-    /// Whether no level but the highest explained the readings before any was established: forces take up what
+    /// Whether no level explained the readings before any was established: forces take up what
     /// sensors or model err by at this speed, and a level that fits afterwards confirms nothing
     /// until the speed is another one.
     pub fn is_rejected(&self) -> bool {
@@ -273,10 +273,6 @@ impl Mismatch {
             self.level = (self.level + by).min(highest);
             if self.reference.is_none() {
                 self.times = self.times.saturating_add(1);
-            }
-            // So large an error at a start is one of sensors as likely as of the model.
-            if self.level == highest && self.windows <= self.constant + 1 {
-                self.rejected = self.rejected.or(Some(self.place));
             }
             self.turn(false);
             return Some(Change::Raised);
