@@ -193,13 +193,12 @@ fn name(identified: &Identified) -> String {
 }
 
 fn outcome(identified: &Identified) -> &'static str {
-    let parameter = &identified.parameter;
-    let differs = (identified.fitted - parameter.described).abs() > 2.0 * identified.std;
+    let is_damping = identified.parameter.quantity == Quantity::Damping;
     match (identified.shown, identified.accepted) {
-        (Shown::Alone, false) if differs && parameter.quantity == Quantity::Damping => {
+        (Shown::Alone, false) if identified.differs() && is_damping => {
             "differs: no damping is written"
         }
-        (Shown::Alone, false) if differs => "differs, not confirmed by held-out data",
+        (Shown::Alone, false) if identified.differs() => "differs, not confirmed by held-out data",
         (Shown::No, _) => "not shown: as described",
         (Shown::Alone, true) => "accepted",
         (Shown::Together, true) => "accepted, shown together with others",

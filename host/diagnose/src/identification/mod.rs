@@ -75,6 +75,11 @@ impl Identified {
     pub fn ratio(&self) -> f64 {
         self.std / self.parameter.prior_std
     }
+
+    /// Whether the fitted value differs from the described one by more than its interval.
+    pub fn differs(&self) -> bool {
+        (self.fitted - self.parameter.described).abs() > DIFFERS * self.std
+    }
 }
 
 /// Parameters that recordings show together and not one by one.
