@@ -47,8 +47,9 @@ impl Boards {
                 Some(stop) => stop,
                 empty => empty.insert(stop_on_signal()?),
             };
-            let pages = kept_counts(source, stop).with_context(|| name.to_string())?;
+            // Before the bus is read, which takes its time.
             let machine = Machine::load(machine)?;
+            let pages = kept_counts(source, stop).with_context(|| name.to_string())?;
             let board = Board::of(&machine, pages, names).with_context(|| name.to_string())?;
             boards.push(Some(board));
         }
