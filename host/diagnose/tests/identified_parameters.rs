@@ -119,6 +119,7 @@ fn true_values_lie_within_two_deviations() {
         let gain = found.gain.unwrap();
         assert!(gain.interval[0] > 0.0, "{gain:?}");
     }
+    println!("{inside} of {shown} inside, {closer} of {accepted} accepted ones closer");
     assert!(shown >= 15, "{shown} of 30 shown");
     assert!(10 * inside >= 9 * shown, "{inside} of {shown} inside");
     assert!(accepted >= 8, "{accepted} accepted");
