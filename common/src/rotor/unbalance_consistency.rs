@@ -222,13 +222,14 @@ mod tests {
         for k in 0..count {
             let place = SPACING * k as f32;
             let usual_error = 0.1 + 1.9 * k as f32 / (count - 1) as f32;
-            assert!(consistency.is_due(place) && !consistency.is_due(place - 0.1));
+            assert!(consistency.is_due(place));
             let unbalance = Unbalance {
                 value: [3.0, -4.0 + tau * usual_error],
                 usual_error,
                 variance: 1e-4,
             };
             consistency.push(place, [Some(unbalance), None]);
+            assert!(!consistency.is_due(place + 0.9 * SPACING));
         }
         consistency
     }
