@@ -48,6 +48,7 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
         let contradicted = state.mismatch.is_contradicted()
             || self.has_turning_loads_only() && state.mismatch.is_rejected();
         let all = self.state(state);
+        let at_one_speed = state.consistency.tolerance() == 0.0;
         let doubted = self.has_turning_loads_only() && state.mismatch.is_doubted();
         let doubt = doubted.then(|| self.sum_of_squares(all));
         for (j, signal) in self.model.loads.iter().enumerate() {
@@ -58,6 +59,12 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
             let deviation = self.deviation(state, j);
             let deviation = if state.mismatch.on_trial() {
                 deviation.max(state.trial_std[j % MAX_LOADS])
+            } else {
+                deviation
+            };
+            let one_speed = state.scheduled.one_speed_std[j % MAX_LOADS];
+            let deviation = if at_one_speed && deviation < one_speed {
+                one_speed
             } else {
                 deviation
             };

@@ -143,8 +143,8 @@ impl RotorFilterDesign {
     }
 
     /// For each speed of the schedule: the steady gain and those of the samples before, the
-    /// variances of the innovations, and of each load the standard deviation and the error where
-    /// the rotor is off by the usual tolerances.
+    /// variances of the innovations, and of each load the standard deviation, the same where the
+    /// speed has not changed, and the error where the rotor is off by the usual tolerances.
     fn steady(
         &self,
         rotor: &Rotor,
@@ -169,8 +169,9 @@ impl RotorFilterDesign {
             let error = |d: usize| steady.errors.usual[(d, d)].max(0.0);
             let own = |d: usize| steady.covariance[(d, d)].max(0.0);
             let unseen = |d: usize| steady.errors.unseen[(d, d)].max(0.0);
-            let model = |d: usize| (tolerance * tolerance * error(d)).max(unseen(d));
-            tables.extend(loads().map(|d| (own(d) + model(d)).sqrt()));
+            let allowed = |d: usize| tolerance * tolerance * error(d);
+            tables.extend(loads().map(|d| (own(d) + allowed(d)).sqrt()));
+            tables.extend(loads().map(|d| (own(d) + allowed(d).max(unseen(d))).sqrt()));
             tables.extend(loads().map(|d| error(d).sqrt()));
         }
         Ok(tables)

@@ -77,7 +77,8 @@ impl RotorFilterDesign {
     /// its part of `H z`, and no motion.
     ///
     /// Innovations of `passed` (variance of each sensor) are taken for white. The tolerances `t`, independent and of
-    /// variance 1, with innovations `J t` have the posterior covariance `(I + J' R^-1 J)^-1`, `R` of `passed`.
+    /// variance `tau^2` ([`Rotor::tolerance`]), with innovations `J t` have the posterior covariance
+    /// `(I / tau^2 + J' R^-1 J)^-1`, `R` of `passed`. Loads that do not turn show no such error.
     ///
     /// Source: Kaipio, Somersalo, Statistical and Computational Inverse Problems (2005), section 3.4: posterior of a
     /// linear Gaussian model.
@@ -92,9 +93,12 @@ impl RotorFilterDesign {
         let pairs: Vec<Responses> = (0..self.turning.len())
             .map(|pair| self.responses(description, rotor, filter, pair))
             .collect();
+        let turning: Vec<&Responses> = (pairs.iter().zip(&self.turning))
+            .filter_map(|(of, turns)| turns.then_some(of))
+            .collect();
         let count = pairs.first().map_or(0, Vec::len);
         let precision = Mat::from_fn(count, count, |a, b| {
-            let shown: f64 = (pairs.iter())
+            let shown: f64 = (turning.iter())
                 .map(|of| {
                     let (x, y) = (&of[a].innovation, &of[b].innovation);
                     let terms = passed.iter().enumerate();
@@ -103,27 +107,33 @@ impl RotorFilterDesign {
                         .sum::<f64>()
                 })
                 .sum();
-            shown + if a == b { 1.0 } else { 0.0 }
+            shown
+                + if a == b {
+                    description.tolerance.powi(-2)
+                } else {
+                    0.0
+                }
         });
         let posterior = precision
             .partial_piv_lu()
             .solve(Mat::<f64>::identity(count, count));
-        let covariance = |of: &dyn Fn(usize, usize) -> f64| {
+        let covariance = |pairs: &[&Responses], between: &Mat<f64>| {
             Mat::from_fn(nx, nx, |i, j| {
                 let mut sum = 0.0;
-                for of_pair in &pairs {
-                    for (a, x) in of_pair.iter().enumerate() {
-                        for (b, y) in of_pair.iter().enumerate() {
-                            sum += of(a, b) * mean_product(x.error[(i, 0)], y.error[(j, 0)]);
+                for of in pairs {
+                    for (a, x) in of.iter().enumerate() {
+                        for (b, y) in of.iter().enumerate() {
+                            sum += between[(a, b)] * mean_product(x.error[(i, 0)], y.error[(j, 0)]);
                         }
                     }
                 }
                 sum
             })
         };
+        let all: Vec<&Responses> = pairs.iter().collect();
         ModelErrors {
-            usual: covariance(&|a, b| if a == b { 1.0 } else { 0.0 }),
-            unseen: covariance(&|a, b| posterior[(a, b)]),
+            usual: covariance(&all, &Mat::identity(count, count)),
+            unseen: covariance(&turning, &posterior),
         }
     }
 
