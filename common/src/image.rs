@@ -17,7 +17,7 @@ use crate::load_signal::LoadSignal;
 use crate::rotor::RotorModel;
 
 /// Version of the layout of [`Image`]; another one is refused.
-pub const VERSION: u16 = 15;
+pub const VERSION: u16 = 16;
 
 /// A model image.
 #[derive(Clone, Debug, PartialEq, Serialize)]

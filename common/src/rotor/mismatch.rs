@@ -14,6 +14,10 @@
 //! a load that jumped. The loads are contradicted until a level that was allowed for before
 //! explains the readings again.
 //!
+//! A start that agrees with the highest level only is in doubt: sensors may be wrong as well as the
+//! model. It lasts until another speed agrees with a lower level, or a new start with the level of
+//! the description.
+//!
 //! Source: Mehra, On the identification of variances and adaptive Kalman filtering, IEEE Trans.
 //! Autom. Control 15 (1970), section II; Page, Continuous inspection schemes, Biometrika 41 (1954).
 
@@ -26,7 +30,7 @@ use crate::io::raw::MAX_CHANNELS;
 const WINDOW: u16 = 64;
 
 /// Mean lag-1 correlation that passes, the slack of the CUSUM.
-const PASSED: f32 = 0.1;
+pub const PASSED: f32 = 0.1;
 
 /// Excess over [`PASSED`], summed over windows and times the number of sensors n, at which the
 /// level rises, the threshold of the CUSUM. By chance once in 10^8 windows of four sensors:
@@ -95,6 +99,35 @@ pub enum Change {
     Lowered,
 }
 
+/// A start that agrees with no level but the highest, or with none.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+struct Doubt {
+    /// Where the speed was, in steps of the tables.
+    place: f32,
+    /// Whether the highest level explained the readings.
+    explained: bool,
+    /// Windows at another speed that a lower level explained since.
+    confirmed: u32,
+    /// How often the filter started anew.
+    starts: u32,
+}
+
+impl Doubt {
+    fn at(place: f32) -> Self {
+        Self {
+            place,
+            explained: true,
+            confirmed: 0,
+            starts: 0,
+        }
+    }
+
+    /// Whether the speed is another one, at a step of the tables.
+    fn has_moved(&self, place: f32) -> bool {
+        (place - self.place).abs() > 1.0
+    }
+}
+
 /// The level of noise in use, and the evidence for another one.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Mismatch {
@@ -116,10 +149,9 @@ pub struct Mismatch {
     times: u32,
     lowered: bool,
     unexplained: bool,
-    /// Where the speed was when no level explained the readings, before any was established, and
-    /// the windows that a level explained at another speed since.
-    rejected: Option<f32>,
-    confirmed: u32,
+    doubt: Option<Doubt>,
+    /// Whether a level was established since the start.
+    settled: bool,
     /// Where the speed was last, in steps of the tables, and the windows since it moved by one.
     place: f32,
     constant: u32,
@@ -160,7 +192,24 @@ impl Mismatch {
     /// sensors or model err by at this speed, and a level that fits afterwards confirms nothing
     /// until the speed is another one.
     pub fn is_rejected(&self) -> bool {
-        self.rejected.is_some()
+        self.doubt.is_some_and(|doubt| !doubt.explained)
+    }
+
+    /// Whether no level but the highest explained the readings of the start: so large an error is
+    /// one of sensors as likely as of the model.
+    pub fn is_doubted(&self) -> bool {
+        self.doubt.is_some_and(|doubt| doubt.explained)
+    }
+
+    /// Whether a start in doubt is to be tested anew at the same speed, as sensors that were wrong may
+    /// be right again: at a reading that contradicts, and where none does ever more rarely.
+    pub fn is_retest_due(&self, contradicted: bool) -> bool {
+        self.doubt.is_some_and(|doubt| {
+            let at_once = contradicted || !doubt.explained;
+            let doublings = if at_once { 0 } else { doubt.starts };
+            let due = (2 * PROBATION) << doublings.min(DOUBLINGS);
+            self.windows >= due && !doubt.has_moved(self.place)
+        })
     }
 
     /// Whether the level has been consistent for long at this speed.
@@ -176,6 +225,20 @@ impl Mismatch {
             self.reference = Some(self.allowed());
         }
         self.quiet = 0;
+    }
+
+    /// A new start, in which a doubt lasts until the level of the description explains
+    /// [`PROBATION`] windows.
+    pub fn restarted(&self) -> Self {
+        let doubt = self.doubt.map(|doubt| Doubt {
+            explained: true,
+            starts: doubt.starts.saturating_add(1),
+            ..doubt
+        });
+        Self {
+            doubt,
+            ..Self::default()
+        }
     }
 
     /// The speed is at this step of the tables.
@@ -247,6 +310,7 @@ impl Mismatch {
         self.windows = self.windows.saturating_add(1);
         self.since = self.since.saturating_add(1);
         self.quiet = self.quiet.saturating_add(1);
+        self.settled |= self.is_established();
         if self.since.min(self.quiet) >= PROBATION {
             self.reference = self.reference.filter(|reference| self.level > *reference);
         }
@@ -274,6 +338,9 @@ impl Mismatch {
             if self.reference.is_none() {
                 self.times = self.times.saturating_add(1);
             }
+            if self.level == highest && !self.settled && self.windows <= self.constant + 1 {
+                self.doubt.get_or_insert(Doubt::at(self.place));
+            }
             self.turn(false);
             return Some(Change::Raised);
         }
@@ -292,20 +359,21 @@ impl Mismatch {
         None
     }
 
-    /// Rejects the loads of a start that no level explains, until [`PROBATION`] windows at another
-    /// speed agree.
+    /// Rejects the loads of a start that no level explains. [`PROBATION`] windows at another speed
+    /// that agree end a doubt, and as many of a start that needed no other level than the described
+    /// one.
     fn confirm_start(&mut self, correlated: bool, highest: u8) {
         if self.unexplained && self.reference.is_none() {
-            (self.rejected, self.confirmed) = (Some(self.place), 0);
+            let doubt = self.doubt.get_or_insert(Doubt::at(self.place));
+            (doubt.place, doubt.explained, doubt.confirmed) = (self.place, false, 0);
         }
-        let moved = self
-            .rejected
-            .is_some_and(|place| (self.place - place).abs() > 1.0);
-        if moved && !correlated && self.level < highest {
-            self.confirmed += 1;
-        }
-        if self.confirmed >= PROBATION {
-            self.rejected = None;
+        let described = self.times == 0 && self.windows >= STARTING + PROBATION;
+        if let Some(doubt) = &mut self.doubt {
+            let agreed = doubt.has_moved(self.place) && !correlated && self.level < highest;
+            doubt.confirmed += u32::from(agreed);
+            if described || doubt.confirmed >= PROBATION {
+                self.doubt = None;
+            }
         }
     }
 

@@ -238,6 +238,13 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
         if m.lost > 0 {
             state.mismatch.skip();
         }
+        let contradicted = state.exclusion.contradicted();
+        if self.has_turning_loads_only() && state.mismatch.is_retest_due(contradicted) {
+            let restarted = state.mismatch.restarted();
+            self.restart(state);
+            state.mismatch = restarted;
+            return;
+        }
         if state.exclusion.admitted() {
             state.mismatch.contradict();
         }

@@ -122,7 +122,8 @@ pub struct NoiseModel<'a> {
     pub process: PackedF32<'a>,
     /// For each speed: the steady gain `K` by rows, the steady gains of the samples before the
     /// last by rows, the variance of each channel's innovation, the steady standard deviation of
-    /// each load after the lag, with the model error that the level allows for, and the error of
+    /// each load after the lag, with the model error that the level allows for, the same where the
+    /// speed has not changed since the start, with the model error that white innovations do not show, and the error of
     /// each load under the nominal loads where the model errs by its usual tolerances.
     #[serde(borrow)]
     pub steady: PackedF32<'a>,
@@ -147,6 +148,9 @@ pub struct SpeedGrid {
     /// The machine's speed where nothing measures it [rad/s].
     pub nominal: f32,
 }
+
+/// Numbers of each load in the steady tables: standard deviation, the same where one speed was seen, model error.
+const LOAD_TABLES: usize = 3;
 
 /// A displacement sensor in the image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -205,7 +209,7 @@ impl RotorModel<'_> {
     /// Numbers of one speed in the steady tables.
     pub fn steady_stride(&self) -> usize {
         let (nx, ny) = (self.scale.len(), self.channels.len());
-        (1 + usize::from(self.lag)) * nx * ny + ny + 2 * self.loads.len()
+        (1 + usize::from(self.lag)) * nx * ny + ny + LOAD_TABLES * self.loads.len()
     }
 
     /// Checks every length and range for `modes` modes and `states` states.
@@ -268,7 +272,7 @@ impl RotorModel<'_> {
             checked_covariance(&noise.covariance, states, "covariance")?;
             noise.steady.check(speeds * stride, "steady")?;
             for k in 0..speeds {
-                let end = (k + 1) * stride - 2 * nd;
+                let end = (k + 1) * stride - LOAD_TABLES * nd;
                 positive(
                     (end - ny..end).map(|i| noise.steady.get(i)),
                     "innovation variance",

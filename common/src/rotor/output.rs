@@ -47,14 +47,24 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
         // A load that does not turn may jump at any time.
         let contradicted = state.mismatch.is_contradicted()
             || self.has_turning_loads_only() && state.mismatch.is_rejected();
+        let all = self.state(state);
+        let at_one_speed = state.consistency.tolerance() == 0.0;
+        let doubted = self.has_turning_loads_only() && state.mismatch.is_doubted();
+        let doubt = doubted.then(|| self.sum_of_squares(all));
         for (j, signal) in self.model.loads.iter().enumerate() {
             let d = 2 * NZ + j;
-            let (Some(scale), Some(x)) = (self.model.scale.get(d), self.state(state).get(d)) else {
+            let (Some(scale), Some(x)) = (self.model.scale.get(d), all.get(d)) else {
                 continue;
             };
             let deviation = self.deviation(state, j);
             let deviation = if state.mismatch.on_trial() {
                 deviation.max(state.trial_std[j % MAX_LOADS])
+            } else {
+                deviation
+            };
+            let one_speed = state.scheduled.one_speed_std[j % MAX_LOADS];
+            let deviation = if at_one_speed && deviation < one_speed {
+                one_speed
             } else {
                 deviation
             };
@@ -65,6 +75,10 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
                 deviation
             };
             let (value, std) = (x * scale, deviation * scale);
+            let std = match doubt {
+                Some(square) => libm::sqrtf(0.5 * (std * std + square)),
+                None => std,
+            };
             let finite = value.is_finite() && std.is_finite();
             let fault = if !finite || std > signal.valid_std || !inside || unsettled {
                 Fault::NotValid
@@ -80,6 +94,16 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
                 fault,
             });
         }
+    }
+
+    /// Sum of the squares of all loads (N^2): the variance of each where sensors are as wrong as the loads are large.
+    #[cold]
+    fn sum_of_squares(&self, all: &[f32; NX]) -> f32 {
+        let forces = all.iter().zip(&self.model.scale).skip(2 * NZ);
+        let squares = forces
+            .take(self.model.loads.len())
+            .map(|(x, scale)| x * scale * (x * scale));
+        squares.sum()
     }
 
     /// Standard deviation of load `j` by the noise level in use, in the image's scale.

@@ -26,6 +26,9 @@ pub(crate) struct ScheduledModel<const NZ: usize, const NX: usize> {
     pub variance: [f32; MAX_CHANNELS],
     /// Steady standard deviation of each load.
     pub load_std: [f32; MAX_LOADS],
+    /// Steady standard deviation of each load where the speed has not changed: with the model error
+    /// that white innovations do not show.
+    pub one_speed_std: [f32; MAX_LOADS],
     /// Error of each load where the model errs by its usual tolerances.
     pub load_error: [f32; MAX_LOADS],
 }
@@ -40,6 +43,7 @@ impl<const NZ: usize, const NX: usize> ScheduledModel<NZ, NX> {
             gains: [[[0.0; NX]; MAX_CHANNELS]; 1 + MAX_LAG],
             variance: [0.0; MAX_CHANNELS],
             load_std: [0.0; MAX_LOADS],
+            one_speed_std: [0.0; MAX_LOADS],
             load_error: [0.0; MAX_LOADS],
         }
     }
@@ -98,7 +102,12 @@ impl<const NZ: usize, const NX: usize> ScheduledModel<NZ, NX> {
             }
         }
         steady.read(self.variance.get_mut(..channels).unwrap_or_default());
-        for of_loads in [&mut self.load_std, &mut self.load_error] {
+        let tables = [
+            &mut self.load_std,
+            &mut self.one_speed_std,
+            &mut self.load_error,
+        ];
+        for of_loads in tables {
             steady.read(of_loads.get_mut(..model.loads.len()).unwrap_or_default());
         }
     }

@@ -62,6 +62,11 @@ impl SensorExclusion {
         self.admitted
     }
 
+    /// Whether a reading of this sample was outside of its gate.
+    pub fn contradicted(&self) -> bool {
+        self.contradicting > 0
+    }
+
     /// Scores a reading, `within` its gate or not, and gives whether it may be used.
     pub fn accepts(&mut self, sensor: usize, within: bool) -> bool {
         let open = self.open();

@@ -49,7 +49,7 @@ impl RotorFilterDesign {
                     let filter = self.steady_at(&level, at, &h, &q, &variances)?;
                     Ok([
                         projected(map, &filter.covariance),
-                        projected(map, &filter.error),
+                        projected(map, &filter.errors.usual),
                     ])
                 })
                 .collect::<Result<_, BuildError>>()?;

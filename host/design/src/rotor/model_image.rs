@@ -8,6 +8,7 @@ use loadtwin_common::image::Model;
 use loadtwin_common::io::measurement::AdcScaling;
 use loadtwin_common::load_signal::LoadSignal;
 use loadtwin_common::rotor::filter::{FORCES, LoadTransition};
+use loadtwin_common::rotor::mismatch::PASSED;
 use loadtwin_common::rotor::{
     NoiseModel, PackedF32, RotorChannel, RotorModel as ImageModel, ShaftEncoder, SpeedGrid,
 };
@@ -18,7 +19,7 @@ use crate::payload::packed;
 use crate::rotor::filter_design::{RotorFilterDesign, UNIT_M};
 use crate::rotor::gain_convergence::{CovarianceRecursion, changes, triangle};
 use crate::rotor::modal_truncation::ModalModel;
-use crate::rotor::tolerance_covariance::SteadyFilter;
+use crate::rotor::tolerance_covariance::{ModelErrors, SteadyFilter};
 use crate::sensor_set::Sensors;
 use loadtwin_machine::{Channel, Encoder, Machine, QUANTISATION, Rotor, extreme_words};
 use loadtwin_math::riccati::{gain, gains_before, innovation_covariance, steady_covariance};
@@ -142,8 +143,8 @@ impl RotorFilterDesign {
     }
 
     /// For each speed of the schedule: the steady gain and those of the samples before, the
-    /// variances of the innovations, and of each load the standard deviation and the error where
-    /// the rotor is off by the usual tolerances.
+    /// variances of the innovations, and of each load the standard deviation, the same where the
+    /// speed has not changed, and the error where the rotor is off by the usual tolerances.
     fn steady(
         &self,
         rotor: &Rotor,
@@ -165,9 +166,12 @@ impl RotorFilterDesign {
             }
             tables.extend(steady.innovations);
             let loads = || 2 * nz..2 * nz + self.nominal.len();
-            let error = |d: usize| steady.error[(d, d)].max(0.0);
+            let error = |d: usize| steady.errors.usual[(d, d)].max(0.0);
             let own = |d: usize| steady.covariance[(d, d)].max(0.0);
-            tables.extend(loads().map(|d| (own(d) + tolerance * tolerance * error(d)).sqrt()));
+            let unseen = |d: usize| steady.errors.unseen[(d, d)].max(0.0);
+            let allowed = |d: usize| tolerance * tolerance * error(d);
+            tables.extend(loads().map(|d| (own(d) + allowed(d)).sqrt()));
+            tables.extend(loads().map(|d| (own(d) + allowed(d).max(unseen(d))).sqrt()));
             tables.extend(loads().map(|d| error(d).sqrt()));
         }
         Ok(tables)
@@ -188,7 +192,12 @@ impl RotorFilterDesign {
         let before = gains_before(&f, h, &prior, &k, variances, rotor.lag().into());
         let hp = h * &prior;
         let s = innovation_covariance(&hp, h, variances);
-        let error = self.model_error(rotor, at, &SteadyFilter { f: &f, h, k: &k });
+        let innovations: Vec<f64> = (0..variances.len()).map(|i| s[(i, i)]).collect();
+        let passed: Vec<f64> = (innovations.iter())
+            .map(|s| f64::from(PASSED) * s)
+            .collect();
+        let filter = SteadyFilter { f: &f, h, k: &k };
+        let errors = self.model_errors(rotor, at, &filter, &passed);
         let (mut gains, mut covariance) = (vec![k.clone()], &prior - &k * &hp);
         for (gain, reduction) in before {
             gains.push(gain);
@@ -196,9 +205,9 @@ impl RotorFilterDesign {
         }
         Ok(SteadyState {
             gains,
-            innovations: (0..variances.len()).map(|i| s[(i, i)]).collect(),
+            innovations,
             covariance,
-            error,
+            errors,
         })
     }
 
@@ -279,8 +288,8 @@ pub(super) struct SteadyState {
     pub innovations: Vec<f64>,
     /// Covariance after the update and the lag.
     pub covariance: Mat<f64>,
-    /// [`RotorFilterDesign::model_error`].
-    pub error: Mat<f64>,
+    /// Of the tolerances.
+    pub errors: ModelErrors,
 }
 
 impl PackedNoise {

@@ -47,79 +47,155 @@ struct Tolerance {
     damping: Mat<f64>,
 }
 
+/// What one tolerance at one sigma makes of the steady filter where one pair of loads has its nominal size: phasors.
+struct Response {
+    /// Of each sensor.
+    innovation: Mat<c64>,
+    /// Of each state of the filter.
+    error: Mat<c64>,
+}
+
+/// Responses of one pair of loads to every tolerance, in the order of the tolerances.
+type Responses = Vec<Response>;
+
+/// Covariances of the filter's error over the states of the filter, in its scale.
+pub(super) struct ModelErrors {
+    /// Where the rotor is off by the usual tolerances.
+    pub usual: Mat<f64>,
+    /// The same where the innovations are white: of what they do not show.
+    pub unseen: Mat<f64>,
+}
+
 impl RotorFilterDesign {
-    /// Covariance of the filter's error under the nominal loads, where stiffness and damping of the
-    /// rotor and the gain of each sensor differ from the description by one standard deviation each:
-    /// over the states of the filter, in its scale.
+    /// Covariances of the filter's error under the nominal loads, where stiffness and damping of the
+    /// rotor and the gain of each sensor differ from the description by one standard deviation each.
     ///
     /// The rotor's steady motion changes by `dz = -D^-1 (dK + i w dC) z`, `D = K - w^2 + i w C`, under a
     /// load that turns (`w` the speed) or stays (`w = 0`); the readings by `H dz`, and the
     /// estimate by `dx = (e^(i w dt) - F (I - K H))^-1 F K dy`, `dy = H dz`, corrected by the last
     /// reading. The error is `dx` less `(dz, dz (e^(i w dt) - 1), 0)`. A gain changes one reading by
     /// its part of `H z`, and no motion.
-    pub(super) fn model_error(
+    ///
+    /// Innovations of `passed` (variance of each sensor) are taken for white. The tolerances `t`, independent and of
+    /// variance `tau^2` ([`Rotor::tolerance`]), with innovations `J t` have the posterior covariance
+    /// `(I / tau^2 + J' R^-1 J)^-1`, `R` of `passed`. Loads that do not turn show no such error.
+    ///
+    /// Source: Kaipio, Somersalo, Statistical and Computational Inverse Problems (2005), section 3.4: posterior of a
+    /// linear Gaussian model.
+    pub(super) fn model_errors(
         &self,
         description: &Rotor,
         rotor: &ModalModel,
         filter: &SteadyFilter<'_>,
-    ) -> Mat<f64> {
-        let (modes, nx) = (rotor.stiffness.nrows(), filter.f.nrows());
-        let tolerances = self.tolerances(description, rotor);
-        let mut covariance = Mat::<f64>::zeros(nx, nx);
-        for (pair, turns) in self.turning.iter().enumerate() {
-            let w = if *turns { rotor.speed_rad_s } else { 0.0 };
-            let growth = if *turns {
-                (w / self.nominal_speed).powi(2)
-            } else {
-                1.0
-            };
-            let nominal = self.nominal[2 * pair] * growth;
-            let step = c64::new((w * self.dt_s).cos(), (w * self.dt_s).sin());
-            let dynamic = complex(modes, modes, |i, j| {
-                let inertia = if i == j { w * w } else { 0.0 };
-                c64::new(rotor.stiffness[(i, j)] - inertia, w * rotor.damping[(i, j)])
-            });
-            let dynamic = dynamic.partial_piv_lu();
-            let steady = complex(modes, 1, |i, _| {
-                c64::new(
-                    rotor.steady[(i, 2 * pair)],
-                    -rotor.steady[(i, 2 * pair + 1)],
-                ) * nominal
-            });
-            let closed = filter.f - filter.f * filter.k * filter.h;
-            let closed = complex(nx, nx, |i, j| {
-                let unit = if i == j { step } else { c64::new(0.0, 0.0) };
-                unit - closed[(i, j)]
-            });
-            let closed = closed.partial_piv_lu();
-            let mut add = |dy: Mat<c64>, truth: Mat<c64>| {
-                let prior = closed.solve(real(&(filter.f * filter.k)) * &dy);
-                let nu = &dy - real(filter.h) * &prior;
-                let error = prior + real(filter.k) * nu - truth;
-                for i in 0..nx {
-                    for j in 0..nx {
-                        let (a, b) = (error[(i, 0)], error[(j, 0)]);
-                        // Mean over a turn.
-                        covariance[(i, j)] += 0.5 * (a.re * b.re + a.im * b.im);
+        passed: &[f64],
+    ) -> ModelErrors {
+        let nx = filter.f.nrows();
+        let pairs: Vec<Responses> = (0..self.turning.len())
+            .map(|pair| self.responses(description, rotor, filter, pair))
+            .collect();
+        let turning: Vec<&Responses> = (pairs.iter().zip(&self.turning))
+            .filter_map(|(of, turns)| turns.then_some(of))
+            .collect();
+        let count = pairs.first().map_or(0, Vec::len);
+        let precision = Mat::from_fn(count, count, |a, b| {
+            let shown: f64 = (turning.iter())
+                .map(|of| {
+                    let (x, y) = (&of[a].innovation, &of[b].innovation);
+                    let terms = passed.iter().enumerate();
+                    terms
+                        .map(|(i, r)| mean_product(x[(i, 0)], y[(i, 0)]) / r)
+                        .sum::<f64>()
+                })
+                .sum();
+            shown
+                + if a == b {
+                    description.tolerance.powi(-2)
+                } else {
+                    0.0
+                }
+        });
+        let posterior = precision
+            .partial_piv_lu()
+            .solve(Mat::<f64>::identity(count, count));
+        let covariance = |pairs: &[&Responses], between: &Mat<f64>| {
+            Mat::from_fn(nx, nx, |i, j| {
+                let mut sum = 0.0;
+                for of in pairs {
+                    for (a, x) in of.iter().enumerate() {
+                        for (b, y) in of.iter().enumerate() {
+                            sum += between[(a, b)] * mean_product(x.error[(i, 0)], y.error[(j, 0)]);
+                        }
                     }
                 }
-            };
-            let motion = |z: &Mat<c64>| complex(nx, 1, |i, _| self.place_of(i, z, step));
-            for tolerance in &tolerances {
+                sum
+            })
+        };
+        let all: Vec<&Responses> = pairs.iter().collect();
+        ModelErrors {
+            usual: covariance(&all, &Mat::identity(count, count)),
+            unseen: covariance(&turning, &posterior),
+        }
+    }
+
+    /// Responses to every tolerance where `pair` of the loads is nominal.
+    fn responses(
+        &self,
+        description: &Rotor,
+        rotor: &ModalModel,
+        filter: &SteadyFilter<'_>,
+        pair: usize,
+    ) -> Responses {
+        let (modes, nx) = (rotor.stiffness.nrows(), filter.f.nrows());
+        let turns = self.turning[pair];
+        let w = if turns { rotor.speed_rad_s } else { 0.0 };
+        let growth = if turns {
+            (w / self.nominal_speed).powi(2)
+        } else {
+            1.0
+        };
+        let nominal = self.nominal[2 * pair] * growth;
+        let step = c64::new((w * self.dt_s).cos(), (w * self.dt_s).sin());
+        let dynamic = complex(modes, modes, |i, j| {
+            let inertia = if i == j { w * w } else { 0.0 };
+            c64::new(rotor.stiffness[(i, j)] - inertia, w * rotor.damping[(i, j)])
+        });
+        let dynamic = dynamic.partial_piv_lu();
+        let steady = complex(modes, 1, |i, _| {
+            c64::new(
+                rotor.steady[(i, 2 * pair)],
+                -rotor.steady[(i, 2 * pair + 1)],
+            ) * nominal
+        });
+        let closed = filter.f - filter.f * filter.k * filter.h;
+        let closed = complex(nx, nx, |i, j| {
+            let unit = if i == j { step } else { c64::new(0.0, 0.0) };
+            unit - closed[(i, j)]
+        });
+        let closed = closed.partial_piv_lu();
+        let response = |dy: Mat<c64>, truth: Mat<c64>| {
+            let prior = closed.solve(real(&(filter.f * filter.k)) * &dy);
+            let innovation = &dy - real(filter.h) * &prior;
+            let error = prior + real(filter.k) * &innovation - truth;
+            Response { innovation, error }
+        };
+        let motion = |z: &Mat<c64>| complex(nx, 1, |i, _| self.place_of(i, z, step));
+        let of_tolerances = self
+            .tolerances(description, rotor)
+            .into_iter()
+            .map(|tolerance| {
                 let changed = complex(modes, modes, |i, j| {
                     c64::new(-tolerance.stiffness[(i, j)], -w * tolerance.damping[(i, j)])
                 });
                 let truth = motion(&dynamic.solve(changed * &steady));
-                add(real(filter.h) * &truth, truth);
-            }
-            let readings = real(filter.h) * motion(&steady);
-            for sensor in 0..readings.nrows() {
-                let part = |i: usize| if i == sensor { GAIN } else { 0.0 };
-                let dy = complex(readings.nrows(), 1, |i, _| readings[(i, 0)] * part(i));
-                add(dy, complex(nx, 1, |_, _| c64::new(0.0, 0.0)));
-            }
-        }
-        covariance
+                response(real(filter.h) * &truth, truth)
+            });
+        let readings = real(filter.h) * motion(&steady);
+        let of_gains = (0..readings.nrows()).map(|sensor| {
+            let part = |i: usize| if i == sensor { GAIN } else { 0.0 };
+            let dy = complex(readings.nrows(), 1, |i, _| readings[(i, 0)] * part(i));
+            response(dy, complex(nx, 1, |_, _| c64::new(0.0, 0.0)))
+        });
+        of_tolerances.chain(of_gains).collect()
     }
 
     /// State `i` of the filter of the motion `z`.
@@ -157,6 +233,11 @@ impl RotorFilterDesign {
         });
         tolerances
     }
+}
+
+/// Mean of the product of two phasors over a turn.
+fn mean_product(a: c64, b: c64) -> f64 {
+    0.5 * (a.re * b.re + a.im * b.im)
 }
 
 fn complex(rows: usize, columns: usize, of: impl FnMut(usize, usize) -> c64) -> Mat<c64> {
