@@ -153,14 +153,17 @@ impl<'a> DriveEstimator<'a> {
     }
 
     /// One sample: convert, predict, update with each usable reading.
-    #[inline(never)]
     pub fn step(&self, state: &mut DriveState, raw: &RawSample) -> Estimate {
+        let mut estimate = Estimate::default();
+        self.step_into(state, raw, &mut estimate);
+        estimate
+    }
+
+    /// As [`Self::step`], in its place.
+    #[inline(never)]
+    pub fn step_into(&self, state: &mut DriveState, raw: &RawSample, estimate: &mut Estimate) {
         let m = (state.conditioner).convert(raw, &self.converters, &[], None, Phase::default());
-        let mut estimate = Estimate {
-            tick: m.tick,
-            lost: m.lost,
-            ..Estimate::default()
-        };
+        estimate.begin(m.tick, m.lost);
         if m.lost > LONGEST_GAP {
             state.signals.forget_readings();
             state.started = false;
@@ -177,9 +180,8 @@ impl<'a> DriveEstimator<'a> {
         }
         let readings = (state.signals).readings(&self.model, state.origin, m.stale);
         estimate.homed = self.is_homed(state);
-        self.observe(state, &readings, &mut estimate);
+        self.observe(state, &readings, estimate);
         self.recentre(state);
-        estimate
     }
 
     /// The state before the first sample, at the position and speed that are measured then; without

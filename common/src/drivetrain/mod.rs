@@ -1,5 +1,5 @@
 //! Estimates the loads of a gearbox from strain gauges and encoders, one raw sample at a time
-//! (`DrivetrainEstimator::step`), by an augmented Kalman filter of its torsional drivetrain. A
+//! (`DrivetrainEstimator::step_into`), by an augmented Kalman filter of its torsional drivetrain. A
 //! gauge reads torque times a strain map, periodic in the carrier angle.
 //!
 //! States: carrier angle `theta` (rad), twists of the shafts, speeds of the
@@ -184,7 +184,12 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
 
     /// One sample: convert, predict, update with each usable reading.
     #[inline(never)]
-    pub fn step(&self, state: &mut DrivetrainState<NX>, raw: &RawSample) -> Estimate {
+    pub fn step_into(
+        &self,
+        state: &mut DrivetrainState<NX>,
+        raw: &RawSample,
+        estimate: &mut Estimate,
+    ) {
         let index = self.model.index.as_ref();
         let lead = self.index_encoder_offset(state);
         let m = (state.unwrap).convert(raw, &self.converters, &self.counters, index, lead);
@@ -201,11 +206,7 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         state.age = state.age.saturating_add(1);
         self.track_temperature(state, &m);
 
-        let mut estimate = Estimate {
-            tick: m.tick,
-            lost: m.lost,
-            ..Estimate::default()
-        };
+        estimate.begin(m.tick, m.lost);
         if self.model.encoders.is_empty() && raw.index.is_some() && !m.stale {
             self.home_by_pulse(state);
         }
@@ -213,12 +214,12 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         estimate.steady = state.steady;
         let steady = self.model.steady.as_ref();
         let variances = match steady.filter(|_| state.steady) {
-            Some(gains) => self.update_steady_gain(gains, state, &m, &mut estimate),
-            None => self.correct(state, &m, &mut estimate),
+            Some(gains) => self.update_steady_gain(gains, state, &m, estimate),
+            None => self.correct(state, &m, estimate),
         };
         estimate.angle_rad = wrap_rad(state.posterior.state[0]);
         if let Some(gains) = steady {
-            self.try_enter_steady(gains, state, &m, &estimate);
+            self.try_enter_steady(gains, state, &m, estimate);
         }
         for (j, signal) in self.model.loads.iter().enumerate() {
             let load = self.load(state, j, signal, variances, estimate.homed, m.slipped);
@@ -228,7 +229,6 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         state.started = estimate.loads.iter().all(|load| load.std < f32::MAX)
             && libm::fabsf(state.turned) <= self.model.consistency.most_turn
             && !state.tracks.iter().any(|track| track.lost);
-        estimate
     }
 
     /// Follows the temperature: as far as it is off at start, then smoothed; where it is

@@ -35,6 +35,14 @@ pub struct Estimate {
 }
 
 impl Estimate {
+    /// Empties it for the sample of `tick`, before which `lost` samples were lost.
+    pub(crate) fn begin(&mut self, tick: u32, lost: u32) {
+        self.loads.clear();
+        self.sensors.clear();
+        (self.tick, self.lost) = (tick, lost);
+        (self.angle_rad, self.homed, self.steady) = (0.0, false, false);
+    }
+
     /// Replaces values that are not finite and marks them as not valid: whatever the image, a
     /// receiver gets finite numbers, an angle in [-pi, pi) and no negative variance.
     pub(crate) fn contain(&mut self) {
