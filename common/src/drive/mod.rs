@@ -172,7 +172,7 @@ impl<'a> DriveEstimator<'a> {
             state.signals.push(&self.model, &m, raw);
             if state.started {
                 for _ in 0..=m.lost {
-                    predict(&mut state.posterior, &self.transition, &self.process_noise);
+                    self.predict(state);
                 }
             } else {
                 self.begin(state, m.lost == 0);
@@ -182,6 +182,13 @@ impl<'a> DriveEstimator<'a> {
         estimate.homed = self.is_homed(state);
         self.observe(state, &readings, estimate);
         self.recentre(state);
+    }
+
+    // Inlined into the loop over lost samples, every number of its matrices is loaded before the
+    // loop, stored to the stack and loaded again.
+    #[inline(never)]
+    fn predict(&self, state: &mut DriveState) {
+        predict(&mut state.posterior, &self.transition, &self.process_noise);
     }
 
     /// The state before the first sample, at the position and speed that are measured then; without

@@ -327,6 +327,9 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         }
     }
 
+    // Inlined into the loop over lost samples, every number of its matrices is loaded before the
+    // loop, stored to the stack and loaded again.
+    #[inline(never)]
     fn predict(&self, state: &mut DrivetrainState<NX>) {
         let from = state.posterior.state[0];
         let mut next = self.transition.propagate(&state.posterior.state);
