@@ -255,18 +255,11 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         m: &Measurement,
         estimate: &mut Estimate,
     ) -> [f32; LOADS] {
-        let mut angles = [SensorEstimate::default(); MAX_ENCODERS];
-        for (k, slot) in angles
-            .iter_mut()
-            .enumerate()
-            .take(self.model.encoders.len())
-        {
-            *slot = self.update_angle(state, k, m);
+        self.open_sensors(state, m, estimate);
+        for k in 0..self.model.encoders.len() {
+            let _ = estimate.sensors.push(self.update_angle(state, k, m));
         }
         self.update_gauges(state, m, estimate);
-        for sensor in angles.iter().take(self.model.encoders.len()) {
-            let _ = estimate.sensors.push(*sensor);
-        }
         state.posterior.load_variances::<LOADS>().into()
     }
 
