@@ -38,6 +38,7 @@ use crate::kalman::innovation::{Gate, Innovation, Outcome};
 use crate::kalman::transition::{ProcessNoise, RandomWalk, Transition};
 use crate::load_signal::{LoadSignal, MAX_STATES, StateVec};
 use crate::signal::phase::wrap_rad;
+use crate::signal::trigonometry;
 
 pub use crate::drivetrain::error_band::ErrorBand;
 pub use crate::drivetrain::fault_isolation::Consistency;
@@ -221,8 +222,11 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         if let Some(gains) = steady {
             self.try_enter_steady(gains, state, &m, estimate);
         }
+        let isolation = &state.isolation;
+        let deviation = (self.fault_isolation).deviation(isolation, self.directions.len());
+        let flags = (estimate.homed, m.slipped);
         for (j, signal) in self.model.loads.iter().enumerate() {
-            let load = self.load(state, j, signal, variances, estimate.homed, m.slipped);
+            let load = self.load(state, j, signal, variances, deviation, flags);
             let _ = estimate.loads.push(load);
         }
         // Days without any sensor overflow a variance; what follows is a new start.
@@ -375,23 +379,21 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         j: usize,
         signal: &LoadSignal,
         variances: [f32; LOADS],
-        homed: bool,
-        slipped: bool,
+        (factor, added): (f32, f32),
+        (homed, slipped): (bool, bool),
     ) -> LoadEstimate {
         let d = NX - LOADS + j % LOADS;
         let scale = self.model.scale.get(d).copied().unwrap_or(1.0);
         let value = state.posterior.state[d] * scale;
-        let (factor, added) = self
-            .fault_isolation
-            .deviation(&state.isolation, self.directions.len());
         let (band, q) = (
             &self.model.bands[j % LOADS],
             self.model.load_noise[j % LOADS],
         );
         let movement = state.movements[j % LOADS].follow(state.posterior.state[d], q, band);
         let variance = band.stated_variance(variances[j % LOADS], movement);
-        let std = libm::sqrtf(variance * factor + added) * scale;
-        if !(value.is_finite() && std.is_finite()) {
+        let variance = variance * factor + added;
+        let std = trigonometry::sqrt(variance) * scale;
+        if !(value.is_finite() && variance >= 0.0 && std.is_finite()) {
             return LoadEstimate {
                 value: 0.0,
                 std: f32::MAX,
