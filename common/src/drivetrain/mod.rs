@@ -70,6 +70,8 @@ pub struct DrivetrainEstimator<'a, const NX: usize> {
     encoder_rows: Vec<RowSVector<f32, NX>, MAX_ENCODERS>,
     /// The gauges of each direction.
     directions: Vec<Direction, MAX_CHANNELS>,
+    /// Whether a channel drives the train, or a zero remembers the load.
+    predicting: bool,
     fault_isolation: FaultIsolation,
     /// Channel of the thermometer, temperature at which zeros hold, rate.
     thermometer: Option<(u8, Option<f32>, f32)>,
@@ -155,6 +157,7 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
             channel_rows,
             encoder_rows,
             directions: model.members(),
+            predicting: model.has_predicting_channel(),
             fault_isolation: FaultIsolation::new(model.consistency, errors),
             thermometer: model.thermometer(),
             model,
@@ -345,6 +348,15 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
                 .posterior
                 .reset_variance(NX - 1, self.model.load_noise[LOADS - 1]);
         }
+        if self.predicting {
+            self.predict_channels(state);
+        }
+        state.posterior.state[0] = wrap_rad(state.posterior.state[0]);
+    }
+
+    /// What drives the train, and what the zeros of gauges remember of the load.
+    #[inline(never)]
+    fn predict_channels(&self, state: &mut DrivetrainState<NX>) {
         for (i, (channel, row)) in (self.model.channels.iter())
             .zip(&self.channel_rows)
             .enumerate()
@@ -364,7 +376,6 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
                 Role::Measure { .. } | Role::Temperature { .. } => {}
             }
         }
-        state.posterior.state[0] = wrap_rad(state.posterior.state[0]);
     }
 
     /// How fast load `j` moves beside its random walk: its squared distance from its mean over that
