@@ -183,7 +183,7 @@ impl Isolation {
 #[derive(Clone, Debug)]
 pub(crate) struct Direction {
     /// Their channels, ascending.
-    pub members: Vec<u8, MAX_CHANNELS>,
+    pub members: Vec<u8, MAX_CHANNELS, u8>,
 }
 
 /// The tests, fixed after start.
