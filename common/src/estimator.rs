@@ -176,22 +176,25 @@ impl<'a> Estimator<'a> {
 
     /// Takes one sample and gives the estimate.
     pub fn step(&mut self, raw: &RawSample) -> Estimate {
-        let mut estimate = self.estimate(raw);
-        estimate.contain();
+        let mut estimate = Estimate::default();
+        self.step_into(raw, &mut estimate);
         estimate
     }
 
-    fn estimate(&mut self, raw: &RawSample) -> Estimate {
+    /// As [`Self::step`], in its place, whatever that holds: to copy an estimate takes as many
+    /// instructions as a filter's update.
+    pub fn step_into(&mut self, raw: &RawSample, estimate: &mut Estimate) {
         match &mut self.kind {
-            Kind::Gearbox6(g, s) => g.step(s, raw),
-            Kind::Gearbox8(g, s) => g.step(s, raw),
-            Kind::Gearbox12(g, s) => g.step(s, raw),
-            Kind::Gearbox16(g, s) => g.step(s, raw),
-            Kind::Rotor20(r, s) => r.step(s, raw),
-            Kind::Rotor24(r, s) => r.step(s, raw),
-            Kind::Bearing(b, s) => b.step(s, raw),
-            Kind::Drive(d, s) => d.step(s, raw),
+            Kind::Gearbox6(g, s) => g.step_into(s, raw, estimate),
+            Kind::Gearbox8(g, s) => g.step_into(s, raw, estimate),
+            Kind::Gearbox12(g, s) => g.step_into(s, raw, estimate),
+            Kind::Gearbox16(g, s) => g.step_into(s, raw, estimate),
+            Kind::Rotor20(r, s) => r.step_into(s, raw, estimate),
+            Kind::Rotor24(r, s) => r.step_into(s, raw, estimate),
+            Kind::Bearing(b, s) => b.step_into(s, raw, estimate),
+            Kind::Drive(d, s) => d.step_into(s, raw, estimate),
         }
+        estimate.contain();
     }
 
     /// Writes the state to `bytes` and gives how many it took: version, SHA-256 of `image`, of

@@ -10,6 +10,7 @@ use loadtwin_common::counting::LoadSampler;
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::hardware::Sampling;
 use loadtwin_common::image::Image;
+use loadtwin_common::io::estimate::Estimate;
 use loadtwin_common::io::frame::{
     BoardInfo, BoardPage, Frame, FrameEncoder, RawOutput, State, Status,
 };
@@ -215,7 +216,8 @@ impl<'a> App<'a> {
             writer.take(raw);
         }
         let Some(line) = &mut self.line else { return };
-        let estimate = line.step(raw);
+        let mut estimate = Estimate::default();
+        line.step_into(raw, &mut estimate);
         // The board's own ticks: they go on where the estimator begins anew.
         let tick = raw.tick.wrapping_add(self.first_tick.unwrap_or(0));
         if let Some(sample) = self.sampler.take(tick, &estimate) {

@@ -40,7 +40,7 @@ use crate::bearing::harmonic_block::{HarmonicBlock, HarmonicSums};
 use crate::bearing::hypothesis_test::{CANDIDATES, HypothesisTest, is_far_from_reversal};
 use crate::bearing::isolation::Isolation;
 use crate::bearing::lock_detector::LockDetector;
-use crate::bearing::output::{NO_ESTIMATE, estimate};
+use crate::bearing::output::{NO_ESTIMATE, fill};
 use crate::bearing::slow_state_consistency::Consistency;
 use crate::bearing::wheel_pll::WheelPll;
 use crate::io::estimate::{Estimate, LoadEstimate, MAX_LOADS};
@@ -176,8 +176,15 @@ impl BearingEstimator {
     }
 
     /// One sample: gather it, and do the jobs of the block before that are due.
-    #[inline(never)]
     pub fn step(&self, state: &mut BearingState, raw: &RawSample) -> Estimate {
+        let mut estimate = Estimate::default();
+        self.step_into(state, raw, &mut estimate);
+        estimate
+    }
+
+    /// As [`Self::step`], in its place.
+    #[inline(never)]
+    pub fn step_into(&self, state: &mut BearingState, raw: &RawSample, estimate: &mut Estimate) {
         let m = (state.unwrap).convert(
             raw,
             &self.converters,
@@ -186,7 +193,7 @@ impl BearingEstimator {
             Phase::default(),
         );
         if m.stale {
-            return estimate(state, &m);
+            return fill(estimate, state, &m);
         }
         let lost = m.lost.min(LONGEST_GAP) as u16;
         let phase = state.wheel.update(&m, self.dt_s, lost) * self.model.passes_per_turn;
@@ -207,7 +214,7 @@ impl BearingEstimator {
             self.close_block(state);
         }
         state.age = state.age.saturating_add(lost + 1);
-        estimate(state, &m)
+        fill(estimate, state, &m);
     }
 
     fn close_block(&self, state: &mut BearingState) {

@@ -65,15 +65,11 @@ impl BearingEstimator {
     }
 }
 
-/// Builds the estimate of a sample.
-pub(crate) fn estimate(state: &BearingState, m: &Measurement) -> Estimate {
-    let mut estimate = Estimate {
-        tick: m.tick,
-        lost: m.lost,
-        angle_rad: wrap_rad(state.wheel.angle.map_or(0.0, Phase::to_rad)),
-        homed: true,
-        ..Estimate::default()
-    };
+/// Fills in the estimate of a sample.
+pub(crate) fn fill(estimate: &mut Estimate, state: &BearingState, m: &Measurement) {
+    estimate.begin(m.tick, m.lost);
+    estimate.angle_rad = wrap_rad(state.wheel.angle.map_or(0.0, Phase::to_rad));
+    estimate.homed = true;
     for load in &state.published {
         let _ = estimate.loads.push(LoadEstimate {
             age: state.age,
@@ -101,5 +97,4 @@ pub(crate) fn estimate(state: &BearingState, m: &Measurement) -> Estimate {
         fault: angle.err().unwrap_or(state.encoder.fault()),
         ..SensorEstimate::default()
     });
-    estimate
 }

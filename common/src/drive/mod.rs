@@ -153,14 +153,17 @@ impl<'a> DriveEstimator<'a> {
     }
 
     /// One sample: convert, predict, update with each usable reading.
-    #[inline(never)]
     pub fn step(&self, state: &mut DriveState, raw: &RawSample) -> Estimate {
+        let mut estimate = Estimate::default();
+        self.step_into(state, raw, &mut estimate);
+        estimate
+    }
+
+    /// As [`Self::step`], in its place.
+    #[inline(never)]
+    pub fn step_into(&self, state: &mut DriveState, raw: &RawSample, estimate: &mut Estimate) {
         let m = (state.conditioner).convert(raw, &self.converters, &[], None, Phase::default());
-        let mut estimate = Estimate {
-            tick: m.tick,
-            lost: m.lost,
-            ..Estimate::default()
-        };
+        estimate.begin(m.tick, m.lost);
         if m.lost > LONGEST_GAP {
             state.signals.forget_readings();
             state.started = false;
@@ -169,7 +172,7 @@ impl<'a> DriveEstimator<'a> {
             state.signals.push(&self.model, &m, raw);
             if state.started {
                 for _ in 0..=m.lost {
-                    predict(&mut state.posterior, &self.transition, &self.process_noise);
+                    self.predict(state);
                 }
             } else {
                 self.begin(state, m.lost == 0);
@@ -177,9 +180,15 @@ impl<'a> DriveEstimator<'a> {
         }
         let readings = (state.signals).readings(&self.model, state.origin, m.stale);
         estimate.homed = self.is_homed(state);
-        self.observe(state, &readings, &mut estimate);
+        self.observe(state, &readings, estimate);
         self.recentre(state);
-        estimate
+    }
+
+    // Inlined into the loop over lost samples, every number of its matrices is loaded before the
+    // loop, stored to the stack and loaded again.
+    #[inline(never)]
+    fn predict(&self, state: &mut DriveState) {
+        predict(&mut state.posterior, &self.transition, &self.process_noise);
     }
 
     /// The state before the first sample, at the position and speed that are measured then; without

@@ -61,7 +61,7 @@ impl Track {
             self.angle = angle;
             self.stuck = false;
         }
-        self.stuck |= libm::fabsf(self.held) > HELD * libm::sqrtf(variance);
+        self.stuck |= self.held * self.held > HELD * HELD * variance;
         self.stuck
     }
 

@@ -81,11 +81,19 @@ impl Movement {
     /// measured.
     pub(crate) fn follow(&mut self, load: f32, q: f32, band: &ErrorBand) -> f32 {
         if band.variance > 0.0 {
-            let part = (q / (4.0 * band.variance)).min(1.0);
+            // Compared, since a Cortex-M4 calls a function for `min` and `max`.
+            let part = q / (4.0 * band.variance);
+            let part = if part < 1.0 { part } else { 1.0 };
             self.mean += part * (load - self.mean);
             let off = load - self.mean;
-            let now = (off * off / (2.0 * band.variance)).min(MOST_MOVEMENT);
-            self.peak = now.max(self.peak - part * self.peak);
+            let now = off * off / (2.0 * band.variance);
+            let now = if now < MOST_MOVEMENT {
+                now
+            } else {
+                MOST_MOVEMENT
+            };
+            let held = self.peak - part * self.peak;
+            self.peak = if held > now { held } else { now };
         }
         self.peak
     }

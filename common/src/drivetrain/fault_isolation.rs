@@ -183,7 +183,7 @@ impl Isolation {
 #[derive(Clone, Debug)]
 pub(crate) struct Direction {
     /// Their channels, ascending.
-    pub members: Vec<u8, MAX_CHANNELS>,
+    pub members: Vec<u8, MAX_CHANNELS, u8>,
 }
 
 /// The tests, fixed after start.
@@ -252,6 +252,11 @@ fn limited(value: f32, most: f32) -> f32 {
     }
 }
 
+/// The larger one; the first where either is NaN.
+fn larger(a: f32, b: f32) -> f32 {
+    if b > a { b } else { a }
+}
+
 /// Where the pair of channels `i < j` stands.
 fn pair(i: usize, j: usize) -> usize {
     (j * j.wrapping_sub(1) / 2 + i) % PAIRS
@@ -295,8 +300,8 @@ impl FaultIsolation {
         let most = MOST_OF_LIMIT / self.consistency.forgetting;
         let d = d % MAX_CHANNELS;
         let members = &direction.members;
+        let mut sums = [Sums::default(); MAX_CHANNELS];
         if members.len() > 1 {
-            let mut sums = [Sums::default(); MAX_CHANNELS];
             let mut all = Sums::default();
             for (slot, i) in sums.iter_mut().zip(members) {
                 let i = usize::from(*i) % MAX_CHANNELS;
@@ -326,7 +331,7 @@ impl FaultIsolation {
             }
             self.decide(isolation, d, members, gauges);
         }
-        self.grow(isolation, d, members, gauges, prior);
+        self.grow(isolation, d, members, (gauges, &sums), prior);
     }
 
     /// Squared innovation over its limit.
@@ -402,7 +407,7 @@ impl FaultIsolation {
         let swapped = (all.minus(*sa).minus(*sb))
             .plus(exchanged(a, sa, yb * from_b - ya))
             .plus(exchanged(b, sb, ya * from_a - yb));
-        let forgetting = (self.consistency.forgetting * pairs as f32).min(1.0);
+        let forgetting = limited(self.consistency.forgetting * pairs as f32, 1.0);
         let cost = swapped.cost(MOST_OF_LIMIT / self.consistency.forgetting);
         let mean = &mut isolation.swap[pair(i, j)];
         *mean += forgetting * (cost - *mean);
@@ -414,12 +419,12 @@ impl FaultIsolation {
         isolation: &mut Isolation,
         d: usize,
         members: &[u8],
-        gauges: &[Gauge; MAX_CHANNELS],
+        (gauges, sums): (&[Gauge; MAX_CHANNELS], &[Sums; MAX_CHANNELS]),
         prior: Prior,
     ) {
         let (mut by_noise, mut by_tolerance) = (Sums::default(), Sums::default());
         let mut used = 0_u8;
-        for i in members {
+        for (i, sums) in members.iter().zip(sums) {
             let i = usize::from(*i) % MAX_CHANNELS;
             let gauge = &gauges[i];
             if gauge.value.is_none() || isolation.left_out & (1 << i) != 0 {
@@ -428,15 +433,14 @@ impl FaultIsolation {
             used += 1;
             let (nu, m) = (gauge.innovation, gauge.sensitivity);
             by_noise = by_noise.plus(Sums::of(nu, m, gauge.variance));
-            let tolerance = self.tolerance(i, gauge, prior.sensed);
-            by_tolerance = by_tolerance.plus(Sums::of(nu, m, tolerance));
+            by_tolerance = by_tolerance.plus(*sums);
         }
         if used > 1 {
             let ratio = by_noise.cost(MOST_RATIO) / f32::from(used - 1);
             self.smooth(&mut isolation.ratio[d], ratio);
             if by_tolerance.information > 0.0 {
                 let spread = by_tolerance.cost(MOST_RATIO) / by_tolerance.information;
-                self.smooth(&mut isolation.spread[d], spread.min(MOST_RATIO));
+                self.smooth(&mut isolation.spread[d], limited(spread, MOST_RATIO));
             }
         } else {
             isolation.ratio[d] = 1.0;
@@ -466,10 +470,10 @@ impl FaultIsolation {
         let (mut factor, mut added) = (1.0_f32, 0.0_f32);
         for d in 0..directions.min(MAX_CHANNELS) {
             if isolation.nis[d] > self.consistency.noise_bound {
-                factor = factor.max(isolation.nis[d]);
+                factor = larger(factor, isolation.nis[d]);
             }
             if isolation.ratio[d] > self.consistency.noise_bound {
-                added = added.max(isolation.spread[d]);
+                added = larger(added, isolation.spread[d]);
             }
         }
         (factor, added)

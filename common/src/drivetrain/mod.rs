@@ -1,5 +1,5 @@
 //! Estimates the loads of a gearbox from strain gauges and encoders, one raw sample at a time
-//! (`DrivetrainEstimator::step`), by an augmented Kalman filter of its torsional drivetrain. A
+//! (`DrivetrainEstimator::step_into`), by an augmented Kalman filter of its torsional drivetrain. A
 //! gauge reads torque times a strain map, periodic in the carrier angle.
 //!
 //! States: carrier angle `theta` (rad), twists of the shafts, speeds of the
@@ -38,6 +38,7 @@ use crate::kalman::innovation::{Gate, Innovation, Outcome};
 use crate::kalman::transition::{ProcessNoise, RandomWalk, Transition};
 use crate::load_signal::{LoadSignal, MAX_STATES, StateVec};
 use crate::signal::phase::wrap_rad;
+use crate::signal::trigonometry;
 
 pub use crate::drivetrain::error_band::ErrorBand;
 pub use crate::drivetrain::fault_isolation::Consistency;
@@ -69,6 +70,8 @@ pub struct DrivetrainEstimator<'a, const NX: usize> {
     encoder_rows: Vec<RowSVector<f32, NX>, MAX_ENCODERS>,
     /// The gauges of each direction.
     directions: Vec<Direction, MAX_CHANNELS>,
+    /// Whether a channel drives the train, or a zero remembers the load.
+    predicting: bool,
     fault_isolation: FaultIsolation,
     /// Channel of the thermometer, temperature at which zeros hold, rate.
     thermometer: Option<(u8, Option<f32>, f32)>,
@@ -154,6 +157,7 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
             channel_rows,
             encoder_rows,
             directions: model.members(),
+            predicting: model.has_predicting_channel(),
             fault_isolation: FaultIsolation::new(model.consistency, errors),
             thermometer: model.thermometer(),
             model,
@@ -184,7 +188,12 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
 
     /// One sample: convert, predict, update with each usable reading.
     #[inline(never)]
-    pub fn step(&self, state: &mut DrivetrainState<NX>, raw: &RawSample) -> Estimate {
+    pub fn step_into(
+        &self,
+        state: &mut DrivetrainState<NX>,
+        raw: &RawSample,
+        estimate: &mut Estimate,
+    ) {
         let index = self.model.index.as_ref();
         let lead = self.index_encoder_offset(state);
         let m = (state.unwrap).convert(raw, &self.converters, &self.counters, index, lead);
@@ -201,11 +210,7 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         state.age = state.age.saturating_add(1);
         self.track_temperature(state, &m);
 
-        let mut estimate = Estimate {
-            tick: m.tick,
-            lost: m.lost,
-            ..Estimate::default()
-        };
+        estimate.begin(m.tick, m.lost);
         if self.model.encoders.is_empty() && raw.index.is_some() && !m.stale {
             self.home_by_pulse(state);
         }
@@ -213,22 +218,24 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         estimate.steady = state.steady;
         let steady = self.model.steady.as_ref();
         let variances = match steady.filter(|_| state.steady) {
-            Some(gains) => self.update_steady_gain(gains, state, &m, &mut estimate),
-            None => self.correct(state, &m, &mut estimate),
+            Some(gains) => self.update_steady_gain(gains, state, &m, estimate),
+            None => self.correct(state, &m, estimate),
         };
         estimate.angle_rad = wrap_rad(state.posterior.state[0]);
         if let Some(gains) = steady {
-            self.try_enter_steady(gains, state, &m, &estimate);
+            self.try_enter_steady(gains, state, &m, estimate);
         }
+        let isolation = &state.isolation;
+        let deviation = (self.fault_isolation).deviation(isolation, self.directions.len());
+        let flags = (estimate.homed, m.slipped);
         for (j, signal) in self.model.loads.iter().enumerate() {
-            let load = self.load(state, j, signal, variances, estimate.homed, m.slipped);
+            let load = self.load(state, j, signal, variances, deviation, flags);
             let _ = estimate.loads.push(load);
         }
         // Days without any sensor overflow a variance; what follows is a new start.
         state.started = estimate.loads.iter().all(|load| load.std < f32::MAX)
             && libm::fabsf(state.turned) <= self.model.consistency.most_turn
             && !state.tracks.iter().any(|track| track.lost);
-        estimate
     }
 
     /// Follows the temperature: as far as it is off at start, then smoothed; where it is
@@ -255,18 +262,11 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         m: &Measurement,
         estimate: &mut Estimate,
     ) -> [f32; LOADS] {
-        let mut angles = [SensorEstimate::default(); MAX_ENCODERS];
-        for (k, slot) in angles
-            .iter_mut()
-            .enumerate()
-            .take(self.model.encoders.len())
-        {
-            *slot = self.update_angle(state, k, m);
+        self.open_sensors(state, m, estimate);
+        for k in 0..self.model.encoders.len() {
+            let _ = estimate.sensors.push(self.update_angle(state, k, m));
         }
         self.update_gauges(state, m, estimate);
-        for sensor in angles.iter().take(self.model.encoders.len()) {
-            let _ = estimate.sensors.push(*sensor);
-        }
         state.posterior.load_variances::<LOADS>().into()
     }
 
@@ -327,6 +327,9 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         }
     }
 
+    // Inlined into the loop over lost samples, every number of its matrices is loaded before the
+    // loop, stored to the stack and loaded again.
+    #[inline(never)]
     fn predict(&self, state: &mut DrivetrainState<NX>) {
         let from = state.posterior.state[0];
         let mut next = self.transition.propagate(&state.posterior.state);
@@ -345,6 +348,15 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
                 .posterior
                 .reset_variance(NX - 1, self.model.load_noise[LOADS - 1]);
         }
+        if self.predicting {
+            self.predict_channels(state);
+        }
+        state.posterior.state[0] = wrap_rad(state.posterior.state[0]);
+    }
+
+    /// What drives the train, and what the zeros of gauges remember of the load.
+    #[inline(never)]
+    fn predict_channels(&self, state: &mut DrivetrainState<NX>) {
         for (i, (channel, row)) in (self.model.channels.iter())
             .zip(&self.channel_rows)
             .enumerate()
@@ -364,7 +376,6 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
                 Role::Measure { .. } | Role::Temperature { .. } => {}
             }
         }
-        state.posterior.state[0] = wrap_rad(state.posterior.state[0]);
     }
 
     /// How fast load `j` moves beside its random walk: its squared distance from its mean over that
@@ -379,23 +390,21 @@ impl<'a, const NX: usize> DrivetrainEstimator<'a, NX> {
         j: usize,
         signal: &LoadSignal,
         variances: [f32; LOADS],
-        homed: bool,
-        slipped: bool,
+        (factor, added): (f32, f32),
+        (homed, slipped): (bool, bool),
     ) -> LoadEstimate {
         let d = NX - LOADS + j % LOADS;
         let scale = self.model.scale.get(d).copied().unwrap_or(1.0);
         let value = state.posterior.state[d] * scale;
-        let (factor, added) = self
-            .fault_isolation
-            .deviation(&state.isolation, self.directions.len());
         let (band, q) = (
             &self.model.bands[j % LOADS],
             self.model.load_noise[j % LOADS],
         );
         let movement = state.movements[j % LOADS].follow(state.posterior.state[d], q, band);
         let variance = band.stated_variance(variances[j % LOADS], movement);
-        let std = libm::sqrtf(variance * factor + added) * scale;
-        if !(value.is_finite() && std.is_finite()) {
+        let variance = variance * factor + added;
+        let std = trigonometry::sqrt(variance) * scale;
+        if !(value.is_finite() && variance >= 0.0 && std.is_finite()) {
             return LoadEstimate {
                 value: 0.0,
                 std: f32::MAX,

@@ -185,6 +185,16 @@ impl GearboxModel<'_> {
             .collect()
     }
 
+    /// Whether a channel drives the train, or the zero of one remembers the load.
+    #[inline(never)]
+    pub(crate) fn has_predicting_channel(&self) -> bool {
+        self.channels.iter().any(|channel| match &channel.role {
+            Role::Measure { response, .. } => response.has_state(),
+            Role::Drive => true,
+            Role::Temperature { .. } => false,
+        })
+    }
+
     /// Checks every length and range for `states` states.
     pub(crate) fn check(&self, states: usize) -> Result<(), Error> {
         let top = states - LOADS;

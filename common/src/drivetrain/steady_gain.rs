@@ -179,16 +179,12 @@ impl<const NX: usize> DrivetrainEstimator<'_, NX> {
             let Some(row) = self.row(direction.members.first()) else {
                 continue;
             };
+            let now = Phase::from_rad(state.posterior.state[0]);
             let prior = Prior {
                 sensed: dot(row, &state.posterior.state),
                 variance: v,
             };
-            for i in &direction.members {
-                let i = usize::from(*i) % MAX_CHANNELS;
-                if let Some(Ok(value)) = m.values.get(i) {
-                    gauges[i] = self.gauge(state, i, *value, prior, true);
-                }
-            }
+            self.fill_gauges(state, direction, m, prior, (now, true), &mut gauges);
             (self.fault_isolation).weigh(&mut state.isolation, d, direction, &gauges, prior);
             let inflation = self.fault_isolation.inflation(&state.isolation, d);
             let (mut surprise, mut information) = (0.0, 0.0);
@@ -280,7 +276,7 @@ fn add_scaled<const NX: usize>(x: &mut SVector<f32, NX>, g: &[[u8; 4]; NX], fact
 }
 
 /// Whether a channel's innovation of variance `s` is used.
-fn gate_innovation(nu: f32, s: f32, gate: &mut Gate) -> Innovation {
+pub(crate) fn gate_innovation(nu: f32, s: f32, gate: &mut Gate) -> Innovation {
     let nis = nu * nu / s;
     // Fails on NaN.
     if !(s > 0.0 && nis <= f32::MAX) {

@@ -34,15 +34,29 @@ pub struct Estimate {
     pub lost: u32,
 }
 
+/// Bits of infinity: those of smaller positive numbers are less.
+const INFINITE: u32 = f32::INFINITY.to_bits();
+
 impl Estimate {
+    /// Empties it for the sample of `tick`, before which `lost` samples were lost.
+    pub(crate) fn begin(&mut self, tick: u32, lost: u32) {
+        self.loads.clear();
+        self.sensors.clear();
+        (self.tick, self.lost) = (tick, lost);
+        (self.angle_rad, self.homed, self.steady) = (0.0, false, false);
+    }
+
     /// Replaces values that are not finite and marks them as not valid: whatever the image, a
     /// receiver gets finite numbers, an angle in [-pi, pi) and no negative variance.
     pub(crate) fn contain(&mut self) {
         if !self.angle_rad.is_finite() {
             self.angle_rad = 0.0;
         }
+        // By their bits, as integers: a comparison of floats takes twice the instructions.
+        let finite = |x: f32| x.to_bits() << 1 < INFINITE << 1;
+        let within = |x: f32| x.to_bits() < INFINITE;
         for load in &mut self.loads {
-            if !(load.value.is_finite() && load.std >= 0.0 && load.std <= f32::MAX) {
+            if !(finite(load.value) && within(load.std)) {
                 *load = LoadEstimate {
                     value: 0.0,
                     std: f32::MAX,
@@ -52,9 +66,8 @@ impl Estimate {
             }
         }
         for sensor in &mut self.sensors {
-            let within = |x: f32| (0.0..=f32::MAX).contains(&x);
-            let numbers = sensor.measured.is_finite()
-                && sensor.innovation.is_finite()
+            let numbers = finite(sensor.measured)
+                && finite(sensor.innovation)
                 && within(sensor.innovation_variance)
                 && within(sensor.nis);
             if !numbers {

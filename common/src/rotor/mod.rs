@@ -1,5 +1,5 @@
 //! Estimates the forces on nodes of a rotor and its modal displacements from displacement sensors,
-//! one raw sample at a time (`RotorEstimator::step`), by an augmented Kalman filter of a reduced
+//! one raw sample at a time (`RotorEstimator::step_into`), by an augmented Kalman filter of a reduced
 //! finite-element model at the tracked speed, its matrices over the speed ([`filter`]).
 //!
 //! The full recursion runs until its gain has converged; then the steady gain of the speed
@@ -155,7 +155,12 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
     /// One sample: convert, predict, update with each usable reading.
     // Inlined, the stack would hold the temporaries of all sizes at once.
     #[inline(never)]
-    pub fn step(&self, state: &mut RotorState<NZ, NX>, raw: &RawSample) -> Estimate {
+    pub fn step_into(
+        &self,
+        state: &mut RotorState<NZ, NX>,
+        raw: &RawSample,
+        estimate: &mut Estimate,
+    ) {
         let index = self.model.index.as_ref();
         let m = (state.unwrap).convert(
             raw,
@@ -196,23 +201,19 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
             }
         }
         state.age = state.age.saturating_add(1);
-        let mut estimate = Estimate {
-            tick: m.tick,
-            lost: m.lost,
-            angle_rad: state.shaft.angle().to_rad(),
-            homed: m.homed || index.is_none(),
-            ..Estimate::default()
-        };
-        let runout_offsets = self.runout_offsets(&estimate);
-        if !(steady && self.update_steady_gain(state, &m, &runout_offsets, &mut estimate)) {
+        estimate.begin(m.tick, m.lost);
+        estimate.angle_rad = state.shaft.angle().to_rad();
+        estimate.homed = m.homed || index.is_none();
+        let runout_offsets = self.runout_offsets(estimate);
+        if !(steady && self.update_steady_gain(state, &m, &runout_offsets, estimate)) {
             if steady {
                 self.predict_covariance(state, &turn);
             }
-            self.update_full(state, &m, &runout_offsets, &mut estimate);
+            self.update_full(state, &m, &runout_offsets, estimate);
             state.started = self.is_finite(state);
         }
-        self.loads(state, &mut estimate);
-        self.compare_unbalances(state, &estimate);
+        self.loads(state, estimate);
+        self.compare_unbalances(state, estimate);
         self.monitor_whiteness(state, &m, &estimate.sensors);
         for angle in m.angles.iter().take(self.counters.len()) {
             let _ = estimate.sensors.push(SensorEstimate {
@@ -221,7 +222,6 @@ impl<'a, const NZ: usize, const NX: usize> RotorEstimator<'a, NZ, NX> {
                 ..SensorEstimate::default()
             });
         }
-        estimate
     }
 
     /// Whether the innovations still agree with the noise in use.

@@ -50,14 +50,10 @@ impl<'a> PeriodicLookup<'a> {
 
     /// Entry `i`, modulo nothing; 0 beyond the end.
     pub fn entry(&self, i: usize) -> f32 {
-        match self
-            .bytes
-            .get(4 * i..)
-            .and_then(|rest| rest.first_chunk::<4>())
-        {
-            Some(bytes) => f32::from_le_bytes(*bytes),
-            None => 0.0,
-        }
+        let (entries, _) = self.bytes.as_chunks::<4>();
+        entries
+            .get(i)
+            .map_or(0.0, |bytes| f32::from_le_bytes(*bytes))
     }
 
     /// Number of entries.

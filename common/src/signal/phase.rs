@@ -27,6 +27,9 @@ impl Phase {
     ///
     /// Non-finite angles give phase 0.
     pub fn from_rad(rad: f32) -> Self {
+        if libm::fabsf(rad) <= core::f32::consts::PI {
+            return Self::from_small_rad(rad);
+        }
         let turns = rad * core::f32::consts::FRAC_1_PI * 0.5;
         let fraction = turns - libm::floorf(turns);
         // `as` saturates: a fraction that rounded up to 1 stays inside the turn.
@@ -63,11 +66,8 @@ impl Phase {
     /// at or before the angle, and the fraction in [0, 1) towards the next.
     pub fn table_index(self, log2_len: u32) -> (usize, f32) {
         let upper = (self.0 >> 32) as u32;
-        let entry = if log2_len == 0 {
-            0
-        } else {
-            upper >> (32 - log2_len.min(31))
-        };
+        // In two steps: a shift by 32 is none.
+        let entry = (upper >> 1) >> (31 - log2_len.min(31));
         // 24 bits below the entry: what an f32 holds exactly.
         let below = (upper << log2_len.min(31)) >> 8;
         (entry as usize, below as f32 * (1.0 / 16_777_216.0))
@@ -92,6 +92,9 @@ impl PhaseStep {
 /// that their rounding leaves that range, -pi.
 pub fn wrap_rad(a: f32) -> f32 {
     use core::f32::consts::{FRAC_1_PI, PI, TAU};
+    if (-PI..PI).contains(&a) {
+        return a;
+    }
     let turns = libm::floorf(a * (0.5 * FRAC_1_PI) + 0.5);
     let wrapped = a - turns * TAU;
     // Both ends are the same angle; NaN stays NaN.

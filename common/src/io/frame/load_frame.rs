@@ -68,13 +68,16 @@ impl LoadFrame {
             code
         };
         let value = if estimate.value.is_finite() {
-            libm::rintf((estimate.value * scale.value).clamp(-full, full)) as i32
+            round((estimate.value * scale.value).clamp(-full, full)) as i32
         } else {
             unusable(Self::NO_VALUE)
         };
         let std = if estimate.std.is_finite() && estimate.std >= 0.0 {
-            let counts = libm::ceilf(estimate.std * scale.std);
-            libm::fminf(counts, f32::from(Self::FULL_STD)) as u16
+            let counts = estimate.std * scale.std;
+            // Saturates.
+            let whole = counts as u16;
+            let up = u16::from(f32::from(whole) < counts);
+            whole.saturating_add(up).min(Self::FULL_STD)
         } else {
             unusable(i32::from(Self::NO_STD)) as u16
         };
@@ -124,6 +127,13 @@ impl LoadFrame {
     }
 }
 
+/// The nearest whole number, the even one of two, of at most 2^22: as `rint`, which on a Cortex-M4
+/// is a function that takes the number apart.
+fn round(x: f32) -> f32 {
+    const HALVES: f32 = 12_582_912.0;
+    (x + HALVES) - HALVES
+}
+
 fn age_code(samples: u16) -> u8 {
     match samples.checked_ilog2() {
         Some(log2 @ 4..) => 12 + log2 as u8,
@@ -154,6 +164,16 @@ mod tests {
         );
         assert_eq!(f.value(2000.0), Some(1000.0));
         assert_eq!(f.std(2000.0), Some(10.009_765_625));
+    }
+
+    #[test]
+    fn a_value_is_rounded_to_the_nearest_count_or_the_even_one() {
+        for i in -262_142..=262_142 {
+            let half = 0.5 * i as f32;
+            for x in [half, half + 0.2, half - 0.2] {
+                assert_eq!(round(x), libm::rintf(x), "{x}");
+            }
+        }
     }
 
     #[test]

@@ -53,6 +53,7 @@ use embedded_alloc::LlffHeap as Heap;
 use loadtwin_common::drivetrain::{GearboxModel, Role};
 use loadtwin_common::estimator::Estimator;
 use loadtwin_common::image::{Image, Model};
+use loadtwin_common::io::estimate::Estimate;
 use loadtwin_common::io::frame::FrameEncoder;
 use loadtwin_common::io::raw::{MAX_CHANNELS, RawSample};
 use loadtwin_common::io::signed_image;
@@ -275,7 +276,8 @@ fn line(name: &str, sealed: &[u8]) {
         }
         raw.set_encoder(0, tick * 16);
         raw.index = (tick as usize).is_multiple_of(TURN).then_some(tick * 16);
-        let estimate = line.step(black_box(&raw));
+        let mut estimate = Estimate::default();
+        line.step_into(black_box(&raw), &mut estimate);
         steady += u32::from(estimate.steady);
         encoder.estimate(&estimate, |frame| {
             black_box(frame);
@@ -378,7 +380,9 @@ fn rotor_line(name: &str, sealed: &[u8], full: bool) {
         for i in 0..sensors {
             raw.set_word(i, (tick as usize * 37 + i * 101) as i32 % 64 - 32);
         }
-        steady += u32::from(black_box(line.step(black_box(&raw))).steady);
+        let mut estimate = Estimate::default();
+        line.step_into(black_box(&raw), &mut estimate);
+        steady += u32::from(black_box(&estimate).steady);
     };
     (0..=settled).for_each(&mut sample);
     report(name, |k| sample(settled + 1 + k));
@@ -403,13 +407,16 @@ fn bearing_line(sealed: &[u8], mut recorded: &[u8]) {
     let mut same = line.clone();
     let mut valid = 0;
     report("bearing_line", |k| {
-        let estimate = line.step(black_box(&measured[k as usize]));
+        let mut estimate = Estimate::default();
+        line.step_into(black_box(&measured[k as usize]), &mut estimate);
         valid += u32::from(estimate.loads.iter().all(|load| load.fault.is_none()));
     });
     let most = (measured.iter())
         .map(|raw| {
             let before = timer();
-            black_box(same.step(black_box(raw)));
+            let mut estimate = Estimate::default();
+            same.step_into(black_box(raw), &mut estimate);
+            black_box(&estimate);
             before - timer()
         })
         .max();
@@ -434,7 +441,9 @@ fn drive_line(sealed: &[u8]) {
         for i in 0..2 {
             raw.set_word(i, (tick as usize * 37 + i * 101) as i32 % 4096 - 2048);
         }
-        black_box(line.step(black_box(&raw)));
+        let mut estimate = Estimate::default();
+        line.step_into(black_box(&raw), &mut estimate);
+        black_box(&estimate);
     };
     (0..STEPS).for_each(&mut sample);
     report("drive_line", |k| sample(STEPS + k));
