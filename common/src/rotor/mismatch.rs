@@ -108,8 +108,8 @@ struct Doubt {
     explained: bool,
     /// Windows at another speed that a lower level explained since.
     confirmed: u32,
-    /// How often the filter started anew.
-    starts: u32,
+    /// Whether the level was raised again since: no transient of a start that died away.
+    raised: bool,
 }
 
 impl Doubt {
@@ -118,7 +118,7 @@ impl Doubt {
             place,
             explained: true,
             confirmed: 0,
-            starts: 0,
+            raised: false,
         }
     }
 
@@ -202,13 +202,12 @@ impl Mismatch {
     }
 
     /// Whether a start in doubt is to be tested anew at the same speed, as sensors that were wrong may
-    /// be right again: at a reading that contradicts, and where none does ever more rarely.
+    /// be right again: where no level explains it, and at a reading that contradicts.
     pub fn is_retest_due(&self, contradicted: bool) -> bool {
         self.doubt.is_some_and(|doubt| {
-            let at_once = contradicted || !doubt.explained;
-            let doublings = if at_once { 0 } else { doubt.starts };
-            let due = (2 * PROBATION) << doublings.min(DOUBLINGS);
-            self.windows >= due && !doubt.has_moved(self.place)
+            let moved = doubt.has_moved(self.place);
+            let cause = doubt.raised && (contradicted || !doubt.explained);
+            self.windows >= 2 * PROBATION && cause && !moved
         })
     }
 
@@ -232,7 +231,6 @@ impl Mismatch {
     pub fn restarted(&self) -> Self {
         let doubt = self.doubt.map(|doubt| Doubt {
             explained: true,
-            starts: doubt.starts.saturating_add(1),
             ..doubt
         });
         Self {
@@ -338,8 +336,11 @@ impl Mismatch {
             if self.reference.is_none() {
                 self.times = self.times.saturating_add(1);
             }
-            if self.level == highest && !self.settled && self.windows <= self.constant + 1 {
-                self.doubt.get_or_insert(Doubt::at(self.place));
+            let start = !self.settled && self.windows <= self.constant + 1;
+            match &mut self.doubt {
+                Some(doubt) => doubt.raised = true,
+                None if start && self.level == highest => self.doubt = Some(Doubt::at(self.place)),
+                None => {}
             }
             self.turn(false);
             return Some(Change::Raised);
@@ -359,21 +360,24 @@ impl Mismatch {
         None
     }
 
-    /// Rejects the loads of a start that no level explains. [`PROBATION`] windows at another speed
-    /// that agree end a doubt, and as many of a start that needed no other level than the described
-    /// one.
+    /// Rejects the loads of a start that no level explains. A doubt ends after [`PROBATION`] windows
+    /// that agree at another speed, or at the level of the description: where a transient died away
+    /// through lower and lower levels, or a new start needed no other level.
     fn confirm_start(&mut self, correlated: bool, highest: u8) {
         if self.unexplained && self.reference.is_none() {
             let doubt = self.doubt.get_or_insert(Doubt::at(self.place));
             (doubt.place, doubt.explained, doubt.confirmed) = (self.place, false, 0);
+            doubt.raised = true;
         }
-        let described = self.times == 0 && self.windows >= STARTING + PROBATION;
-        if let Some(doubt) = &mut self.doubt {
-            let agreed = doubt.has_moved(self.place) && !correlated && self.level < highest;
-            doubt.confirmed += u32::from(agreed);
-            if described || doubt.confirmed >= PROBATION {
-                self.doubt = None;
-            }
+        let Some(doubt) = &mut self.doubt else {
+            return;
+        };
+        let agrees = doubt.has_moved(self.place) && !correlated && self.level < highest;
+        doubt.confirmed += u32::from(agrees);
+        let described = self.level == 0 && self.since >= PROBATION && self.windows > STARTING;
+        let transient = !doubt.raised || self.times == 0;
+        if doubt.confirmed >= PROBATION || (described && transient) {
+            self.doubt = None;
         }
     }
 

@@ -8,6 +8,10 @@ use crate::rotor::filter::FORCES;
 use crate::rotor::fixed_lag_smoother::LaggedState;
 use crate::rotor::{MARGIN, RotorEstimator, RotorState};
 
+/// Probability that a start which only the highest level explains is one of wrong sensors: rotors that are as far off
+/// as that level allows for are more frequent than two wrong sensors.
+const SENSORS_AT_FAULT: f32 = 0.25;
+
 impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
     /// Index of the noise level in use; 0 is that of the description.
     pub fn level(&self, state: &RotorState<NZ, NX>) -> u8 {
@@ -76,7 +80,7 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
             };
             let (value, std) = (x * scale, deviation * scale);
             let std = match doubt {
-                Some(square) => libm::sqrtf(0.5 * (std * std + square)),
+                Some(square) => libm::sqrtf(std * std + SENSORS_AT_FAULT * (square - std * std)),
                 None => std,
             };
             let finite = value.is_finite() && std.is_finite();
