@@ -24,12 +24,15 @@ use loadtwin_common::io::signed_image::KEY_PAGE_LEN;
 use loadtwin_common::io::uds;
 use loadtwin_firmware::ram_flash::{self, KEY_AT, LAYOUT, RamFlash};
 use loadtwin_firmware::slcan;
-use loadtwin_firmware::stimulus::{LONGEST, Stimulus};
+use loadtwin_firmware::stimulus::Stimulus;
 use loadtwin_firmware::store::Store;
 use tempfile::TempDir;
 
 /// The machine that every emulated board is on.
 pub const MACHINE_ID: &str = "test bench";
+
+/// 8 ns an instruction, and the time between two samples is skipped.
+const SKIPPED_TIME: &str = "shift=3,sleep=off";
 
 /// The board while it runs.
 pub struct Emulator {
@@ -123,9 +126,18 @@ impl Emulator {
     /// # Panics
     /// Where the rig does not start.
     pub fn start(model: &[u8]) -> Self {
+        Self::start_stored(model, &[])
+    }
+
+    /// As [`Self::start`], with `samples` in the board's memory for [`Stimulus::Stored`]: over the line
+    /// they take five times the processor time: each byte is a turn of the emulator's main loop.
+    ///
+    /// # Panics
+    /// Where the rig does not start.
+    pub fn start_stored(model: &[u8], samples: &[RawSample]) -> Self {
         let key = SigningKey::generate().expect("random numbers");
         let image = seal(model, MACHINE_ID, 1, None, Some(&key)).expect("a model of that length");
-        Self::start_flash(&flash(&key, &[image]))
+        Self::start_timed(&flash(&key, &[image]), samples, SKIPPED_TIME)
     }
 
     /// As [`Self::start`], with the whole content of the flash for models.
@@ -133,8 +145,7 @@ impl Emulator {
     /// # Panics
     /// Where the rig does not start.
     pub fn start_flash(flash: &[u8]) -> Self {
-        // 8 ns an instruction, and the time between two samples is skipped.
-        Self::start_timed(flash, "shift=3,sleep=off")
+        Self::start_timed(flash, &[], SKIPPED_TIME)
     }
 
     /// As [`Self::start_flash`]; the board's clock does not run ahead of ours, so that
@@ -143,14 +154,16 @@ impl Emulator {
     /// # Panics
     /// Where the rig does not start.
     pub fn start_paced(flash: &[u8]) -> Self {
-        Self::start_timed(flash, "shift=3,sleep=on")
+        Self::start_timed(flash, &[], "shift=3,sleep=on")
     }
 
-    fn start_timed(flash: &[u8], icount: &str) -> Self {
+    fn start_timed(flash: &[u8], samples: &[RawSample], icount: &str) -> Self {
         let binary = binary();
         let place = TempDir::new().expect("a temporary directory");
         let slot = place.path().join("model");
         fs::write(&slot, flash).expect("the flash is written");
+        let stored = place.path().join("stored");
+        fs::write(&stored, stored_messages(samples)).expect("the samples are written");
         let line = |name: &str| {
             let path = place.path().join(name);
             format!("unix:{},server=on,wait=on", path.display())
@@ -163,6 +176,11 @@ impl Emulator {
             .arg(format!(
                 "loader,file={},addr=0x300000,force-raw=on",
                 slot.display()
+            ))
+            .arg("-device")
+            .arg(format!(
+                "loader,file={},addr=0x21100000,force-raw=on",
+                stored.display()
             ))
             .arg("-kernel")
             .arg(binary)
@@ -268,6 +286,21 @@ impl Emulator {
     }
 }
 
+/// Content of `STORED` in memory/emulated.x: the length of the messages, then the messages.
+fn stored_messages(samples: &[RawSample]) -> Vec<u8> {
+    let messages: Vec<u8> = samples
+        .iter()
+        .flat_map(|sample| message(&Stimulus::Sample(*sample)))
+        .collect();
+    let length = u32::try_from(messages.len()).expect("no more than the memory has");
+    [&length.to_le_bytes(), messages.as_slice()].concat()
+}
+
+/// The frame of a message.
+fn message(stimulus: &Stimulus) -> Vec<u8> {
+    postcard::to_stdvec_cobs(stimulus).expect("a message has a frame")
+}
+
 /// The world that the board's sensors see.
 pub struct Sensors(UnixStream);
 
@@ -277,10 +310,8 @@ impl Sensors {
     /// # Panics
     /// Where the board is gone.
     pub fn send(&mut self, stimulus: &Stimulus) {
-        let mut frame = [0; LONGEST];
-        let frame =
-            postcard::to_slice_cobs(stimulus, &mut frame).expect("it fits, by its own test");
-        self.0.write_all(frame).expect("the board takes it");
+        let frame = message(stimulus);
+        self.0.write_all(&frame).expect("the board takes it");
     }
 
     /// Sends bytes as they are.
@@ -289,6 +320,12 @@ impl Sensors {
     /// Where the board is gone.
     pub fn send_bytes(&mut self, bytes: &[u8]) {
         self.0.write_all(bytes).expect("the board takes them");
+    }
+
+    /// Sends what is stored in the board's memory, and then the end.
+    pub fn send_stored(mut self) {
+        self.send(&Stimulus::Stored);
+        self.send(&Stimulus::End);
     }
 
     /// Sends samples and then the end, from a thread of its own.
