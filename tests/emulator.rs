@@ -24,9 +24,10 @@ use loadtwin_common::io::signed_image::KEY_PAGE_LEN;
 use loadtwin_common::io::uds;
 use loadtwin_firmware::ram_flash::{self, KEY_AT, LAYOUT, RamFlash};
 use loadtwin_firmware::slcan;
-use loadtwin_firmware::stimulus::Stimulus;
 use loadtwin_firmware::store::Store;
 use tempfile::TempDir;
+
+use crate::sensor_line::{Sensors, stored_messages};
 
 /// The machine that every emulated board is on.
 pub const MACHINE_ID: &str = "test bench";
@@ -129,7 +130,7 @@ impl Emulator {
         Self::start_stored(model, &[])
     }
 
-    /// As [`Self::start`], with `samples` in the board's memory for [`Stimulus::Stored`]: over the line
+    /// As [`Self::start`], with `samples` in the board's memory for [`Sensors::send_stored`]: over the line
     /// they take five times the processor time: each byte is a turn of the emulator's main loop.
     ///
     /// # Panics
@@ -283,59 +284,6 @@ impl Emulator {
             }
             thread::sleep(Duration::from_millis(5));
         }
-    }
-}
-
-/// Content of `STORED` in memory/emulated.x: the length of the messages, then the messages.
-fn stored_messages(samples: &[RawSample]) -> Vec<u8> {
-    let messages: Vec<u8> = samples
-        .iter()
-        .flat_map(|sample| message(&Stimulus::Sample(*sample)))
-        .collect();
-    let length = u32::try_from(messages.len()).expect("no more than the memory has");
-    [&length.to_le_bytes(), messages.as_slice()].concat()
-}
-
-/// The frame of a message.
-fn message(stimulus: &Stimulus) -> Vec<u8> {
-    postcard::to_stdvec_cobs(stimulus).expect("a message has a frame")
-}
-
-/// The world that the board's sensors see.
-pub struct Sensors(UnixStream);
-
-impl Sensors {
-    /// Sends one message.
-    ///
-    /// # Panics
-    /// Where the board is gone.
-    pub fn send(&mut self, stimulus: &Stimulus) {
-        let frame = message(stimulus);
-        self.0.write_all(&frame).expect("the board takes it");
-    }
-
-    /// Sends bytes as they are.
-    ///
-    /// # Panics
-    /// Where the board is gone.
-    pub fn send_bytes(&mut self, bytes: &[u8]) {
-        self.0.write_all(bytes).expect("the board takes them");
-    }
-
-    /// Sends what is stored in the board's memory, and then the end.
-    pub fn send_stored(mut self) {
-        self.send(&Stimulus::Stored);
-        self.send(&Stimulus::End);
-    }
-
-    /// Sends samples and then the end, from a thread of its own.
-    pub fn send_all(mut self, samples: Vec<RawSample>) -> JoinHandle<()> {
-        thread::spawn(move || {
-            for sample in samples {
-                self.send(&Stimulus::Sample(sample));
-            }
-            self.send(&Stimulus::End);
-        })
     }
 }
 
