@@ -24,12 +24,16 @@ use loadtwin_common::io::signed_image::KEY_PAGE_LEN;
 use loadtwin_common::io::uds;
 use loadtwin_firmware::ram_flash::{self, KEY_AT, LAYOUT, RamFlash};
 use loadtwin_firmware::slcan;
-use loadtwin_firmware::stimulus::{LONGEST, Stimulus};
 use loadtwin_firmware::store::Store;
 use tempfile::TempDir;
 
+use crate::sensor_line::{Sensors, stored_messages};
+
 /// The machine that every emulated board is on.
 pub const MACHINE_ID: &str = "test bench";
+
+/// 8 ns an instruction, and the time between two samples is skipped.
+const SKIPPED_TIME: &str = "shift=3,sleep=off";
 
 /// The board while it runs.
 pub struct Emulator {
@@ -123,9 +127,18 @@ impl Emulator {
     /// # Panics
     /// Where the rig does not start.
     pub fn start(model: &[u8]) -> Self {
+        Self::start_stored(model, &[])
+    }
+
+    /// As [`Self::start`], with `samples` in the board's memory for [`Sensors::send_stored`]: over the line
+    /// they take five times the processor time: each byte is a turn of the emulator's main loop.
+    ///
+    /// # Panics
+    /// Where the rig does not start.
+    pub fn start_stored(model: &[u8], samples: &[RawSample]) -> Self {
         let key = SigningKey::generate().expect("random numbers");
         let image = seal(model, MACHINE_ID, 1, None, Some(&key)).expect("a model of that length");
-        Self::start_flash(&flash(&key, &[image]))
+        Self::start_timed(&flash(&key, &[image]), samples, SKIPPED_TIME)
     }
 
     /// As [`Self::start`], with the whole content of the flash for models.
@@ -133,8 +146,7 @@ impl Emulator {
     /// # Panics
     /// Where the rig does not start.
     pub fn start_flash(flash: &[u8]) -> Self {
-        // 8 ns an instruction, and the time between two samples is skipped.
-        Self::start_timed(flash, "shift=3,sleep=off")
+        Self::start_timed(flash, &[], SKIPPED_TIME)
     }
 
     /// As [`Self::start_flash`]; the board's clock does not run ahead of ours, so that
@@ -143,14 +155,16 @@ impl Emulator {
     /// # Panics
     /// Where the rig does not start.
     pub fn start_paced(flash: &[u8]) -> Self {
-        Self::start_timed(flash, "shift=3,sleep=on")
+        Self::start_timed(flash, &[], "shift=3,sleep=on")
     }
 
-    fn start_timed(flash: &[u8], icount: &str) -> Self {
+    fn start_timed(flash: &[u8], samples: &[RawSample], icount: &str) -> Self {
         let binary = binary();
         let place = TempDir::new().expect("a temporary directory");
         let slot = place.path().join("model");
         fs::write(&slot, flash).expect("the flash is written");
+        let stored = place.path().join("stored");
+        fs::write(&stored, stored_messages(samples)).expect("the samples are written");
         let line = |name: &str| {
             let path = place.path().join(name);
             format!("unix:{},server=on,wait=on", path.display())
@@ -163,6 +177,11 @@ impl Emulator {
             .arg(format!(
                 "loader,file={},addr=0x300000,force-raw=on",
                 slot.display()
+            ))
+            .arg("-device")
+            .arg(format!(
+                "loader,file={},addr=0x21100000,force-raw=on",
+                stored.display()
             ))
             .arg("-kernel")
             .arg(binary)
@@ -265,40 +284,6 @@ impl Emulator {
             }
             thread::sleep(Duration::from_millis(5));
         }
-    }
-}
-
-/// The world that the board's sensors see.
-pub struct Sensors(UnixStream);
-
-impl Sensors {
-    /// Sends one message.
-    ///
-    /// # Panics
-    /// Where the board is gone.
-    pub fn send(&mut self, stimulus: &Stimulus) {
-        let mut frame = [0; LONGEST];
-        let frame =
-            postcard::to_slice_cobs(stimulus, &mut frame).expect("it fits, by its own test");
-        self.0.write_all(frame).expect("the board takes it");
-    }
-
-    /// Sends bytes as they are.
-    ///
-    /// # Panics
-    /// Where the board is gone.
-    pub fn send_bytes(&mut self, bytes: &[u8]) {
-        self.0.write_all(bytes).expect("the board takes them");
-    }
-
-    /// Sends samples and then the end, from a thread of its own.
-    pub fn send_all(mut self, samples: Vec<RawSample>) -> JoinHandle<()> {
-        thread::spawn(move || {
-            for sample in samples {
-                self.send(&Stimulus::Sample(sample));
-            }
-            self.send(&Stimulus::End);
-        })
     }
 }
 

@@ -8,6 +8,7 @@ pub mod firmware;
 pub mod gearbox;
 pub mod rotor;
 mod sample_faults;
+pub mod sensor_line;
 pub mod simulated;
 
 /// Length of a run on a board (s): `LOADTWIN_SECONDS`, or `usual`.

@@ -25,6 +25,8 @@ pub enum Stimulus {
     Restart,
     /// The sample clock stands still from here on.
     Stop,
+    /// The messages follow that the test stored in the board's memory, then again those of the line.
+    Stored,
 }
 
 #[cfg(test)]

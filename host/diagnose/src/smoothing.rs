@@ -1,8 +1,7 @@
 //! Smooths signals without delay: by moving means, and by low-pass and Wiener filters on the
 //! discrete cosine transform.
 
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
+use loadtwin_fft::Complex;
 
 /// Moving mean over `width` samples, centred, three times over.
 pub fn smooth(x: &[f64], width: usize) -> Vec<f64> {
@@ -50,13 +49,12 @@ fn dct_filter(x: &[f64], kept: impl Fn(&[Complex<f64>]) -> Vec<f64>) -> Vec<f64>
     let mut mirrored: Vec<Complex<f64>> = (x.iter().chain(x.iter().rev()))
         .map(|x| Complex::from(*x))
         .collect();
-    let mut planner = FftPlanner::new();
-    planner.plan_fft_forward(n).process(&mut mirrored);
+    loadtwin_fft::forward(n).process(&mut mirrored);
     let kept = kept(&mirrored[..=x.len()]);
     for (bin, size) in mirrored.iter_mut().enumerate() {
         *size *= kept[bin.min(n - bin)];
     }
-    planner.plan_fft_inverse(n).process(&mut mirrored);
+    loadtwin_fft::inverse(n).process(&mut mirrored);
     let parts = mirrored.iter().take(x.len());
     parts.map(|value| value.re / n as f64).collect()
 }

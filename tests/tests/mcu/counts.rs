@@ -98,12 +98,11 @@ fn a_board_of_every_kind_counts_to_the_bit_of_the_host() {
         let sensors = Sensors::choose(&machine, None).unwrap();
         let image = image_build::image(&machine, &sensors).unwrap();
         let samples = simulated::samples(&machine, &sensors, scenario, seconds);
-        let board = Emulator::start(&image);
+        let board = Emulator::start_stored(&image, &samples);
         let bus = board.bus();
-        let sent = board.sensors().send_all(samples.clone());
+        board.sensors().send_stored();
         for _ in bus {}
         let end = board.end(Duration::from_secs(20));
-        sent.join().unwrap();
         let expected = on_host(&image, nothing(&image), &samples);
         let seen = expected.loads()[0].observation();
         println!("{file}: {seen:?}");

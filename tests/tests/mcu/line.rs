@@ -13,13 +13,12 @@ const WITHIN: Duration = Duration::from_secs(10);
 /// Runs `samples` on both sides: the board's frames, which are those of the host. The board
 /// ends `within` a time.
 pub fn compare(name: &str, image: &[u8], samples: &[RawSample], within: Duration) -> Vec<Frame> {
-    let board = Emulator::start(image);
+    let board = Emulator::start_stored(image, samples);
     let bus = board.bus();
-    let sent = board.sensors().send_all(samples.to_vec());
+    board.sensors().send_stored();
     let frames: Vec<Frame> = bus.filter(is_estimate).collect();
     let end = board.end(within);
     assert!(end.status.success(), "{name}: {}\n{}", end.status, end.log);
-    sent.join().unwrap();
 
     let mut expected = on_host(image, samples, false);
     expected.retain(is_estimate);

@@ -101,7 +101,7 @@ fn steps_stay_within_their_bounds() {
     let drive = sealed(&drive, &sensors, folder.path(), "drive");
 
     let program = build_with(
-        "emulated,peers",
+        "peers",
         "steps",
         &[
             ("LOADTWIN_IMAGE", &image(Filter::Aekf)),

@@ -1,8 +1,8 @@
 //! The application on an emulated Cortex-M4F (`qemu-system-arm -M mps2-an386`): board, interrupts
 //! and main loop, with samples and frames over two serial lines.
 //!
-//! UART0 carries the samples of the sensors ([`stimulus`](loadtwin_firmware::stimulus)),
-//! UART1 is the CAN bus as slcan text, a timer is the sample clock, the log
+//! UART0 carries the samples of the sensors ([`stimulus`](loadtwin_firmware::stimulus)), or says
+//! that they are [`stored`] in memory, UART1 is the CAN bus as slcan text, a timer is the sample clock, the log
 //! goes to standard output through semihosting. Models come from the two slots of
 //! [`flash`], and from the bus.
 #![no_std]
@@ -13,6 +13,7 @@ mod exit;
 mod flash;
 #[path = "../boards/stack_guard.rs"]
 mod stack_guard;
+mod stored;
 
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering::Relaxed};
 
@@ -105,6 +106,8 @@ impl Board for Emulated {
             Stimulus::End => ENDED.store(true, Relaxed),
             Stimulus::Restart => RESTARTS.store(true, Relaxed),
             Stimulus::Stop => TIMER0.stop(),
+            // Taken where it is received.
+            Stimulus::Stored => {}
         }
         None
     }
@@ -134,6 +137,8 @@ impl Board for Emulated {
 /// What the interrupt of the sensors' line owns.
 struct Sensors {
     frames: CobsAccumulator<{ stimulus::LONGEST }>,
+    /// Stored messages that come before the next byte of the line.
+    stored: &'static [u8],
     arrived: Producer<'static, Stimulus>,
 }
 
@@ -141,17 +146,32 @@ impl Sensors {
     /// Takes bytes while there is room for what they may say; the line waits.
     fn receive(&mut self) {
         while self.arrived.ready() {
-            let Some(byte) = UART0.read() else { return };
-            match self.frames.feed(&[byte]) {
-                FeedResult::Consumed => {}
-                FeedResult::Success { data, .. } => {
-                    // There is room: `ready` was asked before this byte.
-                    let _ = self.arrived.enqueue(data);
-                }
-                FeedResult::OverFull(_) | FeedResult::DeserError(_) => {
-                    defmt::warn!("the sensors' line said nothing known");
-                }
+            let said = if self.stored.is_empty() {
+                let Some(byte) = UART0.read() else { return };
+                message(self.frames.feed(&[byte])).0
+            } else {
+                let (said, rest) = message(self.frames.feed(self.stored));
+                self.stored = rest;
+                said
+            };
+            match said {
+                Some(Stimulus::Stored) => self.stored = stored::messages(),
+                // There is room: `ready` was asked before.
+                Some(said) => drop(self.arrived.enqueue(said)),
+                None => {}
             }
+        }
+    }
+}
+
+/// The message that bytes ended, and the bytes behind it.
+fn message(fed: FeedResult<'_, Stimulus>) -> (Option<Stimulus>, &[u8]) {
+    match fed {
+        FeedResult::Consumed => (None, &[]),
+        FeedResult::Success { data, remaining } => (Some(data), remaining),
+        FeedResult::OverFull(rest) | FeedResult::DeserError(rest) => {
+            defmt::warn!("the sensors' line said nothing known");
+            (None, rest)
         }
     }
 }
@@ -212,6 +232,7 @@ fn main() -> ! {
     let (inbox_in, mut inbox) = INBOX_QUEUE.init(Queue::new()).split();
     SENSORS.give(SENSORS_CELL.init(Sensors {
         frames: CobsAccumulator::new(),
+        stored: &[],
         arrived: arrived_in,
     }));
     BUS.give(BUS_CELL.init(Bus {

@@ -21,7 +21,7 @@
 //!     LOADTWIN_BEARING_IMAGE=$PWD/bearing.image \
 //!     LOADTWIN_DRIVE_IMAGE=$PWD/drive.image \
 //!     LOADTWIN_BEARING_SAMPLES=$PWD/samples cargo build --profile firmware \
-//!     --target thumbv7em-none-eabihf -p loadtwin-firmware --features emulated,peers --bin steps
+//!     --target thumbv7em-none-eabihf -p loadtwin-firmware --features peers --bin steps
 //! qemu-system-arm -M mps2-an386 -cpu cortex-m4 -display none -monitor none -icount shift=10 \
 //!     -semihosting-config enable=on,target=native \
 //!     -kernel target/thumbv7em-none-eabihf/firmware/steps

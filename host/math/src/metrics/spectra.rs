@@ -3,8 +3,7 @@
 
 use std::sync::Arc;
 
-use rustfft::num_complex::Complex;
-use rustfft::{Fft, FftPlanner};
+use loadtwin_fft::{Complex, Fft};
 
 use super::chi_squared_bounds;
 
@@ -84,7 +83,7 @@ impl Spectra {
         };
         Self {
             rate_hz,
-            fft: FftPlanner::new().plan_fft_forward(SEGMENT),
+            fft: loadtwin_fft::forward(SEGMENT),
             window: (0..SEGMENT).map(hann).collect(),
             signals: vec![Vec::with_capacity(SEGMENT); outputs + inputs],
             outputs: vec![Power::default(); outputs],
