@@ -125,7 +125,8 @@ pub(crate) struct Isolation {
     calm: u8,
     /// Gauges that left a sound prediction within one sample, before they could draw it along.
     jumped: u8,
-    turn: u8,
+    /// The pair of each direction that is tested next for exchanged readings.
+    turns: [u8; MAX_CHANNELS],
     /// Samples for which the gauges of a direction were sound since the start.
     sound: [u16; MAX_CHANNELS],
     /// Square of each gauge's reading over that at the limit without a load.
@@ -153,7 +154,7 @@ impl Default for Isolation {
             ambiguous: 0,
             calm: 0,
             jumped: 0,
-            turn: 0,
+            turns: [0; MAX_CHANNELS],
             sound: [0; MAX_CHANNELS],
             silent: [0.0; MAX_CHANNELS],
             confirmed: 0,
@@ -327,7 +328,7 @@ impl FaultIsolation {
                 }
             }
             if members.len() > 2 {
-                self.swapped(isolation, members, gauges, &sums, all);
+                self.swapped(isolation, (d, members), gauges, &sums, all);
             }
             self.decide(isolation, d, members, gauges);
         }
@@ -371,15 +372,16 @@ impl FaultIsolation {
     fn swapped(
         &self,
         isolation: &mut Isolation,
-        members: &[u8],
+        (d, members): (usize, &[u8]),
         gauges: &[Gauge; MAX_CHANNELS],
         sums: &[Sums; MAX_CHANNELS],
         all: Sums,
     ) {
         let n = members.len();
         let pairs = n * (n - 1) / 2;
-        let turn = usize::from(isolation.turn).checked_rem(pairs).unwrap_or(0);
-        isolation.turn = (turn + 1) as u8;
+        let next = &mut isolation.turns[d % MAX_CHANNELS];
+        let turn = usize::from(*next).checked_rem(pairs).unwrap_or(0);
+        *next = (turn + 1) as u8;
         let (mut q, mut first) = (1, 0);
         while first + q <= turn {
             first += q;

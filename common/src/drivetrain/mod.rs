@@ -20,12 +20,13 @@ mod friction;
 mod gauge_response;
 mod gauges;
 mod model;
+mod process_noise;
 mod steady_gain;
 
 use crate::drivetrain::carrier_angle::{Track, rotate};
 use crate::drivetrain::error_band::Movement;
 use heapless::Vec;
-use nalgebra::{RowSVector, SMatrix, SVector};
+use nalgebra::{RowSVector, SVector};
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
@@ -47,6 +48,7 @@ pub use crate::drivetrain::friction::{Friction, MAX_FRICTIONS};
 pub use crate::drivetrain::gauge_response::GaugeResponse;
 use crate::drivetrain::gauge_response::HysteresisState;
 pub use crate::drivetrain::model::{Bias, Channel, Encoder, GearboxModel, LOADS, Role};
+use crate::drivetrain::process_noise::noise;
 pub use crate::drivetrain::steady_gain::SteadyGains;
 
 /// Samples after which a gap is a new start.
@@ -475,33 +477,5 @@ fn to_sensor_estimate(
             Outcome::Gated => refused,
             Outcome::Invalid => Fault::NotValid,
         },
-    }
-}
-
-/// `[Q 0; 0 Qd]` from the lower triangle of Q and the diagonal of Qd.
-fn noise<const NX: usize>(triangle: &[f32], loads: [f32; LOADS]) -> SMatrix<f32, NX, NX> {
-    let mut matrix = SMatrix::<f32, NX, NX>::zeros();
-    fill_noise(matrix.as_mut_slice(), NX, triangle, loads);
-    matrix
-}
-
-/// One copy for all numbers of states: it runs once, and flash is short.
-#[inline(never)]
-fn fill_noise(columns: &mut [f32], n: usize, triangle: &[f32], loads: [f32; LOADS]) {
-    let mut put = |i: usize, j: usize, value: f32| {
-        if let Some(slot) = columns.get_mut(j * n + i) {
-            *slot = value;
-        }
-    };
-    let mut entries = triangle.iter();
-    for i in 0..n - LOADS {
-        for j in 0..=i {
-            let value = entries.next().copied().unwrap_or(0.0);
-            put(i, j, value);
-            put(j, i, value);
-        }
-    }
-    for (d, value) in (n - LOADS..n).zip(loads) {
-        put(d, d, value);
     }
 }

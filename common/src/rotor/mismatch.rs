@@ -14,9 +14,9 @@
 //! a load that jumped. The loads are contradicted until a level that was allowed for before
 //! explains the readings again.
 //!
-//! A start that agrees with the highest level only is in doubt: sensors may be wrong as well as the
-//! model. It lasts until another speed agrees with a lower level, or a new start with the level of
-//! the description.
+//! A start that agrees with the highest level only is not confirmed: sensors may be wrong as well as
+//! the model. Another speed that agrees with a lower level confirms it, or a new start that agrees
+//! with the level of the description.
 //!
 //! Source: Mehra, On the identification of variances and adaptive Kalman filtering, IEEE Trans.
 //! Autom. Control 15 (1970), section II; Page, Continuous inspection schemes, Biometrika 41 (1954).
@@ -101,7 +101,7 @@ pub enum Change {
 
 /// A start that agrees with no level but the highest, or with none.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-struct Doubt {
+struct UnconfirmedStart {
     /// Where the speed was, in steps of the tables.
     place: f32,
     /// Whether the highest level explained the readings.
@@ -112,7 +112,7 @@ struct Doubt {
     raised: bool,
 }
 
-impl Doubt {
+impl UnconfirmedStart {
     fn at(place: f32) -> Self {
         Self {
             place,
@@ -149,7 +149,7 @@ pub struct Mismatch {
     times: u32,
     lowered: bool,
     unexplained: bool,
-    doubt: Option<Doubt>,
+    unconfirmed: Option<UnconfirmedStart>,
     /// Whether a level was established since the start.
     settled: bool,
     /// Where the speed was last, in steps of the tables, and the windows since it moved by one.
@@ -192,21 +192,21 @@ impl Mismatch {
     /// sensors or model err by at this speed, and a level that fits afterwards confirms nothing
     /// until the speed is another one.
     pub fn is_rejected(&self) -> bool {
-        self.doubt.is_some_and(|doubt| !doubt.explained)
+        self.unconfirmed.is_some_and(|start| !start.explained)
     }
 
     /// Whether no level but the highest explained the readings of the start: so large an error is
     /// one of sensors as likely as of the model.
-    pub fn is_doubted(&self) -> bool {
-        self.doubt.is_some_and(|doubt| doubt.explained)
+    pub fn is_unconfirmed(&self) -> bool {
+        self.unconfirmed.is_some_and(|start| start.explained)
     }
 
-    /// Whether a start in doubt is to be tested anew at the same speed, as sensors that were wrong may
+    /// Whether an unconfirmed start is to be tested anew at the same speed, as sensors that were wrong may
     /// be right again: where no level explains it, and at a reading that contradicts.
     pub fn is_retest_due(&self, contradicted: bool) -> bool {
-        self.doubt.is_some_and(|doubt| {
-            let moved = doubt.has_moved(self.place);
-            let cause = doubt.raised && (contradicted || !doubt.explained);
+        self.unconfirmed.is_some_and(|start| {
+            let moved = start.has_moved(self.place);
+            let cause = start.raised && (contradicted || !start.explained);
             self.windows >= 2 * PROBATION && cause && !moved
         })
     }
@@ -226,15 +226,15 @@ impl Mismatch {
         self.quiet = 0;
     }
 
-    /// A new start, in which a doubt lasts until the level of the description explains
+    /// A new start, unconfirmed until the level of the description explains
     /// [`PROBATION`] windows.
     pub fn restarted(&self) -> Self {
-        let doubt = self.doubt.map(|doubt| Doubt {
+        let unconfirmed = self.unconfirmed.map(|start| UnconfirmedStart {
             explained: true,
-            ..doubt
+            ..start
         });
         Self {
-            doubt,
+            unconfirmed,
             ..Self::default()
         }
     }
@@ -336,10 +336,12 @@ impl Mismatch {
             if self.reference.is_none() {
                 self.times = self.times.saturating_add(1);
             }
-            let start = !self.settled && self.windows <= self.constant + 1;
-            match &mut self.doubt {
-                Some(doubt) => doubt.raised = true,
-                None if start && self.level == highest => self.doubt = Some(Doubt::at(self.place)),
+            let starting = !self.settled && self.windows <= self.constant + 1;
+            match &mut self.unconfirmed {
+                Some(start) => start.raised = true,
+                None if starting && self.level == highest => {
+                    self.unconfirmed = Some(UnconfirmedStart::at(self.place))
+                }
                 None => {}
             }
             self.turn(false);
@@ -360,24 +362,26 @@ impl Mismatch {
         None
     }
 
-    /// Rejects the loads of a start that no level explains. A doubt ends after [`PROBATION`] windows
+    /// Rejects the loads of a start that no level explains. [`PROBATION`] windows confirm a start
     /// that agree at another speed, or at the level of the description: where a transient died away
     /// through lower and lower levels, or a new start needed no other level.
     fn confirm_start(&mut self, correlated: bool, highest: u8) {
         if self.unexplained && self.reference.is_none() {
-            let doubt = self.doubt.get_or_insert(Doubt::at(self.place));
-            (doubt.place, doubt.explained, doubt.confirmed) = (self.place, false, 0);
-            doubt.raised = true;
+            let start = self
+                .unconfirmed
+                .get_or_insert(UnconfirmedStart::at(self.place));
+            (start.place, start.explained, start.confirmed) = (self.place, false, 0);
+            start.raised = true;
         }
-        let Some(doubt) = &mut self.doubt else {
+        let Some(start) = &mut self.unconfirmed else {
             return;
         };
-        let agrees = doubt.has_moved(self.place) && !correlated && self.level < highest;
-        doubt.confirmed += u32::from(agrees);
+        let agrees = start.has_moved(self.place) && !correlated && self.level < highest;
+        start.confirmed += u32::from(agrees);
         let described = self.level == 0 && self.since >= PROBATION && self.windows > STARTING;
-        let transient = !doubt.raised || self.times == 0;
-        if doubt.confirmed >= PROBATION || (described && transient) {
-            self.doubt = None;
+        let transient = !start.raised || self.times == 0;
+        if start.confirmed >= PROBATION || (described && transient) {
+            self.unconfirmed = None;
         }
     }
 

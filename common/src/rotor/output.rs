@@ -53,8 +53,8 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
             || self.has_turning_loads_only() && state.mismatch.is_rejected();
         let all = self.state(state);
         let at_one_speed = state.consistency.tolerance() == 0.0;
-        let doubted = self.has_turning_loads_only() && state.mismatch.is_doubted();
-        let doubt = doubted.then(|| self.sum_of_squares(all));
+        let unconfirmed = self.has_turning_loads_only() && state.mismatch.is_unconfirmed();
+        let of_sensors = unconfirmed.then(|| self.sum_of_squares(all));
         for (j, signal) in self.model.loads.iter().enumerate() {
             let d = 2 * NZ + j;
             let (Some(scale), Some(x)) = (self.model.scale.get(d), all.get(d)) else {
@@ -79,7 +79,7 @@ impl<const NZ: usize, const NX: usize> RotorEstimator<'_, NZ, NX> {
                 deviation
             };
             let (value, std) = (x * scale, deviation * scale);
-            let std = match doubt {
+            let std = match of_sensors {
                 Some(square) => libm::sqrtf(std * std + SENSORS_AT_FAULT * (square - std * std)),
                 None => std,
             };

@@ -263,3 +263,43 @@ fn disagreement_grows_the_deviation() {
     assert!((0.02..0.05).contains(&deviation), "{deviation}");
     assert!(rig.fault_isolation.inflation(&rig.isolation, 0) > 10.0);
 }
+
+/// Two directions of four gauges: a counter that they share would give each every other pair.
+#[test]
+fn every_pair_of_every_direction_is_tested_for_exchanged_readings() {
+    let errors = [([0.5, 3.0], 1.0); MAX_CHANNELS];
+    let fault_isolation = FaultIsolation::new(CONSISTENCY, errors.into_iter());
+    let gauge = Gauge {
+        value: Some(100.0),
+        innovation: 5.0,
+        response: 95.0,
+        sensitivity: 100.0,
+        variance: NOISE * NOISE,
+        persistent: 0.0,
+    };
+    let mut gauges = [gauge; MAX_CHANNELS];
+    for (i, gauge) in gauges.iter_mut().enumerate() {
+        gauge.value = Some(100.0 + i as f32);
+    }
+    let prior = Prior {
+        sensed: 0.95,
+        variance: 1e-4,
+    };
+    let mut isolation = Isolation::default();
+    let directions = [0..4_u8, 4..8].map(|members| Direction {
+        members: members.collect(),
+    });
+    for _ in 0..6 {
+        for (d, direction) in directions.iter().enumerate() {
+            fault_isolation.weigh(&mut isolation, d, direction, &gauges, prior);
+        }
+    }
+    for direction in &directions {
+        for (q, j) in direction.members.iter().enumerate() {
+            for i in direction.members.iter().take(q) {
+                let cost = isolation.swap[pair(usize::from(*i), usize::from(*j))];
+                assert!(cost != 0.0, "{i} {j}");
+            }
+        }
+    }
+}

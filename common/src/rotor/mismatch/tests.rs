@@ -122,7 +122,7 @@ fn a_start_that_no_level_explains_is_rejected_until_another_speed_confirms_it() 
 }
 
 /// A start at the highest level, which explains it.
-fn doubted() -> Mismatch {
+fn unconfirmed() -> Mismatch {
     let mut mismatch = Mismatch::default();
     for _ in 0..2 {
         run(&mut mismatch, 20, |_, k| 2.0 * turning(k));
@@ -132,7 +132,7 @@ fn doubted() -> Mismatch {
 
 /// The same, of which lower levels did not last.
 fn raised() -> Mismatch {
-    let mut mismatch = doubted();
+    let mut mismatch = unconfirmed();
     for _ in 0..4 {
         run(&mut mismatch, 40, |_, _| 0.0);
         run(&mut mismatch, 40, |_, k| 2.0 * turning(k));
@@ -141,14 +141,14 @@ fn raised() -> Mismatch {
 }
 
 #[test]
-fn a_start_at_the_highest_level_is_in_doubt_and_one_below_is_not() {
-    let mismatch = doubted();
-    assert!(mismatch.level() == LEVELS - 1 && mismatch.is_doubted() && !mismatch.is_rejected());
+fn a_start_at_the_highest_level_is_unconfirmed_and_one_below_is_not() {
+    let mismatch = unconfirmed();
+    assert!(mismatch.level() == LEVELS - 1 && mismatch.is_unconfirmed() && !mismatch.is_rejected());
     let mut mismatch = Mismatch::default();
     for _ in 0..2 {
         run(&mut mismatch, 20, |_, k| 0.25 * turning(k));
     }
-    assert!(mismatch.level() > 0 && !mismatch.is_doubted());
+    assert!(mismatch.level() > 0 && !mismatch.is_unconfirmed());
     // What was established was no start, and at another speed than that of the start the model errs.
     for (before, place) in [(100, 0.0), (4, 3.0)] {
         let mut mismatch = Mismatch::default();
@@ -156,28 +156,28 @@ fn a_start_at_the_highest_level_is_in_doubt_and_one_below_is_not() {
         for _ in 0..2 {
             run_at(&mut mismatch, 100, place, |_, k| 2.0 * turning(k));
         }
-        assert!(mismatch.level() == LEVELS - 1 && !mismatch.is_doubted());
+        assert!(mismatch.level() == LEVELS - 1 && !mismatch.is_unconfirmed());
     }
 }
 
 #[test]
-fn a_transient_of_a_start_ends_a_doubt_and_levels_that_were_raised_again_do_not() {
-    for (mut mismatch, ends) in [(doubted(), true), (raised(), false)] {
+fn a_transient_that_dies_away_confirms_a_start_and_levels_raised_again_do_not() {
+    for (mut mismatch, confirmed) in [(unconfirmed(), true), (raised(), false)] {
         while mismatch.level() > 0 {
             run(&mut mismatch, 3000, |_, _| 0.0);
         }
         run(&mut mismatch, 2 * PROBATION, |_, _| 0.0);
-        assert_eq!(mismatch.is_doubted(), !ends);
+        assert_eq!(mismatch.is_unconfirmed(), !confirmed);
     }
 }
 
 #[test]
-fn a_doubt_ends_at_a_new_start_as_described_and_at_no_other_one() {
+fn a_new_start_as_described_confirms_and_another_one_does_not() {
     let mut mismatch = raised().restarted();
     run(&mut mismatch, PROBATION - 1, |_, _| 0.0);
-    assert!(mismatch.is_doubted());
+    assert!(mismatch.is_unconfirmed());
     run(&mut mismatch, 1, |_, _| 0.0);
-    assert!(!mismatch.is_doubted());
+    assert!(!mismatch.is_unconfirmed());
     let mut mismatch = raised().restarted();
     for _ in 0..2 {
         run(&mut mismatch, 20, |_, k| 0.25 * turning(k));
@@ -186,13 +186,13 @@ fn a_doubt_ends_at_a_new_start_as_described_and_at_no_other_one() {
         run(&mut mismatch, 3000, |_, _| 0.0);
     }
     run(&mut mismatch, 2 * PROBATION, |_, _| 0.0);
-    assert!(mismatch.is_doubted());
+    assert!(mismatch.is_unconfirmed());
     run_at(&mut mismatch, PROBATION, 2.0, |_, _| 0.0);
-    assert!(!mismatch.is_doubted());
+    assert!(!mismatch.is_unconfirmed());
 }
 
 #[test]
-fn a_start_in_doubt_is_tested_anew_at_a_reading_that_contradicts() {
+fn an_unconfirmed_start_is_tested_anew_at_a_reading_that_contradicts() {
     let mut mismatch = raised();
     assert!(mismatch.is_retest_due(true) && !mismatch.is_retest_due(false));
     mismatch = mismatch.restarted();
@@ -201,7 +201,7 @@ fn a_start_in_doubt_is_tested_anew_at_a_reading_that_contradicts() {
     let mut mismatch = raised();
     run_at(&mut mismatch, 1, 2.0, |_, _| 0.0);
     assert!(!mismatch.is_retest_due(true));
-    assert!(!doubted().is_retest_due(true));
+    assert!(!unconfirmed().is_retest_due(true));
 }
 
 #[test]

@@ -9,7 +9,7 @@ use loadtwin_common::counting::saved_counts::MAX_BYTES;
 use loadtwin_common::counting::{LevelScale, LoadCounts};
 use loadtwin_firmware::counting_test::{Load, digest, empty};
 
-use super::{STEPS, report, timer};
+use crate::timing::{STEPS, report, timer};
 
 /// A part of a turn [2^-32 turn].
 const ADVANCE: [u32; 2] = [0x0123_4567, 0x0031_2345];

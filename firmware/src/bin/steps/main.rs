@@ -34,18 +34,18 @@
 //! times `unscented_observation`.
 #![no_std]
 #![no_main]
-#![allow(unsafe_code, reason = "the timer of the board and the heap of a peer")]
+#![allow(unsafe_code, reason = "the heap of a peer")]
 
 extern crate alloc;
 
 mod counting;
 mod peers;
+mod timing;
 
 use alloc::vec::Vec;
 use core::hint::black_box;
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
-use core::ptr::{read_volatile, write_volatile};
 
 use cortex_m_rt::entry;
 use cortex_m_semihosting::{debug, hprintln};
@@ -75,52 +75,13 @@ use loadtwin_common::signal::phase::Phase;
 use nalgebra::{RowSVector, SMatrix, SVector};
 
 use peers::{minikalman, naive};
+use timing::{STEPS, report, start_timer, timer};
 
 #[global_allocator]
 static HEAP: Heap = Heap::empty();
 
 /// For a peer's builder and the bearing's samples [bytes].
 const HEAP_LEN: usize = 1024 * 1024;
-
-/// Steps over which instructions are averaged.
-const STEPS: u32 = 1000;
-
-/// CMSDK timer 0 of the board: control, value, reload.
-const TIMER: *mut u32 = 0x4000_0000 as *mut u32;
-
-fn start_timer() {
-    // SAFETY: the addresses are the timer's registers on this board, and
-    // nothing else uses them.
-    unsafe {
-        write_volatile(TIMER.add(2), u32::MAX);
-        write_volatile(TIMER.add(1), u32::MAX);
-        write_volatile(TIMER, 1);
-    }
-}
-
-fn timer() -> u32 {
-    // SAFETY: as above.
-    unsafe { read_volatile(TIMER.add(1)) }
-}
-
-/// Instructions that `STEPS` calls take, loop included.
-#[inline(never)]
-fn count(mut step: impl FnMut(u32)) -> u64 {
-    let before = timer();
-    for k in 0..STEPS {
-        step(black_box(k));
-    }
-    u64::from(before - timer()) * 10 / 256
-}
-
-fn report(name: &str, step: impl FnMut(u32)) {
-    let harness = count(|k| {
-        black_box(k);
-    });
-    let total = count(step);
-    let per_step = (total - harness + u64::from(STEPS) / 2) / u64::from(STEPS);
-    hprintln!("{} {}", name, per_step);
-}
 
 /// A stable system of `NX` states, two of them loads, that couples everything.
 fn system<const NX: usize>() -> SMatrix<f32, NX, NX> {
