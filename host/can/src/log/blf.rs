@@ -196,11 +196,12 @@ impl<R: Read> Blf<R> {
             (Some(0), Some(content)) => self.objects.extend(content),
             (Some(2), Some(content)) => {
                 let mut expanded = ZlibDecoder::new(content).take(LARGEST as u64);
-                // What stands before the damage is whole; a cut at the end of the file is counted
-                // there.
+                // The damage shows later than it stands, and what begins before it has no end. What a cut at the end
+                // of the file leaves is whole; it is counted there.
                 if let Err(error) = expanded.read_to_end(&mut self.objects)
                     && (error.kind() != io::ErrorKind::UnexpectedEof || self.read >= self.stated)
                 {
+                    self.objects.clear();
                     self.count_malformed();
                 }
             }
