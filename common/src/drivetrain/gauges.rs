@@ -304,7 +304,7 @@ struct Sensed {
     moved: f32,
     /// `J` and `a` of those taken in.
     information: f32,
-    surprise: f32,
+    score: f32,
 }
 
 impl Sensed {
@@ -313,7 +313,7 @@ impl Sensed {
             variance,
             moved,
             information: 0.0,
-            surprise: 0.0,
+            score: 0.0,
         }
     }
 
@@ -322,11 +322,11 @@ impl Sensed {
         let (m, r) = (gauge.sensitivity, gauge.variance);
         let variance = self.variance / (1.0 + self.variance * self.information);
         let nu = gauge.innovation - m * self.moved;
-        let after = nu - m * (variance * self.surprise);
+        let after = nu - m * (variance * self.score);
         let update = gate_innovation(after, m * m * variance + r, gate);
         if update.used() {
             let weight = m / r;
-            self.surprise += weight * nu;
+            self.score += weight * nu;
             self.information += weight * m;
         }
         update
@@ -336,7 +336,7 @@ impl Sensed {
     fn update<const NX: usize>(&self, posterior: &mut Gaussian<NX>, row: &RowSVector<f32, NX>) {
         if self.information > 0.0 {
             let variance = 1.0 / self.information;
-            let innovation = self.surprise * variance;
+            let innovation = self.score * variance;
             kalman::update(posterior, row, innovation, variance, &mut Gate::open());
         }
     }

@@ -226,8 +226,9 @@ impl Mismatch {
         self.quiet = 0;
     }
 
-    /// A new start, unconfirmed until the level of the description explains
-    /// [`PROBATION`] windows.
+    /// A new start, unconfirmed until the level of the description explains as many windows as
+    /// establish a level.
+    #[must_use]
     pub fn restarted(&self) -> Self {
         let unconfirmed = self.unconfirmed.map(|start| UnconfirmedStart {
             explained: true,
@@ -340,7 +341,7 @@ impl Mismatch {
             match &mut self.unconfirmed {
                 Some(start) => start.raised = true,
                 None if starting && self.level == highest => {
-                    self.unconfirmed = Some(UnconfirmedStart::at(self.place))
+                    self.unconfirmed = Some(UnconfirmedStart::at(self.place));
                 }
                 None => {}
             }
